@@ -1,0 +1,46 @@
+# Everything installs into .venv of this folder; nothing else of the machine is touched.
+# A fresh machine needs Python 3.11 or later and make.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+RUN    ?= results/reference
+
+.DEFAULT_GOAL := help
+.PHONY: help bench test lint perf report clean
+
+help:                 ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
+
+# One stamp a set of extras: it is made again when the metadata or the pinned versions change.
+$(VENV)/.field: EXTRAS := field,gpl
+$(VENV)/.dev:   EXTRAS := field,gpl,dev
+$(VENV)/.field $(VENV)/.dev: pyproject.toml constraints.txt
+	@if command -v uv >/dev/null 2>&1; then \
+	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \
+	  uv pip install --quiet --python $(BIN)/python -c constraints.txt -e '.[$(EXTRAS)]'; \
+	else \
+	  test -x $(BIN)/python || $(PYTHON) -m venv $(VENV); \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRAS)]'; \
+	fi
+	@touch $@
+
+bench: $(VENV)/.field ## set up, then race the default field on simulated data
+	$(BIN)/piezobench race
+
+test: $(VENV)/.dev    ## set up, then run the tests
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.dev    ## style and types
+	$(BIN)/ruff check
+	$(BIN)/mypy
+
+perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
+	$(BIN)/python -m bench.perf
+
+report: $(VENV)/.field ## write the report of RUN=results/<run> again
+	$(BIN)/piezobench report $(RUN)
+
+clean:                ## remove caches of compiled code and tools
+	find bench piezo_model solvers tests -name __pycache__ -type d -prune -exec rm -r {} +
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info

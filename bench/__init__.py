@@ -1,0 +1,1 @@
+"""Races, judges, stores and reports: the benchmark and its command line."""

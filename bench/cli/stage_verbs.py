@@ -1,0 +1,114 @@
+"""Verbs of a control engineer: ``identify`` a model from a recording, ``compensate`` a reference with it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from bench.cli.console import console
+from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
+from piezo_model.recordings import RecordingError, read_reference, write_table
+from solvers import find
+
+
+class LagOption(StrEnum):
+    """What to do about a lag of the sensor."""
+
+    estimate = "estimate"
+    remove = "remove"
+    ignore = "ignore"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command("identify")(identify_verb)
+    app.command("compensate")(compensate_verb)
+
+
+def identify_verb(
+    recording: Annotated[Path, typer.Argument(help="CSV or Parquet file with time, input and output columns.")],
+    out: Annotated[Path, typer.Option(help="Where the model is written, JSON.")],
+    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
+    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
+    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    n: Annotated[int, typer.Option(min=0, help="Order of hysteresis and creep.")] = 5,
+    m: Annotated[int, typer.Option(min=0, help="Order of the superposition on each side.")] = 3,
+    creep_rates: Annotated[str | None, typer.Option(help="Comma-separated rates in 1/s, or none; chosen from the "
+                                                         "recording by default.")] = None,
+    skip: Annotated[int | None, typer.Option(min=0, help="Samples at the start not to count; found by default.")] = None,
+    lag: Annotated[LagOption, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
+                                                "ignored.")] = LagOption.estimate,
+    solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
+) -> None:
+    """Identify a model of hysteresis and creep from a recording."""
+    try:
+        find(solver)
+    except KeyError as error:
+        raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
+    _check_folder(out)
+    opened = Recording.open(recording, time=time, input=input, output=output)
+    console.print(opened.describe())
+    model = identify(opened, n=n, m=m, creep_rates=_rates(creep_rates), skip=skip, lag=lag.value, solver=solver)
+    model.save(out)
+    for sentence in model.report["sentences"]:
+        console.print(sentence)
+    console.print(f"Model: {out}")
+
+
+def compensate_verb(
+    model: Annotated[Path, typer.Argument(help="Model written by identify.")],
+    reference: Annotated[Path, typer.Argument(help="CSV or Parquet file with a time and a reference column.")],
+    out: Annotated[Path, typer.Option(help="Where the drive is written, CSV or Parquet.")],
+    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
+    column: Annotated[str | None, typer.Option("--reference", help="Reference column.")] = None,
+    low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
+    high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
+    rate_limit: Annotated[float | None, typer.Option(help="Fastest change of the drive, per second.")] = None,
+) -> None:
+    """Compute the drive that makes the actuator follow a reference."""
+    _check_folder(out)
+    loaded = HysteresisCreepModel.load(model)
+    s = loaded.structure
+    wanted = read_reference(reference, time=time, column=column)
+    if abs(wanted.sample_time / s.sample_time - 1.0) > 0.01:
+        raise RecordingError(f"{reference}: is sampled every {wanted.sample_time:g} s and the model every "
+                             f"{s.sample_time:g} s")
+    if wanted.unit and s.output_unit and wanted.unit != s.output_unit:
+        raise RecordingError(f"{reference}: is in {wanted.unit} and the model's output in {s.output_unit}")
+    limits = (s.x_centre - s.x_scale if low is None else low, s.x_centre + s.x_scale if high is None else high)
+    if not limits[0] < limits[1]:
+        raise typer.BadParameter(f"the lowest drive {limits[0]:g} must be below the highest {limits[1]:g}",
+                                 param_hint="--low/--high")
+    compensator = Compensator(loaded, x_limits=limits, rate_limit=rate_limit)
+    x = compensator.run(wanted.values)
+    unit = f"_{s.input_unit}" if s.input_unit else ""
+    write_table(out, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive{unit}": x})
+    saturated = float(np.mean((x <= limits[0]) | (x >= limits[1])))
+    console.print(f"{x.size} samples of drive from {x.min():.4g} to {x.max():.4g} {s.input_unit}; "
+                  + (f"{100 * saturated:.1f} % of them at the limits, where the reference cannot be followed."
+                     if saturated else "the limits are never reached."))
+    console.print(f"Drive: {out}")
+
+
+def _rates(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    if text.strip().lower() in ("", "none"):
+        return ()
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a list of numbers separated by commas",
+                                 param_hint="--creep-rates") from None
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse before the work and not after it."""
+    if not out.parent.is_dir():
+        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint="--out")
+    if out.is_dir():
+        raise typer.BadParameter(f"{out} is a folder", param_hint="--out")

@@ -1,0 +1,60 @@
+"""Timing calls that take microseconds.
+
+Each call is timed by itself with the monotonic nanosecond clock and the raw figures are kept; garbage collection is
+off while they are taken. What is done between two timed calls (new data for the solver, say) is not in the figure.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from contextlib import contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass
+from time import perf_counter_ns
+
+import numpy as np
+from numpy.typing import NDArray
+
+Nanoseconds = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls."""
+
+    budget_s: float = 0.03
+    fewest: int = 3
+    most: int = 300
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Keep the collector from running inside a timed block."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def time_call(call: Callable[[], object]) -> int:
+    """Nanoseconds of one call."""
+    start = perf_counter_ns()
+    call()
+    return perf_counter_ns() - start
+
+
+def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort: Effort,
+               ) -> tuple[Nanoseconds, Nanoseconds]:
+    """Time update and solve in turns, so that every solve starts from new data; raw nanoseconds of both."""
+    updates, solves = [], []
+    spent = 0
+    with no_garbage_collection():
+        while len(solves) < effort.fewest or (spent < effort.budget_s * 1e9 and len(solves) < effort.most):
+            updates.append(time_call(update))
+            solves.append(time_call(solve))
+            spent += updates[-1] + solves[-1]
+    return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64)

@@ -1,0 +1,150 @@
+"""Each solver in a process of its own, with a time and a memory limit.
+
+A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new
+one. Children are forked from a server process that has imported the common libraries and no solver of a folder, with
+every thread pool limited to one thread.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import tempfile
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from qpsolvers import Problem
+
+from bench.clock import Effort
+from bench.problems.protocol import QP_FIELDS
+from bench.task import Task
+from bench.worker import Outcome, serve
+from solvers.registry import Described, Entry
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
+                    "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
+START_LIMIT_S = 60.0
+
+
+def _context() -> Any:
+    for name in THREAD_VARIABLES:
+        os.environ[name] = "1"
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["bench.worker"])
+    return context
+
+
+class Child:
+    """The process of one solver in one lane; started at once, and again after it was lost.
+
+    Parameters
+    ----------
+    entry : Entry
+        The solver and its lane.
+    time_limit_s : float
+        Longest time for one task, everything included.
+    memory_mb : int
+        What the process may allocate once its solver is loaded.
+    core : int, optional
+        Core that it is pinned to.
+    """
+
+    def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None) -> None:
+        self.entry = entry
+        self.time_limit_s = time_limit_s
+        self.memory_mb = memory_mb
+        self.core = core
+        handle, log = tempfile.mkstemp(prefix="piezobench-", suffix=".log")
+        os.close(handle)
+        self._log = Path(log)
+        self._process: Any = None
+        self._connection: Connection | None = None
+        self._start()
+
+    def _start(self) -> None:
+        context = _context()
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=serve, daemon=True,
+                                        args=(other, self.entry, self.core, self.memory_mb, str(self._log)))
+        self._process.start()
+        other.close()
+        self._described: Described | None = None
+
+    def describe(self) -> Described:
+        """What the solver is, or why it is absent; waits until its library is loaded."""
+        if self._described is None:
+            self._described = self._first_words()
+        return self._described
+
+    def _first_words(self) -> Described:
+        def absent(why: str) -> Described:
+            return Described(self.entry.name, self.entry.lane, "", "", "", False, absent=why)
+
+        if self._connection is None:
+            self._start()
+        assert self._connection is not None
+        try:
+            if not self._connection.poll(START_LIMIT_S):
+                self.close()
+                return absent(f"its library did not load within {START_LIMIT_S:g} s")
+            described = self._connection.recv()
+        except (EOFError, OSError):
+            return absent(f"its library could not be loaded: {self._autopsy().message}")
+        assert isinstance(described, Described)
+        return described
+
+    def run(self, task: Task, problem: Problem, effort: Effort) -> Outcome:
+        """Run one task; whatever happens to the process becomes an outcome."""
+        if self._process is None:
+            self._start()
+        absent = self.describe().absent
+        if absent:
+            self.close()
+            return Outcome("adapter_failed", absent)
+        assert self._connection is not None
+        fields = {name: getattr(problem, name) for name in QP_FIELDS}
+        try:
+            self._connection.send((task, fields, effort))
+            if not self._connection.poll(self.time_limit_s):
+                self.close()
+                return Outcome("timed_out", f"no answer within {self.time_limit_s:g} s")
+            outcome = self._connection.recv()
+        except (EOFError, OSError):
+            return self._autopsy()
+        assert isinstance(outcome, Outcome)
+        return outcome
+
+    def _autopsy(self) -> Outcome:
+        """Say how the process ended."""
+        self._process.join(5.0)
+        code = self._process.exitcode
+        last_words = self._log.read_text(errors="replace").strip().splitlines()[-1:]
+        self.close()
+        how = signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
+        said = f", after printing {last_words[0][:200]!r}" if last_words else ""
+        if last_words and ("bad_alloc" in last_words[0] or "MemoryError" in last_words[0]):
+            return Outcome("out_of_memory", f"the process ended with {how}{said}")
+        return Outcome("crashed", f"the process ended with {how}{said}")
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+        if self._process is not None:
+            self._process.join(0.5)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._process = None
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+        self._log.unlink(missing_ok=True)

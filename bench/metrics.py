@@ -1,0 +1,76 @@
+"""The judge: one definition of right for every solver, from the problem's data and never from the solver's word.
+
+- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x
+- violation       ‖x − x̂‖∞
+- residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
+- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes
+- model error     RMS error of the model on data that the fit has not seen, per cent of the output's range
+
+An answer is right when cost gap and violation are within the tolerance that the tier asks for. The default tier asks
+for what the library thinks good enough and is judged like low.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from qpsolvers import Solution
+
+from bench.problems.protocol import RaceProblem
+from bench.worker import Outcome
+from piezo_model.identification_problem import Scaling
+from solvers import Status, Tier
+from solvers.certificate import exact_cost_gap
+
+TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9}
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Status and figures of one answer; NaN where there is nothing to measure."""
+
+    status: Status
+    message: str
+    cost_gap: float = NAN
+    violation: float = NAN
+    primal_residual: float = NAN
+    dual_residual: float = NAN
+    duality_gap: float = NAN
+    weight_error: float = NAN
+    model_error_percent: float = NAN
+
+
+def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) -> Judgement:
+    """Status and figures of what a child handed back."""
+    if outcome.failure:
+        return Judgement(Status(outcome.failure), outcome.message)
+    form = problem.forms[scaling]
+    x = outcome.x
+    if x is None or x.shape != form.qp.q.shape or not np.all(np.isfinite(x)):
+        what = "no answer of the right shape" if x is None or x.shape != form.qp.q.shape else "NaN or infinity"
+        if outcome.found:
+            return Judgement(Status.INACCURATE, f"says solved and returned {what}")
+        return Judgement(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
+    if not outcome.found:
+        return Judgement(Status.SOLVER_FAILED, outcome.solver_status)
+    gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
+    solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
+    w, best = form.to_weights @ x, problem.optimal_weights
+    feasible = form.to_weights @ np.clip(x, *(bound for bound in (form.qp.lb, form.qp.ub)))
+    tolerance = TOLERANCE[tier]
+    right = gap.relative <= tolerance and gap.violation <= tolerance
+    return Judgement(
+        Status.OK if right else Status.INACCURATE,
+        "" if right else f"cost gap {gap.relative:.1e}, violation {gap.violation:.1e}", gap.relative, gap.violation,
+        _number(solution.primal_residual()), _number(solution.dual_residual()), _number(solution.duality_gap()),
+        float(np.max(np.abs(w - best)) / np.max(np.abs(best))),
+        NAN if problem.validation is None else problem.validation.error_percent(feasible))
+
+
+def _number(value: object) -> float:
+    """A residual as qpsolvers gives it; NaN where the solver has no duals for it."""
+    number = float(value) if isinstance(value, int | float | np.floating) else NAN
+    return number if math.isfinite(number) else NAN

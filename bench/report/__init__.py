@@ -1,0 +1,1 @@
+"""Reports: figures are computed in `figures` and rendered elsewhere."""

@@ -1,0 +1,99 @@
+"""Every figure of a report, computed here once and rendered elsewhere.
+
+A *summary* row stands for one solver in one lane, at one tier, with its settings, in one scaling, over all problems of
+the run: how many were right, the worst cost gap, and medians over the problems of the medians of the times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from solvers import Status
+
+GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "settings"]
+
+
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row a solver, lane, tier, settings and scaling: right answers first, then by time."""
+    rows = rows.assign(right=rows.status == Status.OK, total_us=rows.update_us + rows.solve_us_p50)
+    table = rows.groupby(GROUP, dropna=False).agg(
+        problems=("right", "size"), right=("right", "sum"), status=("status", _statuses),
+        worst_cost_gap=("cost_gap", "max"), median_cost_gap=("cost_gap", "median"),
+        worst_primal_residual=("primal_residual", "max"), worst_dual_residual=("dual_residual", "max"),
+        worst_weight_error=("weight_error", "max"), model_error_percent=("model_error_percent", "median"),
+        model_error_um=("model_error_um", "median"), setup_us=("setup_us", "median"), update_us=("update_us", "median"),
+        solve_us_p50=("solve_us_p50", "median"), solve_us_p99=("solve_us_p99", "median"),
+        solve_us_max=("solve_us_max", "max"), total_us=("total_us", "median"), periods=("periods", "median"),
+        repeatable=("repeatable", "all"), mutates_input=("mutates_input", "any"), message=("message", _first_message),
+    ).reset_index()
+    table["all_right"] = table.right == table.problems
+    return table.sort_values(["problem_set", "scaling", "all_right", "total_us"], ascending=[True, False, False, True],
+                             ignore_index=True)
+
+
+def _statuses(values: pd.Series) -> str:
+    counts = values.value_counts()
+    return str(counts.index[0]) if len(counts) == 1 else ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def _first_message(values: pd.Series) -> str:
+    said = [value for value in values if value]
+    return str(said[0]) if said else ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The run in words."""
+
+    sentences: tuple[str, ...]
+
+
+def verdict(rows: pd.DataFrame) -> Verdict:
+    """Say who was right and how fast, what the paper's steps reach, and whether the stage would notice."""
+    table = summary(rows)
+    stepping = table.settings.str.contains('"steps"')
+    sentences = []
+    for scaling, part in table[~stepping].groupby("scaling", sort=False):
+        tier = "high" if (part.tier == "high").any() else part.tier.iloc[0]
+        asked = part[part.tier == tier]
+        right = asked[asked.all_right]
+        sentence = (f"With {scaling} data, {len(right)} of {len(asked)} solver lanes answer every problem right at "
+                    f"the tier {tier}")
+        if len(right):
+            best = right.iloc[0]
+            sentence += (f"; the fastest is {best.solver} ({best.lane}) with {best.total_us:.3g} µs for update and solve, "
+                         f"{best.periods:.2g} sampling periods")
+        sentences.append(sentence + ".")
+    sentences += _paper_sentences(rows)
+    return Verdict(tuple(sentences))
+
+
+def _paper_sentences(rows: pd.DataFrame) -> list[str]:
+    """What the paper's method reaches in its learning phase, and what that costs on the stage."""
+    steps = rows[(rows.solver == "projected_difference") & rows.settings.str.contains('"steps": 15200')]
+    steps = steps[steps.scaling == ("raw" if (steps.scaling == "raw").any() else "scaled")]
+    if steps.empty:
+        return []
+    gap = 100.0 * steps.cost_gap.to_numpy()
+    sentence = (f"The paper's 15 200 projected steps (1.9 s of machine time) on {steps.scaling.iloc[0]} data end "
+                f"{_percent(gap.min())} to {_percent(gap.max())} above the optimal cost (median "
+                f"{_percent(float(np.median(gap)))})")
+    exact = rows[(rows.status == Status.OK) & (rows.tier == "high")].groupby("problem").agg(
+        model_error_um=("model_error_um", "median"), noise_um=("noise_um", "first"))
+    both = steps.set_index("problem").join(exact, rsuffix="_optimal")
+    both = both[both.model_error_um_optimal.notna()]
+    if both.empty:
+        return [sentence + "."]
+    worse = both.model_error_um - both.model_error_um_optimal
+    noticed = int((worse > both.noise_um).sum())
+    return [f"{sentence}; on data that the fit has not seen its model errs by {both.model_error_um.median():.3g} µm RMS, "
+            f"that of the exact optimum by {both.model_error_um_optimal.median():.3g} µm.",
+            f"The stage would notice the difference (by more than the sensor's noise) on {noticed} of {len(both)} "
+            f"problems."]
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2g} %"

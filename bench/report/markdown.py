@@ -1,0 +1,60 @@
+"""The report of a run as Markdown, and its summary as CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+
+from bench.report import figures
+from bench.store import Run
+from piezo_model.atomic_file import replacing, write_text
+
+HEADINGS = {"solver": "solver", "lane": "lane", "tier": "tier", "settings": "settings", "right": "right",
+            "worst_cost_gap": "worst cost gap", "worst_primal_residual": "primal residual",
+            "worst_dual_residual": "dual residual", "worst_weight_error": "weight error",
+            "model_error_percent": "model error, %", "setup_us": "setup, µs", "update_us": "update, µs",
+            "solve_us_p50": "solve p50, µs", "solve_us_p99": "p99", "solve_us_max": "max", "periods": "periods",
+            "status": "status"}
+
+
+def cell(row: pd.Series, column: str) -> str:
+    """One cell of the table as text."""
+    value = row[column]
+    if column == "right":
+        return f"{row.right}/{row.problems}"
+    if column == "settings":
+        return settings_label(str(value))
+    if isinstance(value, float):
+        if pd.isna(value):
+            return "–"
+        return f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
+    return str(value).replace("|", "\\|")
+
+
+def settings_label(text: str) -> str:
+    """Turn ``{"steps": 100}`` into ``steps 100``."""
+    return text.strip("{}").replace('"', "").replace(":", "")
+
+
+def render(run: Run) -> str:
+    """The report's text."""
+    rows = run.rows()
+    table = figures.summary(rows)
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("bench.report"), trim_blocks=True, lstrip_blocks=True,
+                                     undefined=jinja2.StrictUndefined, autoescape=False)
+    return environment.get_template("report.md.jinja").render(
+        name=run.path.name, settings=run.settings, sentences=figures.verdict(rows).sentences, headings=HEADINGS,
+        parts=[(scaling, [row for _, row in part.iterrows()]) for scaling, part in table.groupby("scaling", sort=False)],
+        problems=rows.drop_duplicates(["problem_set", "problem"])[["problem_set", "problem", "d"]].values.tolist(),
+        failures=rows[rows.message != ""].drop_duplicates(["solver", "lane", "message"])[
+            ["solver", "lane", "tier", "scaling", "problem", "status", "message"]].values.tolist(), cell=cell)
+
+
+def write(run: Run) -> Path:
+    """Write ``report.md`` and ``summary.csv`` into the run's folder; returns the report's path."""
+    with replacing(run.path / "summary.csv") as temporary:
+        figures.summary(run.rows()).to_csv(temporary, index=False)
+    write_text(run.path / "report.md", render(run))
+    return run.path / "report.md"

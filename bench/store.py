@@ -1,0 +1,132 @@
+"""A run is a folder, and every finished task is in it before the next one starts.
+
+    results/<run>/run.json        settings, seed, versions, machine
+                  problems/       the problems with their certificates, NPZ
+                  tasks/          one NPZ a finished task while the race runs
+                  rows.parquet    one row a task            } written at the end
+                  times.parquet   raw nanoseconds           }
+                  summary.csv, report.md
+
+Each file is written beside its place, flushed and renamed, so that an interruption at any moment leaves whole files
+only, and a resumed run finds what is done by the names of its files.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.problems.protocol import RaceProblem
+from bench.task import Task
+from piezo_model.atomic_file import replacing, write_text
+
+COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "status", "message",
+           "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap", "weight_error",
+           "model_error_percent", "model_error_um", "noise_um", "setup_us", "update_us", "solve_us_p50", "solve_us_p99",
+           "solve_us_max", "samples", "periods", "reported_us", "iterations", "mutates_input", "repeatable")
+"""Columns of ``rows.parquet``, in order."""
+
+
+class RunError(ValueError):
+    """A run that is not there or not whole; the message is one sentence."""
+
+
+class Run:
+    """One run's folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(cls, results: Path, settings: Mapping[str, Any], name: str | None = None) -> Run:
+        """Make a new folder, named by the time unless a name is given, and write ``run.json``."""
+        run = cls(results / (name or datetime.now(UTC).strftime("%Y%m%d-%H%M%S")))
+        try:
+            run.path.mkdir(parents=True)
+        except FileExistsError:
+            raise RunError(f"{run.path}: is there already; give another name or resume it") from None
+        except OSError as error:
+            raise RunError(f"{run.path}: cannot be made ({error.strerror})") from None
+        for folder in ("problems", "tasks"):
+            (run.path / folder).mkdir()
+        write_text(run.path / "run.json", json.dumps(settings, indent=1) + "\n")
+        return run
+
+    @classmethod
+    def open(cls, path: Path) -> Run:
+        """Open a run that is there."""
+        if not (path / "run.json").is_file():
+            raise RunError(f"{path}: is not a run, there is no run.json in it")
+        return cls(path)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What ``run.json`` says."""
+        try:
+            settings = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
+        except json.JSONDecodeError as error:
+            raise RunError(f"{self.path / 'run.json'}: is not a whole JSON file ({error})") from None
+        if not isinstance(settings, dict):
+            raise RunError(f"{self.path / 'run.json'}: does not hold settings")
+        return settings
+
+    def note_versions(self, versions: Mapping[str, str]) -> None:
+        """Add the versions of the field to ``run.json``."""
+        write_text(self.path / "run.json", json.dumps({**self.settings, "field": dict(versions)}, indent=1) + "\n")
+
+    def problem_path(self, problem_set: str, problem: str) -> Path:
+        """Where a problem is kept."""
+        return self.path / "problems" / f"{problem_set}--{problem}.npz"
+
+    def problem(self, problem_set: str, name: str) -> RaceProblem:
+        """Load a problem of the run."""
+        return RaceProblem.load(self.problem_path(problem_set, name))
+
+    def is_done(self, task: Task) -> bool:
+        """Whether the task's row is on disk."""
+        return self._task_path(task).is_file()
+
+    def _task_path(self, task: Task) -> Path:
+        return self.path / "tasks" / f"{task.key}.npz"
+
+    def save(self, task: Task, row: Mapping[str, Any], times: Mapping[str, Any]) -> None:
+        """Put one finished task on disk."""
+        with replacing(self._task_path(task)) as temporary, temporary.open("wb") as file:
+            np.savez(file, row=np.array(json.dumps(row)), **times)
+
+    def is_finished(self) -> bool:
+        """Whether the tables were written."""
+        return (self.path / "rows.parquet").is_file() and not (self.path / "tasks").exists()
+
+    def finish(self) -> None:
+        """Gather the tasks into tables; the single files go only after the tables are whole."""
+        rows, times = [], []
+        for path in sorted((self.path / "tasks").glob("*.npz")):
+            with np.load(path, allow_pickle=False) as data:
+                row = json.loads(str(data["row"]))
+                rows.append(row)
+                times += [{"task": path.stem, "what": what, "ns": data[what]} for what in data.files if what != "row"]
+        order = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "settings"]
+        table = pd.DataFrame(rows, columns=["task", *COLUMNS]).sort_values(order, ignore_index=True)
+        with replacing(self.path / "times.parquet") as temporary:
+            pd.DataFrame(times, columns=["task", "what", "ns"]).to_parquet(temporary, index=False)
+        with replacing(self.path / "rows.parquet") as temporary:
+            table.to_parquet(temporary, index=False)
+        shutil.rmtree(self.path / "tasks")
+
+    def rows(self) -> pd.DataFrame:
+        """Return the table of a finished run."""
+        path = self.path / "rows.parquet"
+        if not path.is_file():
+            raise RunError(f"{self.path}: has no rows.parquet; the run was not finished")
+        try:
+            return pd.read_parquet(path)
+        except (OSError, ValueError) as error:
+            raise RunError(f"{path}: cannot be read ({error})") from None

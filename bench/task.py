@@ -1,0 +1,38 @@
+"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one tier."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from piezo_model.identification_problem import Scaling
+from solvers import Lane, Tier
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is run, by name only, so that a task can be sent anywhere and found again."""
+
+    problem_set: str
+    problem: str
+    scaling: Scaling
+    solver: str
+    lane: Lane
+    tier: Tier
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Solver settings on top of the tier's, such as the number of steps."""
+
+    @property
+    def key(self) -> str:
+        """A file name that is the same in every run for the same task."""
+        text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.tier,
+                           dict(self.settings)], sort_keys=True)
+        return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    @property
+    def label(self) -> str:
+        """Settings in words, for tables: "steps=100", or nothing."""
+        return ", ".join(f"{name}={value}" for name, value in self.settings.items())

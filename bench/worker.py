@@ -1,0 +1,136 @@
+"""The child process in which a solver runs; the parent's side is in `isolation`.
+
+The child loads one solver in one lane, is pinned to a core, and answers requests. It decides nothing about right and
+wrong: it hands back the answer with its duals, the raw times and what it noticed about the solver's manners.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from qpsolvers import Problem
+
+from bench.clock import Effort, Nanoseconds, time_call, time_pairs
+from bench.task import Task
+from solvers.protocol import Solver, Unsupported, dense
+from solvers.registry import Described, Entry, describe
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class Outcome:
+    """What came back from a child.
+
+    Attributes
+    ----------
+    failure : str
+        "", "unsupported", "adapter_failed" or "out_of_memory".
+    message : str
+        The sentence that goes with a failure.
+    found : bool
+        What the solver itself says.
+    x, y, z, z_box : array
+        Answer and duals in qpsolvers' conventions.
+    mutated : bool
+        Whether the solver wrote into the arrays that it was given.
+    repeatable : bool
+        Whether the same data gave the same bits again.
+    """
+
+    failure: str = ""
+    message: str = ""
+    found: bool = False
+    x: Vector | None = None
+    y: Vector | None = None
+    z: Vector | None = None
+    z_box: Vector | None = None
+    solver_status: str = ""
+    reported_us: float = float("nan")
+    iterations: int = -1
+    mutated: bool = False
+    repeatable: bool = True
+    setup_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    update_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    solve_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+
+def _arrays(problem: Problem) -> list[Any]:
+    fields = (problem.P, problem.q, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub)
+    return [part for value in fields if value is not None
+            for part in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])]
+
+
+def run_task(cls: type[Solver], task: Task, problem: Problem, effort: Effort) -> Outcome:
+    """Solve one problem, then time setup, update and solve."""
+    before = [array.copy() for array in _arrays(problem)]
+    try:
+        outcome = _solve_and_time(cls, task, problem, effort)
+    except Unsupported as error:
+        outcome = Outcome("unsupported", str(error))
+    except MemoryError as error:
+        outcome = Outcome("out_of_memory", f"the memory limit was reached: {error}")
+    except Exception as error:  # whatever a library raises is a finding about it, and the race goes on
+        outcome = Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])
+    outcome.mutated = any(not np.array_equal(a, b, equal_nan=True)
+                          for a, b in zip(before, _arrays(problem), strict=True))
+    return outcome
+
+
+def _solve_and_time(cls: type[Solver], task: Task, problem: Problem, effort: Effort) -> Outcome:
+    solver = cls(task.tier, **task.settings)
+    setups = [time_call(lambda: solver.setup(problem))]
+    first = np.array(solver.solve(), dtype=np.float64)
+    solution = solver.solution()
+    extras = solution.extras or {}
+    P, q = dense(problem) if isinstance(problem.P, np.ndarray) else (problem.P.copy(), problem.q.copy())
+    updates, solves = time_pairs(lambda: solver.update(P=P, q=q), solver.solve, effort)
+    again = np.array(solver.solve(), dtype=np.float64)
+    for _ in range(2):
+        if sum(setups) < effort.budget_s * 1e9:
+            setups.append(time_call(lambda: cls(task.tier, **task.settings).setup(problem)))
+    reported = extras.get("reported_us")
+    return Outcome(found=bool(solution.found), x=first, y=solution.y, z=solution.z, z_box=solution.z_box,
+                   solver_status=str(extras.get("status", "")),
+                   reported_us=float("nan") if reported is None else float(reported),
+                   iterations=int(extras.get("iterations") or -1),
+                   repeatable=bool(np.array_equal(first, again, equal_nan=True)),
+                   setup_ns=np.array(setups, dtype=np.int64), update_ns=updates, solve_ns=solves)
+
+
+def limit_memory(megabytes: int) -> None:
+    """Let this process grow by so much over what it has now; allocations beyond fail."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    limit = pages * resource.getpagesize() + megabytes * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int, log: str) -> None:
+    """Main loop of the child: load the solver and describe it, then answer until the connection closes."""
+    sink = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    os.dup2(sink, 1)
+    os.dup2(sink, 2)
+    if core is not None:
+        os.sched_setaffinity(0, {core})
+    try:
+        description = describe(entry)
+    except Exception as error:  # whatever a library does while it loads is a reason for its absence
+        description = Described(entry.name, entry.lane, "", "", "", False, absent=f"{type(error).__name__}: {error}")
+    connection.send(description)
+    if description.absent:
+        return
+    cls = entry.load()
+    limit_memory(memory_mb)
+    while True:
+        try:
+            task, fields, effort = connection.recv()
+        except EOFError:
+            return
+        connection.send(run_task(cls, task, Problem(**fields), effort))

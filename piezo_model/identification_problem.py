@@ -1,0 +1,215 @@
+"""The quadratic program (6): minimise ½ wᵀP w + qᵀw + c over the admissible weights.
+
+Admissible are w_H ≥ 0, w_K ≥ 0 and slopes of S⁻¹ of at least ``min_slope``. The slopes are the partial sums of w'_S
+outwards from zero, so in slope coordinates v = T⁻¹ w the set is a box and in weight coordinates a polyhedral cone.
+The minimiser is the same in both; the path of a gradient method is not.
+
+What the drive did not excite must stay where it was. The problem is therefore made strictly convex by a proximal term
+towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and unit amplitudes, with ρ = ``proximal`` times the
+mean diagonal element of P. It is part of the problem in every form.
+
+Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from unit amplitudes
+and scales the variables so that P has a unit diagonal, which keeps a box a box. With ‖x̃‖ ≤ 1 the cost is then of
+order one and needs no further factor for a solver's tolerances to mean something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from qpsolvers import Problem
+
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Coordinates = Literal["slope", "weight"]
+Scaling = Literal["scaled", "raw"]
+
+UNDETERMINED = 1e-11
+"""Share of the largest eigenvalue of the unit-diagonal P below which rounding decides and not the data."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Range of input and output over the counted samples, in unit amplitudes."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+
+@dataclass(frozen=True)
+class ExcitationReport:
+    """What the data say about the weights.
+
+    Attributes
+    ----------
+    unreached : tuple of str
+        Weights whose threshold the drive never reached.
+    undetermined : tuple of str
+        Combinations of the other weights that the data leave open, strongest members first.
+    condition : float
+        Condition number of the unit-diagonal P over the reached weights, without the proximal term.
+    """
+
+    unreached: tuple[str, ...]
+    undetermined: tuple[str, ...]
+    condition: float
+
+
+@dataclass(frozen=True)
+class Form:
+    """One form of the program: z is its variable, w = ``to_weights`` z, cost = ½ zᵀP z + qᵀz + c."""
+
+    qp: Problem
+    c: float
+    to_weights: Matrix
+
+    def weights(self, z: Vector) -> Vector:
+        """Weights w (d,) in unit amplitudes of an answer z (d,)."""
+        return self.to_weights @ z
+
+    def variables(self, w: Vector) -> Vector:
+        """The z (d,) of weights w (d,), for a warm start."""
+        return np.linalg.solve(self.to_weights, w)
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationProblem:
+    """Equation (6) for one data basis.
+
+    Parameters
+    ----------
+    structure : ModelStructure
+    P, q, c : array (d, d), array (d,), float
+        Mean cost of the data in weight coordinates and unit amplitudes.
+    excitation : Excitation
+    reference : array (d,), optional
+        Weights that the proximal term pulls to; the straight line through the range by default.
+    proximal : float
+        Strength of the proximal term relative to the mean diagonal of P in slope coordinates; 0 for none.
+    min_slope : float
+        Smallest admissible slope of S⁻¹ in unit amplitudes, ε > 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from piezo_model.data_basis import DataBasis
+    >>> structure = ModelStructure.equidistant(n=2, m=0, x_range=(-1, 1), y_range=(-2, 2), creep_rates=(),
+    ...                                        sample_time=1e-3)
+    >>> basis = DataBasis(structure)
+    >>> x = np.sin(np.arange(1000) / 50)
+    >>> basis.update(x, 2 * x)
+    >>> problem = basis.problem()
+    >>> problem.qp.P.diagonal().round(12).tolist()
+    [1.0, 1.0, 1.0]
+    """
+
+    structure: ModelStructure
+    P: Matrix
+    q: Vector
+    c: float
+    excitation: Excitation
+    reference: ArrayLike | None = None
+    proximal: float = 1e-10
+    min_slope: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.proximal < 0.0:
+            raise ValueError(f"proximal must not be negative, not {self.proximal}")
+        if self.min_slope <= 0.0:
+            raise ValueError(f"min_slope must be positive for the model to have an inverse, not {self.min_slope}")
+        if self.reference is not None and np.shape(self.reference) != (self.structure.d,):
+            raise ValueError(f"reference must have {self.structure.d} weights, not shape {np.shape(self.reference)}")
+
+    @cached_property
+    def _data_in_slopes(self) -> tuple[Matrix, Vector]:
+        """P and q of the data alone in slope coordinates."""
+        T = self.structure.slope_map
+        P = T.T @ self.P @ T
+        return 0.5 * (P + P.T), T.T @ self.q
+
+    @cached_property
+    def _in_slopes(self) -> tuple[Matrix, Vector, float]:
+        """P, q and c with the proximal term."""
+        s = self.structure
+        P, q = self._data_in_slopes
+        reference = s.straight_line if self.reference is None else np.asarray(self.reference, dtype=np.float64)
+        v_ref = s.inverse_slope_map @ reference
+        rho = self.proximal * float(np.mean(np.diag(P)))
+        return P + rho * np.eye(s.d), q - rho * v_ref, self.c + 0.5 * rho * float(v_ref @ v_ref)
+
+    def form(self, coordinates: Coordinates = "slope", scaling: Scaling = "scaled") -> Form:
+        """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates."""
+        if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
+            raise ValueError(f"there is no form {coordinates!r}, {scaling!r}")
+        s = self.structure
+        P, q, c = self._in_slopes
+        lb = s.lower_bounds(self.min_slope)
+        rows = s.inverse_slope_map[s.slices[1]]
+        if coordinates == "weight":
+            S = s.inverse_slope_map
+            P, q = S.T @ P @ S, S.T @ q
+            P = 0.5 * (P + P.T)
+            lb[s.slices[1]] = -np.inf
+        if scaling == "raw":
+            unit, cost = self._physical_units, s.x_scale**2
+        else:
+            diagonal = np.diag(P)
+            unit, cost = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0
+        D = 1.0 / unit  # the variable handed to the solver is z = unit · v, so v = D z
+        P, q, c, lb = cost * (P * D * D[:, None]), cost * D * q, cost * c, lb * unit
+        if scaling == "scaled":
+            np.fill_diagonal(P, np.where(np.diag(P) > 0.0, 1.0, 0.0))
+        upper = np.full(s.d, np.inf)
+        if coordinates == "slope":
+            return Form(Problem(P, q, lb=lb, ub=upper), c, s.slope_map * D)
+        row_unit = 1.0 / np.max(np.abs(rows * D), axis=1)  # rows of largest element one
+        G, h = -rows * D * row_unit[:, None], np.full(s.dead_zones, -self.min_slope) * row_unit
+        return Form(Problem(P, q, G=G, h=h, lb=lb, ub=upper), c, np.diag(D))
+
+    @cached_property
+    def _physical_units(self) -> Vector:
+        """Physical value of a unit of each variable: 1 for w_H and w_K, V/µm for slopes, V for the offset."""
+        s = self.structure
+        unit = np.ones(s.d)
+        unit[s.slices[1]] = s.x_scale / s.y_scale
+        if s.offset:
+            unit[-1] = s.x_scale
+        return unit
+
+    @property
+    def qp(self) -> Problem:
+        """The box in slope coordinates, scaled: what is solved unless something else is asked for."""
+        return self.form().qp
+
+    def cost(self, w: ArrayLike) -> float:
+        """Half the mean squared error (5) of weights w in unit amplitudes, without the proximal term."""
+        w = np.asarray(w, dtype=np.float64)
+        return float(0.5 * w @ self.P @ w + self.q @ w + self.c)
+
+    def excitation_report(self) -> ExcitationReport:
+        """Say which thresholds the drive never reached and which directions the data do not determine."""
+        s, e = self.structure, self.excitation
+        P, _ = self._data_in_slopes
+        diagonal = np.diag(P)
+        reached = diagonal > UNDETERMINED * np.max(diagonal)
+        reached[:s.n] &= e.x_max - e.x_min > 2.0 * np.array(s.play_thresholds)
+        r_S = np.array(s.dead_zone_thresholds)
+        reached[s.slices[1]] &= np.where(r_S > 0.0, e.y_max > r_S, np.where(r_S < 0.0, e.y_min < r_S, True))
+        names = np.array(s.weight_names)
+        D = 1.0 / np.sqrt(diagonal[reached])
+        values, vectors = np.linalg.eigh(P[np.ix_(reached, reached)] * D * D[:, None])
+        open_directions = []
+        for vector in vectors.T[values <= UNDETERMINED * values[-1]]:
+            order = np.argsort(-np.abs(vector))
+            strong = order[np.abs(vector[order]) > 0.3 * np.abs(vector[order[0]])]
+            open_directions.append(", ".join(names[reached][strong]))
+        return ExcitationReport(tuple(names[~reached].tolist()), tuple(open_directions),
+                                float(values[-1] / max(values[0], np.finfo(float).tiny)))

@@ -1,0 +1,281 @@
+"""The modified Prandtl–Ishlinskii model with creep, equation (2), in unit amplitudes:
+
+    y = S[ H[x] + K[x] + offset ],   H[x] = Σ w_Hi H_rHi[x],   K[x] = Σ w_Ki K_rKi[x],   S[u] = Σ w_Si S_rSi(u)
+
+The identification finds S⁻¹ (weights w'_S over the thresholds r'_S of the structure), so these are what the model
+stores; S is their analytic inverse. K_rKi is the sum of one creep state per rate, all with the weight w_Ki.
+
+Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418; `operators` for the elementary operators.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.atomic_file import write_text
+from piezo_model.inverse import invert_play, invert_superposition
+from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays, pad
+from piezo_model.operators import creep_step, dead_zone_step, play_step
+from piezo_model.structure import ModelStructure, StructureError
+from solvers.compiled import inlined, kernel
+from solvers.vector8 import load8, splat8, store8, sum8
+
+Vector = NDArray[np.float64]
+
+FORMAT = "piezobench-model"
+VERSION = 1
+
+
+class ModelError(ValueError):
+    """A model that is not valid, or a file that is not a model; the message is one sentence that says why."""
+
+
+class ModelArrays(NamedTuple):
+    """The parameters of a model as the compiled kernels take them: unit amplitudes, padded to whole blocks of eight.
+
+    Padding has threshold zero and weight zero, so padded operators run along and do nothing.
+    """
+
+    operators: OperatorArrays
+    w_H: Vector
+    W_H: Vector
+    """Partial sums of w_H, the slopes of H."""
+    w_K: Vector
+    """For every creep state, rate by rate."""
+    S: SuperpositionArrays
+    r_H_inverse: Vector
+    w_H_inverse: Vector
+    S_inverse: SuperpositionArrays
+    offset: float
+
+
+@inlined
+def superposition(u: float, S: SuperpositionArrays) -> float:
+    """S[u] = Σ w_i S_ri(u)."""
+    total = splat8(0.0)
+    for i in range(0, S.w.size, 8):
+        total = total + load8(S.w, i) * dead_zone_step(splat8(u), load8(S.low, i), load8(S.high, i))
+    return sum8(total)
+
+
+@inlined
+def creep_sum(model: ModelArrays, creep: Vector) -> float:
+    """K at this sample, which the samples before determine."""
+    total = splat8(0.0)
+    for i in range(0, creep.size, 8):
+        total = total + load8(model.w_K, i) * load8(creep, i)
+    return sum8(total)
+
+
+@inlined
+def advance(p: OperatorArrays, x: float, play: Vector, creep: Vector) -> None:
+    """Move the states on by the sample x that the actuator really saw."""
+    lanes = p.r.size
+    for i in range(0, lanes, 8):
+        r = load8(p.r, i)
+        store8(play, i, play_step(splat8(x), r, load8(play, i)))
+        for j in range(p.rates):
+            at = j * lanes + i
+            store8(creep, at, creep_step(splat8(x), r, load8(p.a, at), load8(creep, at)))
+
+
+@inlined
+def model_step(model: ModelArrays, x: float, play: Vector, creep: Vector) -> float:
+    """Return the output of (2) at the sample x and move the states on."""
+    u = creep_sum(model, creep) + model.offset
+    advance(model.operators, x, play, creep)
+    hysteresis = splat8(0.0)
+    for i in range(0, play.size, 8):
+        hysteresis = hysteresis + load8(model.w_H, i) * load8(play, i)
+    return superposition(u + sum8(hysteresis), model.S)
+
+
+@kernel
+def _simulate(model: ModelArrays, x: Vector, play: Vector, creep: Vector, y: Vector) -> None:
+    for k in range(x.size):
+        y[k] = model_step(model, x[k], play, creep)
+
+
+@dataclass(frozen=True, eq=False)
+class HysteresisCreepModel:
+    """A valid model: structure, weights and, after an identification, its report.
+
+    Parameters
+    ----------
+    structure : ModelStructure
+    w_H : array (n + 1,)
+        Hysteresis weights, w_H0 > 0 and the others ≥ 0.
+    w_S_inverse : array (2m + 1,)
+        Weights w'_S of S⁻¹ over the structure's dead zones; their partial sums outwards from zero, the slopes, are > 0.
+    w_K : array (n + 1,)
+        Creep weights ≥ 0; empty for a model without creep.
+    offset : float
+        Constant inside S, in unit amplitudes.
+    report : mapping
+        What the identification found out; stored with the model.
+
+    Raises
+    ------
+    ModelError
+        If the model could not be inverted.
+    """
+
+    structure: ModelStructure
+    w_H: Vector
+    w_S_inverse: Vector
+    w_K: Vector
+    offset: float = 0.0
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        s = self.structure
+        for name, size in (("w_H", s.n + 1), ("w_S_inverse", s.dead_zones), ("w_K", s.creep_weights)):
+            values = np.array(getattr(self, name), dtype=np.float64)
+            if values.shape != (size,):
+                raise ModelError(f"{name} must have {size} values for this structure, not shape {values.shape}")
+            if not np.all(np.isfinite(values)):
+                raise ModelError(f"{name}[{int(np.flatnonzero(~np.isfinite(values))[0])}] is not a finite number")
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        if not math.isfinite(self.offset):
+            raise ModelError("offset is not a finite number")
+        if self.w_H[0] <= 0.0:
+            raise ModelError(f"w_H[0] must be positive for the model to have an inverse, not {self.w_H[0]:g}")
+        for name in ("w_H", "w_K"):
+            values = getattr(self, name)
+            if np.any(values < 0.0):
+                i = int(np.argmin(values))
+                raise ModelError(f"{name}[{i}] must not be negative, and it is {values[i]:g}")
+        if np.any(self.slopes <= 0.0):
+            i = int(np.argmin(self.slopes))
+            raise ModelError(f"the slope of S⁻¹ beyond threshold {s.dead_zone_thresholds[i]:g} must be positive for the "
+                             f"model to have an inverse, and it is {self.slopes[i]:g}")
+
+    @classmethod
+    def from_weights(cls, structure: ModelStructure, w: ArrayLike, report: Mapping[str, Any] | None = None,
+                     ) -> HysteresisCreepModel:
+        """Make the model of the identified unknowns w (d,) in weight coordinates and unit amplitudes, with w_H0 = 1."""
+        w = np.asarray(w, dtype=np.float64)
+        if w.shape != (structure.d,):
+            raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")
+        H, S, K = structure.slices
+        return cls(structure, np.concatenate([[1.0], w[H]]), w[S], w[K], float(w[-1]) if structure.offset else 0.0,
+                   report or {})
+
+    @property
+    def weights(self) -> Vector:
+        """The unknowns w of the identification, scaled so that w_H0 = 1; shape (d,)."""
+        w = np.concatenate([self.w_H[1:], self.w_S_inverse, self.w_K, [self.offset] * self.structure.offset])
+        return w / self.w_H[0]
+
+    @cached_property
+    def slopes(self) -> Vector:
+        """Slopes of the piecewise linear S⁻¹, from the outermost negative to the outermost positive piece."""
+        s = self.structure
+        block = s.slices[1]
+        slopes: Vector = s.inverse_slope_map[block, block] @ self.w_S_inverse
+        return slopes
+
+    @cached_property
+    def arrays(self) -> ModelArrays:
+        """Parameters for the compiled kernels."""
+        s = self.structure
+        operators = OperatorArrays.of(s)
+        r_H, r_S_inverse = np.array((0.0, *s.play_thresholds)), np.array(s.dead_zone_thresholds)
+        w_S, r_S = invert_superposition(self.w_S_inverse, r_S_inverse)
+        w_H_inverse, r_H_inverse = invert_play(self.w_H, r_H)
+        w_K = pad(self.w_K, s.lanes) if s.creep_rates else np.zeros(0)
+        return ModelArrays(operators, pad(self.w_H, s.lanes), pad(np.cumsum(self.w_H), s.lanes),
+                           np.tile(w_K, len(s.creep_rates)), SuperpositionArrays.of(w_S, r_S),
+                           pad(r_H_inverse, s.lanes), pad(w_H_inverse, s.lanes),
+                           SuperpositionArrays.of(self.w_S_inverse, r_S_inverse), self.offset)
+
+    def simulate(self, x: ArrayLike, state: OperatorState | None = None) -> Vector:
+        """Output of the model.
+
+        Parameters
+        ----------
+        x : array (N,)
+            Input in the structure's input unit.
+        state : OperatorState, optional
+            States before the first sample, moved on to those after the last one, so that a signal can be simulated
+            chunk by chunk. At rest at the centre of the range by default.
+
+        Returns
+        -------
+        array (N,)
+            Output in the structure's output unit.
+
+        Examples
+        --------
+        >>> structure = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(),
+        ...                                        sample_time=1e-3)
+        >>> model = HysteresisCreepModel.from_weights(structure, [1.0, 2.0])
+        >>> model.simulate([0.0, 1.0, 0.0]).tolist()
+        [0.0, 0.75, 0.25]
+        """
+        s = self.structure
+        state = OperatorState.at_rest(s) if state is None else state
+        unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
+        y = np.empty_like(unit_x)
+        _simulate(self.arrays, unit_x, state.play, state.creep, y)
+        return s.y_centre + s.y_scale * y
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as JSON can hold it; floats survive bit for bit."""
+        return {"format": FORMAT, "version": VERSION, "structure": self.structure.to_dict(), "w_H": self.w_H.tolist(),
+                "w_S_inverse": self.w_S_inverse.tolist(), "w_K": self.w_K.tolist(), "offset": self.offset,
+                "report": dict(self.report)}
+
+    @classmethod
+    def from_dict(cls, data: Any) -> HysteresisCreepModel:
+        """Make the model of :meth:`to_dict`; ModelError or StructureError says what is missing or wrong."""
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise ModelError(f"the format field is not {FORMAT!r}")
+        if data.get("version") != VERSION:
+            raise ModelError(f"version {data.get('version')!r} is not {VERSION}, the one this program reads")
+        for name in ("structure", "w_H", "w_S_inverse", "w_K", "offset"):
+            if name not in data:
+                raise ModelError(f"the field {name!r} is missing")
+        if not isinstance(data["structure"], dict):
+            raise ModelError("the field 'structure' is not an object")
+        for name in ("w_H", "w_S_inverse", "w_K"):
+            values = data[name]
+            if not isinstance(values, list) or not all(_is_number(value) for value in values):
+                raise ModelError(f"the field {name!r} is not a list of numbers")
+        if not _is_number(data["offset"]):
+            raise ModelError("the field 'offset' is not a number")
+        return cls(ModelStructure.from_dict(data["structure"]), *(np.array(data[name], dtype=np.float64)
+                   for name in ("w_H", "w_S_inverse", "w_K")), float(data["offset"]), data.get("report", {}))
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as JSON; the file is there whole or not at all."""
+        write_text(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> HysteresisCreepModel:
+        """Read a model that :meth:`save` wrote; ModelError names the file and what is wrong with it."""
+        path = Path(path)
+        try:
+            return cls.from_dict(json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            raise ModelError(f"{path}: there is no such file") from None
+        except OSError as error:
+            raise ModelError(f"{path}: cannot be read ({error.strerror})") from None
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise ModelError(f"{path}: is not a whole JSON file ({error})") from None
+        except (ModelError, StructureError) as error:
+            raise ModelError(f"{path}: is not a valid model: {error}") from None
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,86 @@
+"""States and parameters of the operators of one structure, laid out for the compiled kernels.
+
+The operators come in blocks of eight (`solvers.vector8`). Play and creep share the thresholds r_0 = 0 < r_1 < … < r_n,
+padded with zeros to a multiple of eight, the structure's ``lanes``; creep states stand rate by rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.operators import creep_gain, dead_zone_limits
+from piezo_model.structure import ModelStructure
+from solvers.vector8 import padded
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class OperatorState:
+    """States of the play and creep operators, in unit amplitudes; they follow the actuator while it is powered.
+
+    Attributes
+    ----------
+    play : array (lanes,)
+        Output of each play at the last sample; the first, of threshold 0, is the last input. Padding follows the input.
+    creep : array (rates · lanes,)
+        Creep states at the coming sample, rate by rate.
+
+    Examples
+    --------
+    >>> structure = ModelStructure.equidistant(n=2, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,),
+    ...                                        sample_time=1e-3)
+    >>> OperatorState.at_rest(structure, 0.5).play.tolist()
+    [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
+    """
+
+    play: Vector
+    creep: Vector
+
+    @classmethod
+    def at_rest(cls, structure: ModelStructure, x: float = 0.0) -> OperatorState:
+        """Everything settled at the constant input x, in unit amplitudes."""
+        return cls(np.full(structure.lanes, float(x)), np.full(len(structure.creep_rates) * structure.lanes, float(x)))
+
+    def copy(self) -> OperatorState:
+        """Return an independent copy."""
+        return OperatorState(self.play.copy(), self.creep.copy())
+
+
+class OperatorArrays(NamedTuple):
+    """Thresholds r (lanes,) of play and creep, and gains a = 1 − e^(−rate·Ts) (rates · lanes,) of creep."""
+
+    r: Vector
+    a: Vector
+    rates: int
+
+    @classmethod
+    def of(cls, structure: ModelStructure) -> OperatorArrays:
+        """Arrays of a structure."""
+        r = pad(np.array((0.0, *structure.play_thresholds)), structure.lanes)
+        return cls(r, np.repeat(creep_gain(structure.creep_rates, structure.sample_time), structure.lanes),
+                   len(structure.creep_rates))
+
+
+class SuperpositionArrays(NamedTuple):
+    """Limits and weights of the dead zones of a superposition operator, padded."""
+
+    low: Vector
+    high: Vector
+    w: Vector
+
+    @classmethod
+    def of(cls, weights: Vector, thresholds: Vector) -> SuperpositionArrays:
+        """Arrays of Σ w_i S_ri; padding is zero everywhere."""
+        low, high = dead_zone_limits(thresholds)
+        size = padded(weights.size)
+        return cls(pad(low, size, -np.inf), pad(high, size, np.inf), pad(weights, size))
+
+
+def pad(values: Vector, size: int, filling: float = 0.0) -> Vector:
+    """Return the values followed by as much filling as it takes to have ``size`` of them."""
+    return np.concatenate([values, np.full(size - values.size, filling)])

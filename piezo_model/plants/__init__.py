@@ -1,0 +1,69 @@
+"""Simulated actuators whose truth is not in the class of the model; the folder is the registry.
+
+A file of this folder that defines one :class:`~piezo_model.plants.actuator.Actuator` adds the plant of the file's name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+from typing import Any
+
+from piezo_model.plants.actuator import Actuator
+from piezo_model.plants.protocol import Plant
+from piezo_model.plants.sensor import Sensor
+
+__all__ = ["Actuator", "Plant", "Sensor", "get", "names"]
+
+
+def _classes() -> dict[str, type[Actuator]]:
+    found = {}
+    for file in pkgutil.iter_modules(__path__):
+        module = importlib.import_module(f"{__name__}.{file.name}")
+        for cls in vars(module).values():
+            if (inspect.isclass(cls) and issubclass(cls, Actuator) and cls.__module__ == module.__name__
+                    and not inspect.isabstract(cls)):
+                found[file.name] = cls
+    return found
+
+
+def names() -> list[str]:
+    """Names of the simulated actuators."""
+    return sorted(_classes())
+
+
+def get(name: str, **options: Any) -> Actuator:
+    """Make a simulated actuator by name.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`names`.
+    **options
+        Fields of its class.
+
+    Raises
+    ------
+    KeyError
+        Where there is no such plant.
+    ValueError
+        Where the plant has no such option, or not with that value.
+
+    Examples
+    --------
+    >>> from piezo_model import plants
+    >>> plant = plants.get("bouc_wen", x_range=(0.0, 120.0))
+    >>> y = plant.run([0.0, 60.0, 120.0])
+    >>> bool((y[1:] > y[:-1]).all())
+    True
+    """
+    classes = _classes()
+    if name not in classes:
+        raise KeyError(f"there is no plant {name!r}; known are {', '.join(sorted(classes))}")
+    known = [f.name for f in dataclasses.fields(classes[name]) if f.init]
+    for option in options:
+        if option not in known:
+            raise ValueError(f"the plant {name!r} has no option {option!r}; it has {', '.join(known)}")
+    return classes[name](**options)

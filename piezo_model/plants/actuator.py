@@ -1,0 +1,134 @@
+"""What every simulated actuator shares: its ranges, its creep, its rest, and the coordinates u and v.
+
+    u = (x − x_c) / (Δx / 2) ∈ [−1, 1],   v = Γ[u] ∈ [−1, 1],   y = y_c + v · Δy / 2
+
+with x_c, y_c the centres and Δx, Δy the widths of the ranges. The actuators are written in u and v, where all
+parameters are pure numbers, and each is normalised so that |v| ≤ 1 whatever the drive: y never leaves ``y_range``
+by more than rounding.
+
+Creep that grows like log t is a sum of first-order lags whose rates are spread over decades,
+
+    z_j(k) = z_j(k−1) + (1 − e^(−a_j Ts)) (u(k−1) − z_j(k−1)),   K[u] = (1/J) Σ_j z_j
+
+(K. Kuhnen, F. Janocha, "Inverse feedforward controller for complex hysteretic nonlinearities in smart-material
+systems", Control and Intelligent Systems 29 (2001), 74-83, with threshold 0).
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.operators import creep_gain, creep_step
+from piezo_model.plants.protocol import Memory, Plant, Vector, replace
+
+
+@njit(cache=True)
+def log_creep(u: Vector, a: Vector, z: Vector, u_previous: Vector) -> Vector:
+    """K[u] (N,) for u (N,) and a = 1 − e^(−a_j Ts) (J,); advances the states z (J,) and u_previous (1,)."""
+    K = np.empty_like(u)
+    for k in range(u.size):
+        total = 0.0
+        for j in range(z.size):
+            z[j] = creep_step(u_previous[0], 0.0, a[j], z[j])
+            total += z[j]
+        K[k] = total / z.size
+        u_previous[0] = u[k]
+    return K
+
+
+@dataclass(kw_only=True, eq=False)
+class Actuator(Plant):
+    """A simulated actuator in the coordinates of the module.
+
+    Parameters
+    ----------
+    x_range, y_range : (float, float)
+        Drive in V and displacement in µm.
+    sample_time : float
+        Sampling period, s.
+    creep_share : float
+        Part of the whole displacement that comes by creep, 0 (none) to below 1.
+    creep_rates_per_s : tuple of float
+        Rates a_j of the creep, 1/s.
+
+    Raises
+    ------
+    ValueError
+        Where an option makes no actuator; the sentence names it.
+    """
+
+    x_range: tuple[float, float] = (0.0, 150.0)
+    y_range: tuple[float, float] = (-20.0, 20.0)
+    sample_time: float = 125e-6
+    creep_share: float = 0.04
+    creep_rates_per_s: tuple[float, ...] = (100.0, 10.0, 1.0, 0.1)
+    _memory: Memory = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the options, build the fixed arrays and go to rest."""
+        for option in ("x_range", "y_range"):
+            low, high = getattr(self, option)
+            if not -np.inf < low < high < np.inf:
+                raise ValueError(f"{option} must be two finite numbers, the low one first, not ({low}, {high})")
+        if not 0.0 < self.sample_time < np.inf:
+            raise ValueError(f"sample_time must be a positive number of seconds, not {self.sample_time}")
+        if not 0.0 <= self.creep_share < 1.0:
+            raise ValueError(f"creep_share must be at least 0 and below 1, not {self.creep_share}")
+        rates = np.array(self.creep_rates_per_s, dtype=np.float64)
+        if rates.ndim != 1 or not rates.size or not np.all((rates > 0.0) & np.isfinite(rates)):
+            raise ValueError(f"creep_rates_per_s must be one or more positive numbers, not {self.creep_rates_per_s}")
+        self._a = creep_gain(rates, self.sample_time)
+        self._build()
+        self.reset()
+
+    @abstractmethod
+    def _build(self) -> None:
+        """Check the actuator's own options and build what stays fixed."""
+
+    @abstractmethod
+    def _rest(self) -> Memory:
+        """Return new memory: settled at u = −1, where v = −1 or near it, after having been at u = 1."""
+
+    @abstractmethod
+    def _respond(self, u: Vector) -> Vector:
+        """Return v (N,) for u (N,), advancing the memory in place."""
+
+    def run(self, x: ArrayLike) -> Vector:
+        """Drive the actuator on from where it stands; see :meth:`Plant.run`."""
+        x = np.asarray(x, dtype=np.float64)
+        if x.ndim != 1:
+            raise ValueError(f"the drive must be 1-d, not of shape {x.shape}")
+        finite = np.isfinite(x)
+        if not finite.all():
+            raise ValueError(f"the drive is not finite at sample {int(np.argmin(finite))}")
+        (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
+        u = np.clip((x - 0.5 * (x_low + x_high)) / (0.5 * (x_high - x_low)), -1.0, 1.0)
+        y: Vector = 0.5 * (y_low + y_high) + 0.5 * (y_high - y_low) * self._respond(u)
+        return y
+
+    def _with_log_creep(self, hysteresis: Vector, u: Vector) -> Vector:
+        """Mix the answer of a hysteresis operator, (N,) and in [−1, 1], with the creep of the module."""
+        K: Vector = log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"])
+        return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
+
+    def _rest_of_log_creep(self) -> Memory:
+        return {"z_creep": np.full(self._a.size, -1.0), "u_previous": np.full(1, -1.0)}
+
+    def reset(self) -> None:
+        """Go to rest at the low end of the drive."""
+        self._memory = self._rest()
+
+    def state(self) -> Memory:
+        """Return a copy of the hysteresis and creep states, in the coordinates u."""
+        return {name: array.copy() for name, array in self._memory.items()}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Put back what :meth:`state` gave."""
+        replace(self._memory, state, type(self).__name__)

@@ -1,0 +1,144 @@
+"""A plant as its sensor sees it: drifting gain, offset, delay, noise, quantisation, in this order.
+
+    d(k) = y_c + g(k Ts) (y(k) − y_c),   g(t) = 1 + ġ t + ĝ sin(2π t / T)
+    m(k) = Q( d(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
+
+y_c is the centre of the plant's range, ν white and Gaussian. The gain belongs to the actuator (temperature, ageing),
+the rest to the sensor and its converter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.plants.protocol import Memory, Plant, Vector, replace
+
+
+@njit(cache=True)
+def gain_from(first: int, count: int, sample_time: float, rate_per_s: float, swing: float, period_s: float) -> Vector:
+    """g at the samples first, first + 1, …, shape (count,); compiled so that one sample has the same bits as many."""
+    gain = np.empty(count)
+    for k in range(count):
+        t = (first + k) * sample_time
+        gain[k] = 1.0 + rate_per_s * t + swing * math.sin(2.0 * math.pi * t / period_s)
+    return gain
+
+
+@dataclass(eq=False)
+class Sensor(Plant):
+    """Wrap a plant into the measurement of the module; itself a plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        What is measured; from then on driven through this object only.
+    noise_um : float
+        σ, standard deviation of the noise, µm.
+    quantum_um : float
+        Δ, step of the converter, µm; 0 means none.
+    gain_drift_per_s : float
+        ġ, 1/s.
+    gain_swing : float
+        ĝ, a pure number.
+    gain_swing_period_s : float
+        T, s.
+    offset_um : float
+        b, µm.
+    delay_samples : int
+        D; before the first answer arrives the line holds the first answer.
+    seed : int
+        Of the noise; the same seed gives the same noise however the run is cut.
+
+    Raises
+    ------
+    ValueError
+        Where an option makes no sensor; the sentence names it.
+
+    Examples
+    --------
+    >>> from piezo_model import plants
+    >>> sensor = plants.Sensor(plants.get("bouc_wen"), noise_um=0.01, quantum_um=0.5, seed=1)
+    >>> (sensor.run([0.0, 75.0, 150.0]) % 0.5).tolist()
+    [0.0, 0.0, 0.0]
+    """
+
+    plant: Plant
+    _: KW_ONLY
+    noise_um: float = 0.0
+    quantum_um: float = 0.0
+    gain_drift_per_s: float = 0.0
+    gain_swing: float = 0.0
+    gain_swing_period_s: float = 10.0
+    offset_um: float = 0.0
+    delay_samples: int = 0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the options and start at time zero."""
+        for option in ("noise_um", "quantum_um"):
+            if not 0.0 <= getattr(self, option) < math.inf:
+                raise ValueError(f"{option} must be a finite number of at least 0, not {getattr(self, option)}")
+        for option in ("gain_drift_per_s", "gain_swing", "offset_um"):
+            if not math.isfinite(getattr(self, option)):
+                raise ValueError(f"{option} must be a finite number, not {getattr(self, option)}")
+        if not 0.0 < self.gain_swing_period_s < math.inf:
+            raise ValueError(f"gain_swing_period_s must be a positive number, not {self.gain_swing_period_s}")
+        for option in ("delay_samples", "seed"):
+            if not (isinstance(getattr(self, option), int | np.integer) and getattr(self, option) >= 0):
+                raise ValueError(f"{option} must be a whole number of at least 0, not {getattr(self, option)}")
+        self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
+        self._begin()
+
+    def _begin(self) -> None:
+        # SFC64 because its whole state is one array of four words.
+        self._generator = np.random.Generator(np.random.SFC64(self.seed))
+        self._samples = 0
+        self._line = np.zeros(self.delay_samples)
+
+    def run(self, x: ArrayLike) -> Vector:
+        """Drive the plant on and measure it; see :meth:`Plant.run`."""
+        y = self.plant.run(x)
+        if not y.size:
+            return y
+        gain = gain_from(self._samples, y.size, self.sample_time, self.gain_drift_per_s, self.gain_swing,
+                         self.gain_swing_period_s)
+        centre = 0.5 * (self.y_range[0] + self.y_range[1])
+        drifted = centre + gain * (y - centre)
+        if self._samples == 0:
+            self._line[:] = drifted[0]
+        self._samples += y.size
+        passing = np.concatenate([self._line, drifted])
+        self._line = passing[y.size:].copy()
+        # Noise is drawn even if its size is 0: changing the size alone never changes its sequence.
+        measured = passing[:y.size] + self.offset_um + self.noise_um * self._generator.standard_normal(y.size)
+        return self.quantum_um * np.round(measured / self.quantum_um) if self.quantum_um > 0.0 else measured
+
+    def reset(self) -> None:
+        """Put the plant at rest, the time to zero and the noise to its beginning."""
+        self.plant.reset()
+        self._begin()
+
+    def _own(self) -> Memory:
+        words = self._generator.bit_generator.state["state"]["state"]
+        return {"generator": np.array(words, dtype=np.uint64), "samples": np.array([self._samples], dtype=np.int64),
+                "delay_line": self._line.copy()}
+
+    def state(self) -> Memory:
+        """Return a copy of the delay line, the time, the generator and, under ``plant.``, the plant's own state."""
+        return {**self._own(), **{f"plant.{name}": array for name, array in self.plant.state().items()}}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Put back what :meth:`state` gave."""
+        own = self._own()
+        replace(own, {name: array for name, array in state.items() if not name.startswith("plant.")}, "Sensor")
+        self.plant.restore({name.removeprefix("plant."): array for name, array in state.items() if name not in own})
+        self._line, self._samples = own["delay_line"], int(own["samples"][0])
+        generator = self._generator.bit_generator
+        generator.state = {**generator.state, "state": {"state": own["generator"]}}

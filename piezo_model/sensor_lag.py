@@ -1,0 +1,183 @@
+"""How many samples a sensor lags behind, and its signal without that lag.
+
+A sensor with a lag of L samples shows y_k = d(k − L) of the displacement d, so that d at the sample k is y at k + L.
+Correlating input and output does not find L: hysteresis lags too. What tells them apart is that a hysteretic model fits
+the output best once the lag is taken out, so L minimises the residual of the identification: an integer grid first,
+then Brent's golden section and parabolas (R. P. Brent, Algorithms for Minimization without Derivatives, 1973, ch. 5)
+for the fraction.
+
+Between samples the signal is interpolated by a sinc under a Kaiser window (J. F. Kaiser, "Nonrecursive digital filter
+design using the I0-sinh window function", 1974) and not by a spline: halfway between samples a cubic spline keeps 75 %
+of the variance of white noise, which the residual would take for a better fit, and this kernel 96 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+Vector = NDArray[np.float64]
+
+HALF_WIDTH = 32
+"""Samples that the interpolation reaches to each side."""
+KAISER_BETA = 10.0
+
+
+@dataclass(frozen=True)
+class LagEstimate:
+    """Where the residual is smallest."""
+
+    lag: float
+    """Samples by which the sensor lags."""
+    cost: float
+    """Residual at that lag."""
+    cost_without: float
+    """Residual at no lag."""
+    evaluations: int
+    at_edge: bool
+    """The smallest residual is at ``max_lag``: the lag may be larger."""
+
+
+class Shifted(NamedTuple):
+    """A signal without its lag, and the samples it is known at."""
+
+    values: Vector
+    kept: slice
+    """``values`` belongs to ``x[kept]``; the samples before and after are trimmed, for want of neighbours."""
+
+
+def minimise_over_lag(cost: Callable[[float], float], max_lag: float, *, resolution: float = 0.01) -> LagEstimate:
+    """Find the lag between 0 and ``max_lag`` samples of the smallest cost.
+
+    Parameters
+    ----------
+    cost : callable
+        Residual of the identification at a lag in samples. It must be counted over the same samples at every lag.
+    max_lag : float
+        Largest lag looked at, in samples.
+    resolution : float
+        Fraction of a sample to which the lag is found.
+
+    Raises
+    ------
+    ValueError
+        ``max_lag`` or ``resolution`` make no sense, or the cost is not a number at some lag.
+
+    Examples
+    --------
+    >>> round(minimise_over_lag(lambda lag: (lag - 2.25) ** 2, 6).lag, 2)
+    2.25
+    """
+    if not (math.isfinite(max_lag) and max_lag >= 0):
+        raise ValueError(f"max_lag must be a finite number of samples from 0 up, not {max_lag}")
+    if not resolution > 0:
+        raise ValueError(f"resolution must be a positive fraction of a sample, not {resolution}")
+    costs: dict[float, float] = {}
+
+    def seen(lag: float) -> float:
+        lag = float(lag)
+        if lag not in costs:
+            costs[lag] = float(cost(lag))
+            if math.isnan(costs[lag]):
+                raise ValueError(f"the cost is not a number at a lag of {lag:g} samples")
+        return costs[lag]
+
+    grid = sorted({*map(float, range(math.floor(max_lag) + 1)), float(max_lag)})
+    best = min(grid, key=seen)
+    low, high = max(0.0, best - 1), min(float(max_lag), best + 1)
+    if high > low:
+        minimize_scalar(seen, bounds=(low, high), method="bounded", options={"xatol": resolution})
+    lag = min(costs, key=costs.__getitem__)
+    return LagEstimate(lag, costs[lag], costs[0.0], len(costs), at_edge=max_lag - lag <= resolution)
+
+
+def shift_output(y: Vector, lag: float) -> Shifted:
+    """Advance a signal by a fraction of samples.
+
+    Parameters
+    ----------
+    y : array, shape (samples,)
+        Signal of a sensor that lags.
+    lag : float
+        Samples to advance by, of either sign. Whole ones only move the samples.
+
+    Returns
+    -------
+    values : array, shape (kept,)
+        The signal at ``k + lag`` for every sample ``k`` of ``kept``.
+    kept : slice
+        Samples that are left: all that have a neighbour there, and :data:`HALF_WIDTH` to both sides for a fraction.
+
+    Raises
+    ------
+    ValueError
+        Nothing would be left.
+
+    Examples
+    --------
+    >>> shift_output(np.arange(5.0), 2)
+    Shifted(values=array([2., 3., 4.]), kept=slice(0, 3, None))
+    """
+    y = np.ascontiguousarray(y, dtype=np.float64)
+    if y.ndim != 1:
+        raise ValueError(f"the signal must be one-dimensional, not of shape {y.shape}")
+    if not math.isfinite(lag):
+        raise ValueError(f"the lag must be a finite number of samples, not {lag}")
+    whole = math.floor(lag + 1e-9)
+    fraction = max(0.0, lag - whole)
+    kernel = _kernel(fraction) if fraction > 1e-9 else np.ones(1)
+    before = kernel.size // 2 - 1 if kernel.size > 1 else 0  # neighbours needed before and after k + whole
+    after = kernel.size - 1 - before
+    start, stop = max(0, before - whole), min(y.size, y.size - after - whole)
+    if stop <= start:
+        raise ValueError(f"{y.size} samples are too few to be shifted by {lag:g} samples")
+    values: Vector = np.correlate(y[start + whole - before:stop + whole + after], kernel, mode="valid")
+    return Shifted(values, slice(start, stop))
+
+
+def estimate_lag(x: Vector, y: Vector, residual: Callable[[Vector, Vector], float], max_lag: float) -> float:
+    """Lag of the output, in samples, at which a model of it leaves the smallest residual.
+
+    :func:`minimise_over_lag` tells more: the residuals, and whether the lag may be larger than ``max_lag``.
+
+    Parameters
+    ----------
+    x, y : array, shape (samples,)
+        Input and output as recorded.
+    residual : callable
+        Fits a model to an input and an output of equal length and returns what it leaves, such as the RMS error. It
+        is called with the same samples of x at every lag.
+    max_lag : float
+        Largest lag looked at, in samples.
+
+    Raises
+    ------
+    ValueError
+        Unequal lengths, or too few samples.
+    """
+    if x.shape != y.shape:
+        raise ValueError(f"input and output must be of one length, not {x.shape} and {y.shape}")
+    start, stop = HALF_WIDTH, y.size - HALF_WIDTH - math.ceil(max_lag)
+    if stop <= start:
+        raise ValueError(f"{y.size} samples are too few to look for a lag of up to {max_lag:g} samples")
+
+    def cost(lag: float) -> float:
+        values, kept = shift_output(y, lag)
+        return residual(x[start:stop], values[start - kept.start:stop - kept.start])
+
+    return minimise_over_lag(cost, max_lag).lag
+
+
+def _kernel(fraction: float) -> Vector:
+    """Weights of the neighbours −HALF_WIDTH + 1 … HALF_WIDTH for the value at ``fraction``, with sum 1."""
+    distance = np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - fraction
+    window = np.i0(KAISER_BETA * np.sqrt(np.clip(1 - (distance / HALF_WIDTH) ** 2, 0, None)))
+    kernel: Vector = np.sinc(distance) * window
+    kernel /= kernel.sum()
+    return kernel

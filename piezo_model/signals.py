@@ -1,0 +1,229 @@
+"""Drive and reference signals s(k), k = 0 … N − 1 at the times k Ts, with N = duration / Ts.
+
+Every signal has the unit of its limits (V for a drive, µm for a reference), stays inside low ≤ s ≤ high and is a pure
+function of its arguments. The staircase is the one of the paper's Fig. 4; the decaying triangle moves every play both
+ways; the multi-sine takes the phases of M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences
+with low autocorrelation", IEEE Transactions on Information Theory 16 (1970), 85-89. They are made for harmonic tones;
+on log-spaced ones their crest, about 3, is no better than that of most random phases, and far from the 5 of cosines
+in phase.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Vector = NDArray[np.float64]
+
+
+def _times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
+    """Check what all signals share and return the times of the samples, s, shape (N,)."""
+    _positive(duration_s=duration_s, sample_time=sample_time)
+    if not -math.inf < low < high < math.inf:
+        raise ValueError(f"low and high must be finite with low below high, not {low} and {high}")
+    count = round(duration_s / sample_time)
+    if count < 1:
+        raise ValueError(f"duration_s = {duration_s} is shorter than one sample_time = {sample_time}")
+    return np.arange(count, dtype=np.float64) * sample_time
+
+
+def _positive(**options: float) -> None:
+    for option, value in options.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{option} must be a positive number, not {value}")
+
+
+def _share(**options: float) -> None:
+    for option, value in options.items():
+        if not 0.0 <= value <= 1.0:
+            raise ValueError(f"{option} must lie between 0 and 1, not {value}")
+
+
+def _scaled(share: Vector, low: float, high: float) -> Vector:
+    """Map 0 … 1 to low … high; clipped, since rounding may pass an end by its last bit."""
+    return np.clip(low + (high - low) * share, low, high)
+
+
+def _triangle(phase: Vector) -> Vector:
+    """Triangle of period 1 that rises from 0 at phase 0 to 1 at phase ½ and falls back."""
+    return 1.0 - np.abs(1.0 - 2.0 * (phase % 1.0))
+
+
+def staircase(*, duration_s: float, sample_time: float, low: float, high: float, levels: int = 9,
+              hold_s: float = 0.25) -> Vector:
+    """Steps up through the levels and down again, each held, over and over (the paper's Fig. 4).
+
+    Parameters
+    ----------
+    duration_s, sample_time : float
+        Length and sampling period, s.
+    low, high : float
+        Limits, in the unit of the signal; the first level is low.
+    levels : int
+        Number of levels, low and high among them, at least 2.
+    hold_s : float
+        How long a level is held, s.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+
+    Examples
+    --------
+    >>> staircase(duration_s=6.0, sample_time=1.0, low=0.0, high=10.0, levels=3, hold_s=1.0).tolist()
+    [0.0, 5.0, 10.0, 5.0, 0.0, 5.0]
+    """
+    t = _times(duration_s, sample_time, low, high)
+    _positive(hold_s=hold_s)
+    if levels < 2:
+        raise ValueError(f"levels must be at least 2, not {levels}")
+    # Counted in whole samples, so that rounding of k Ts / hold_s never shifts a step.
+    held = max(1, round(hold_s / sample_time))
+    place = np.arange(t.size) // held % (2 * (levels - 1))
+    return np.linspace(low, high, levels)[np.minimum(place, 2 * (levels - 1) - place)]
+
+
+def decaying_triangle(*, duration_s: float, sample_time: float, low: float, high: float, cycles: float = 8.0,
+                      final_share: float = 0.0) -> Vector:
+    """Triangle about the centre that rises from low to high and whose amplitude falls evenly from there on.
+
+    Parameters
+    ----------
+    duration_s, sample_time : float
+        Length and sampling period, s.
+    low, high : float
+        Limits, in the unit of the signal.
+    cycles : float
+        Number of cycles in the duration, at least 1.
+    final_share : float
+        Amplitude at the end over amplitude at the start, 0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    t = _times(duration_s, sample_time, low, high)
+    if not 1.0 <= cycles < math.inf:
+        raise ValueError(f"cycles must be at least 1, not {cycles}")
+    _share(final_share=final_share)
+    cycle = cycles * t / duration_s
+    amplitude = 1.0 - (1.0 - final_share) * np.maximum(cycle - 0.5, 0.0) / (cycles - 0.5)
+    return _scaled(0.5 + amplitude * (_triangle(cycle) - 0.5), low, high)
+
+
+def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float, tones: int = 12,
+               lowest_Hz: float | None = None, highest_Hz: float = 50.0, seed: int | None = None) -> Vector:
+    """Sum of equal sines whose frequencies are evenly spread in the logarithm, scaled so that it touches both limits.
+
+    Parameters
+    ----------
+    duration_s, sample_time : float
+        Length and sampling period, s.
+    low, high : float
+        Limits, in the unit of the signal.
+    tones : int
+        Number of sines.
+    lowest_Hz, highest_Hz : float
+        Frequencies of the first and the last sine; without lowest_Hz one period in the duration.
+    seed : int, optional
+        Of random phases; without it Schroeder's, −π j (j − 1) / tones for j = 1 … tones.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    t = _times(duration_s, sample_time, low, high)
+    if tones < 1:
+        raise ValueError(f"tones must be at least 1, not {tones}")
+    first_Hz = 1.0 / duration_s if lowest_Hz is None else lowest_Hz
+    if not 0.0 < first_Hz <= highest_Hz < 0.5 / sample_time:
+        raise ValueError(f"lowest_Hz = {first_Hz} and highest_Hz = {highest_Hz} must be positive, in this order, and "
+                         f"below half the sampling rate, {0.5 / sample_time} Hz")
+    j = np.arange(1, tones + 1)
+    schroeder = -np.pi * j * (j - 1) / tones
+    phases = schroeder if seed is None else np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, tones)
+    total = np.zeros(t.size)
+    for frequency_Hz, phase in zip(np.geomspace(first_Hz, highest_Hz, tones), phases, strict=True):
+        total += np.sin(2.0 * np.pi * frequency_Hz * t + phase)
+    spread = float(np.ptp(total))
+    return _scaled((total - total.min()) / spread if spread > 0.0 else np.full(t.size, 0.5), low, high)
+
+
+def raster_scan(*, duration_s: float, sample_time: float, low: float, high: float, line_rate_Hz: float = 10.0,
+                fast_share: float = 0.6, slow_axis: Literal["staircase", "drift"] = "staircase") -> Vector:
+    """Lines of a raster on one axis: a fast triangle whose base moves once from low to high - width of the triangle.
+
+    Parameters
+    ----------
+    duration_s, sample_time : float
+        Length and sampling period, s.
+    low, high : float
+        Limits, in the unit of the signal.
+    line_rate_Hz : float
+        Lines (up and down) in a second, below half the sampling rate.
+    fast_share : float
+        Width of the triangle over high - low, 0 to 1.
+    slow_axis : {"staircase", "drift"}
+        Whether the base moves by a step after each line or evenly.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    t = _times(duration_s, sample_time, low, high)
+    if not 0.0 < line_rate_Hz < 0.5 / sample_time:
+        raise ValueError(f"line_rate_Hz must be positive and below half the sampling rate, {0.5 / sample_time} Hz, "
+                         f"not {line_rate_Hz}")
+    _share(fast_share=fast_share)
+    if slow_axis not in ("staircase", "drift"):
+        raise ValueError(f"slow_axis must be 'staircase' or 'drift', not {slow_axis!r}")
+    line = line_rate_Hz * t
+    last_line = max(1.0, math.ceil(line_rate_Hz * duration_s) - 1.0)
+    base = np.minimum(np.floor(line) / last_line, 1.0) if slow_axis == "staircase" else t / duration_s
+    return _scaled(fast_share * _triangle(line) + (1.0 - fast_share) * base, low, high)
+
+
+def random_walk(*, duration_s: float, sample_time: float, low: float, high: float, seed: int,
+                bandwidth_Hz: float = 20.0, spread_per_root_s: float = 1.0) -> Vector:
+    """Brownian path from the centre, reflected at the limits and smoothed by two lags of first order.
+
+    The lags come after the reflection: each of their values is an average of earlier ones, so the smoothed path has no
+    kinks and is still inside the limits.
+
+    Parameters
+    ----------
+    duration_s, sample_time : float
+        Length and sampling period, s.
+    low, high : float
+        Limits, in the unit of the signal.
+    seed : int
+        Of the path.
+    bandwidth_Hz : float
+        Corner of each lag.
+    spread_per_root_s : float
+        Standard deviation of the free path after one second, over high - low.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    t = _times(duration_s, sample_time, low, high)
+    _positive(bandwidth_Hz=bandwidth_Hz, spread_per_root_s=spread_per_root_s)
+    increments = np.random.default_rng(seed).standard_normal(t.size) * spread_per_root_s * math.sqrt(sample_time)
+    increments[0] = 0.0
+    path = _triangle(0.5 * (0.5 + np.cumsum(increments)))
+    keep = math.exp(-2.0 * math.pi * bandwidth_Hz * sample_time)
+    for _ in range(2):
+        path, _state = lfilter([1.0 - keep], [1.0, -keep], path, zi=[keep * 0.5])
+    return _scaled(path, low, high)
+
+
+SIGNALS: dict[str, Callable[..., Vector]] = {
+    function.__name__: function for function in (staircase, decaying_triangle, multi_sine, raster_scan, random_walk)
+}
+"""Every signal by its name."""

@@ -1,0 +1,243 @@
+"""What a model consists of before its weights are known: orders, thresholds, creep rates, ranges and units.
+
+Inside, amplitudes are of unit size, x̃ = (x − x_centre) / x_scale and ỹ = (y − y_centre) / y_scale, and thresholds
+are given in them; outside, everything is in the units of the user. The unknowns of the identification (5), with
+w_H0 = 1, stand in this order:
+
+    w = (w_H1 … w_Hn,  w'_S,−m … w'_S0 … w'_Sm,  w_K0 … w_Kn,  [offset])        d = n + (2m + 1) + (n + 1) [+ 1]
+
+In *slope coordinates* v the 2m + 1 weights w'_S are replaced by their partial sums outwards from zero, which are the
+slopes of the piecewise linear S⁻¹ (``slope_map``), and the admissible set becomes a box (``lower_bounds``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.vector8 import padded
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+class StructureError(ValueError):
+    """A model structure that cannot be; the message is one sentence that names the field."""
+
+
+@dataclass(frozen=True)
+class ModelStructure:
+    """Orders, thresholds, creep rates, ranges and units of a modified Prandtl–Ishlinskii model with creep.
+
+    Parameters
+    ----------
+    play_thresholds : sequence of n floats
+        r_H1 < … < r_Hn > 0 in unit amplitudes; r_H0 = 0 is implied. Creep has the same thresholds.
+    dead_zone_thresholds : sequence of 2m + 1 floats
+        Ascending, 0 among them, in unit amplitudes: the thresholds r'_S of S⁻¹. The two sides may differ in number.
+    creep_rates : sequence of floats
+        In 1/s; the states of all rates at one threshold share one weight. Empty for a model without creep.
+    sample_time : float
+        Sampling period Ts in s.
+    x_centre, x_scale, y_centre, y_scale : float
+        In the units of input and output; the scales are half the ranges.
+    offset : bool
+        Whether a free constant is identified with the weights; real sensors have one.
+    input_unit, output_unit : str
+
+    Examples
+    --------
+    >>> structure = ModelStructure.equidistant(n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0),
+    ...                                        creep_rates=(10.0, 1.0, 0.1), sample_time=125e-6)
+    >>> structure.d
+    18
+    >>> structure.weight_names[4:7]
+    ('w_H5', "w'_S-3", "w'_S-2")
+    """
+
+    play_thresholds: tuple[float, ...]
+    dead_zone_thresholds: tuple[float, ...]
+    creep_rates: tuple[float, ...]
+    sample_time: float
+    x_centre: float
+    x_scale: float
+    y_centre: float
+    y_scale: float
+    offset: bool = False
+    input_unit: str = "V"
+    output_unit: str = "um"
+
+    def __post_init__(self) -> None:
+        for name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
+            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            numbers = value if isinstance(value, tuple) else (value,) if isinstance(value, float | int) else ()
+            if not all(math.isfinite(number) for number in numbers):
+                raise StructureError(f"{field.name} must be finite, not {value}")
+        r_H, r_S = self.play_thresholds, self.dead_zone_thresholds
+        if any(b <= a for a, b in zip((0.0, *r_H), r_H, strict=False)):
+            raise StructureError(f"play_thresholds must be positive and ascending, not {r_H}")
+        if 0.0 not in r_S or any(b <= a for a, b in zip(r_S, r_S[1:], strict=False)):
+            raise StructureError(f"dead_zone_thresholds must be ascending with 0 among them, not {r_S}")
+        for name in ("creep_rates", "sample_time", "x_scale", "y_scale"):
+            value = getattr(self, name)
+            if any(number <= 0.0 for number in (value if isinstance(value, tuple) else (value,))):
+                raise StructureError(f"{name} must be positive, not {value}")
+        if len(set(self.creep_rates)) != len(self.creep_rates):
+            raise StructureError(f"creep_rates must differ from each other, not {self.creep_rates}")
+
+    @classmethod
+    def equidistant(cls, n: int, m: int, x_range: tuple[float, float], y_range: tuple[float, float],
+                    creep_rates: Sequence[float], sample_time: float, *, offset: bool = False,
+                    input_unit: str = "V", output_unit: str = "um") -> ModelStructure:
+        """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1)."""
+        if n < 0 or m < 0:
+            raise StructureError(f"the orders n and m must not be negative, not n = {n}, m = {m}")
+        x_centre, x_scale = _centre_and_scale("x_range", x_range)
+        y_centre, y_scale = _centre_and_scale("y_range", y_range)
+        return cls(tuple(i / (n + 1) for i in range(1, n + 1)), tuple(i / (m + 1) for i in range(-m, m + 1)),
+                   tuple(creep_rates), sample_time, x_centre, x_scale, y_centre, y_scale, offset, input_unit,
+                   output_unit)
+
+    @classmethod
+    def from_thresholds(cls, play: Sequence[float], dead_zone: Sequence[float], x_range: tuple[float, float],
+                        y_range: tuple[float, float], creep_rates: Sequence[float], sample_time: float, *,
+                        offset: bool = False, input_unit: str = "V", output_unit: str = "um") -> ModelStructure:
+        """Thresholds of the user's own in units of input and output, measured from the centres of the ranges."""
+        x_centre, x_scale = _centre_and_scale("x_range", x_range)
+        y_centre, y_scale = _centre_and_scale("y_range", y_range)
+        return cls(tuple(r / x_scale for r in play), tuple(r / y_scale for r in dead_zone), tuple(creep_rates),
+                   sample_time, x_centre, x_scale, y_centre, y_scale, offset, input_unit, output_unit)
+
+    @property
+    def n(self) -> int:
+        """Order of hysteresis and creep: number of play thresholds above zero."""
+        return len(self.play_thresholds)
+
+    @property
+    def dead_zones(self) -> int:
+        """Number of weights of the superposition operator, 2m + 1 when both sides have m thresholds."""
+        return len(self.dead_zone_thresholds)
+
+    @property
+    def middle(self) -> int:
+        """Index of the threshold zero among the dead zones."""
+        return self.dead_zone_thresholds.index(0.0)
+
+    @property
+    def creep_weights(self) -> int:
+        """Number of creep weights: n + 1, or none without creep rates."""
+        return self.n + 1 if self.creep_rates else 0
+
+    @property
+    def lanes(self) -> int:
+        """Number of thresholds of play and creep, padded to whole blocks of eight (`solvers.vector8`)."""
+        return padded(self.n + 1)
+
+    @property
+    def d(self) -> int:
+        """Number of unknowns."""
+        return self.n + self.dead_zones + self.creep_weights + self.offset
+
+    @property
+    def slices(self) -> tuple[slice, slice, slice]:
+        """Where w_H1…n, w'_S and w_K stand in w."""
+        a, b = self.n, self.n + self.dead_zones
+        return slice(0, a), slice(a, b), slice(b, b + self.creep_weights)
+
+    @property
+    def weight_names(self) -> tuple[str, ...]:
+        """Names of the unknowns, in order."""
+        return (*(f"w_H{i}" for i in range(1, self.n + 1)),
+                *(f"w'_S{i - self.middle}" for i in range(self.dead_zones)),
+                *(f"w_K{i}" for i in range(self.creep_weights)), *(("offset",) if self.offset else ()))
+
+    @cached_property
+    def slope_map(self) -> Matrix:
+        """The bijection T from slope to weight coordinates, w = T v, shape (d, d)."""
+        T = np.eye(self.d)
+        first, middle = self.n, self.n + self.middle
+        for i in range(first, first + self.dead_zones):
+            if i > middle:
+                T[i, i - 1] = -1.0
+            elif i < middle:
+                T[i, i + 1] = -1.0
+        return T
+
+    @cached_property
+    def inverse_slope_map(self) -> Matrix:
+        """The partial sums T⁻¹ from weight to slope coordinates, v = T⁻¹ w, shape (d, d), of zeros and ones."""
+        S = np.eye(self.d)
+        first, middle, last = self.n, self.n + self.middle, self.n + self.dead_zones
+        for i in range(first, last):
+            S[i, min(i, middle):max(i, middle) + 1] = 1.0
+        return S
+
+    def lower_bounds(self, min_slope: float) -> Vector:
+        """Lower bounds of v: 0 for w_H and w_K, ``min_slope`` (unit amplitudes) for slopes, −∞ for the offset."""
+        lb = np.zeros(self.d)
+        lb[self.slices[1]] = min_slope
+        if self.offset:
+            lb[-1] = -np.inf
+        return lb
+
+    @cached_property
+    def straight_line(self) -> Vector:
+        """The weights of y in range for x in range without hysteresis or creep: what is believed before any data."""
+        w = np.zeros(self.d)
+        w[self.n + self.middle] = 1.0
+        return w
+
+    def unit_input(self, x: Vector) -> Vector:
+        """Input in unit amplitudes."""
+        return (x - self.x_centre) / self.x_scale
+
+    def unit_output(self, y: Vector) -> Vector:
+        """Output in unit amplitudes."""
+        return (y - self.y_centre) / self.y_scale
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields as JSON can hold them."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ModelStructure:
+        """Make the structure from the fields of :meth:`to_dict`; StructureError names what is missing or wrong."""
+        missing = [field.name for field in fields(cls) if field.name not in data]
+        unknown = sorted(set(data) - {field.name for field in fields(cls)})
+        if missing or unknown:
+            raise StructureError(f"structure has no {missing[0]!r}" if missing
+                                 else f"structure has an unknown field {unknown[0]!r}")
+        for field in fields(cls):
+            _check_type(field.name, data[field.name])
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in data.items()})
+
+
+def _centre_and_scale(name: str, span: tuple[float, float]) -> tuple[float, float]:
+    low, high = float(span[0]), float(span[1])
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise StructureError(f"{name} must be two finite numbers in ascending order, not {span}")
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+def _check_type(name: str, value: object) -> None:
+    def is_number(item: object) -> bool:
+        return isinstance(item, int | float) and not isinstance(item, bool)
+
+    if name in ("input_unit", "output_unit"):
+        right = isinstance(value, str)
+    elif name == "offset":
+        right = isinstance(value, bool)
+    elif name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
+        right = isinstance(value, list | tuple) and all(is_number(item) for item in value)
+    else:
+        right = is_number(value)
+    if not right:
+        raise StructureError(f"structure field {name!r} has a value of the wrong type: {value!r}")

@@ -1,0 +1,51 @@
+"""Pieces of a table: float64 arrays of shape (columns, rows), cut to any size while they stream by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+BUFFER_BYTES = 1 << 18
+"""Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""
+
+
+class RecordingError(ValueError):
+    """A recording cannot be read or written; the message is one sentence that names file, column and row."""
+
+
+def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:
+    """Cut pieces of any number of rows into pieces of exactly ``size`` rows, the last one shorter; all are copies.
+
+    >>> [piece.shape for piece in rechunk([np.zeros((2, 5)), np.zeros((2, 4))], 4)]
+    [(2, 4), (2, 4), (2, 1)]
+    """
+    if size < 1:
+        raise ValueError(f"the size of a chunk must be at least 1, not {size}")
+    held: list[Matrix] = []
+    missing = size
+    for piece in pieces:
+        while piece.shape[1] >= missing:
+            yield np.concatenate([*held, piece[:, :missing]], axis=1)
+            piece, held, missing = piece[:, missing:], [], size
+        if piece.shape[1]:
+            held.append(piece)
+            missing -= piece.shape[1]
+    if held:
+        yield np.concatenate(held, axis=1)
+
+
+def matrix_of(batch: pa.RecordBatch) -> Matrix:
+    """Columns of numbers of a batch as an array of its own, shape (columns, rows), NaN where a value is missing."""
+    columns = [column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False) for column in batch.columns]
+    return np.stack(columns)
+
+
+def first_line(error: Exception) -> str:
+    """What another library has to say, as a clause of a sentence."""
+    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__

@@ -1,0 +1,100 @@
+"""Columns of numbers into a CSV or Parquet file, whole or not at all.
+
+Everything is checked before the first byte is written, and the table is written beside its target and renamed over it
+(:mod:`piezo_model.atomic_file`): whoever reads the file sees the old one or the new one, and a failure halfway leaves
+the old one as it was. CSV follows RFC 4180 with the shortest decimals that give the same float64 back.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
+import pyarrow.parquet as arrow_parquet
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.atomic_file import replacing
+from piezo_model.table_pieces import RecordingError
+
+WRITTEN_SUFFIXES = (".csv", ".parquet")
+
+
+def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
+    """Write named columns of equal length atomically; numbers come back to the last bit.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv`` (comma, decimal point, header) or ``.parquet``; an existing file is replaced.
+    columns : mapping of str to array, shape (rows,)
+        Finite numbers; put units in the names (``time_s``, ``voltage_V``).
+
+    Raises
+    ------
+    RecordingError
+        Unknown suffix, unequal lengths, values that are not finite numbers, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "drive.csv"
+    >>> write_table(path, {"time_s": [0.0, 0.005], "voltage_V": [1.8, 1.9]})
+    >>> print(path.read_text(), end="")
+    time_s,voltage_V
+    0,1.8
+    0.005,1.9
+    """
+    path = Path(path)
+    if path.suffix.lower() not in WRITTEN_SUFFIXES:
+        raise RecordingError(f"{path}: unknown suffix {path.suffix!r}; a table is written as "
+                             f"{' or '.join(WRITTEN_SUFFIXES)}")
+    table = pa.table({name: _column(path, name, values) for name, values in _checked_names(path, columns).items()})
+    write = _write_csv if path.suffix.lower() == ".csv" else arrow_parquet.write_table
+    try:
+        with replacing(os.path.realpath(path)) as temporary, temporary.open("wb") as file:  # a link stays a link
+            write(table, file)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _checked_names(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    if not arrays:
+        raise RecordingError(f"{path}: a table needs at least one column")
+    lengths = {name: array.shape for name, array in arrays.items()}
+    if any(len(shape) != 1 for shape in lengths.values()) or len(set(lengths.values())) > 1:
+        shapes = ", ".join(f"{name!r} {shape}" for name, shape in lengths.items())
+        raise RecordingError(f"{path}: columns must be one-dimensional and of one length, not {shapes}")
+    return arrays
+
+
+def _column(path: Path, name: str, values: NDArray[Any]) -> NDArray[Any]:
+    if values.dtype.kind not in "iuf":
+        raise RecordingError(f"{path}: column {name!r} holds {values.dtype}, where numbers are needed")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise RecordingError(f"{path}: column {name!r} holds {values[bad[0]]} in data row {bad[0] + 1}, "
+                             "where a finite number is needed")
+    return values
+
+
+def _write_csv(table: pa.Table, file: BinaryIO) -> None:
+    header = _Line()
+    csv.writer(header, lineterminator="\n").writerow(table.column_names)
+    file.write(header.text.encode())
+    arrow_csv.write_csv(table, file, arrow_csv.WriteOptions(include_header=False))
+
+
+class _Line:
+    """The one line that csv.writer, which wants a file, is asked for."""
+
+    text = ""
+
+    def write(self, text: str) -> None:
+        self.text += text

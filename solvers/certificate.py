@@ -1,0 +1,266 @@
+"""The certified optimum of a convex quadratic program, and the exact distance in cost of any answer from it.
+
+    minimise V(x) = ½ xᵀ(P + δI) x + qᵀx   subject to   G x ≤ h,  A x = b,  lb ≤ x ≤ ub
+
+The data are doubles, hence rationals, and everything here is computed in rationals. A proof has seven lines, which
+:func:`verify` replays from the data and the stored ingredients alone:
+
+1. problem: the data are those that the certificate was made for (SHA-256).
+2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact_problem`; δ = 0 almost always.
+3. stationarity: the optimality system of the stored active set is regular; its solution is x*, λ*.
+4. feasibility: x* breaks no constraint.
+5. signs: no inequality has a negative multiplier. With 2 to 4 these are the KKT conditions, and any KKT point of a
+   convex program is optimal (Boyd, Vandenberghe, *Convex Optimization*, 2004, section 5.5.3).
+6. value: V(x*) equals the stored rational. It is the only optimal value even where x* is not the only optimum.
+7. answer: the stored doubles are x* and V(x*) rounded, and the stored word on uniqueness is right.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpz
+from qpsolvers import Problem
+
+from solvers.exact_active_set import is_unique, optimum
+from solvers.exact_linear_algebra import RationalColumn, column, nearest_double, power_of_two
+from solvers.exact_problem import DoubleProblem, finite
+from solvers.exact_program import ExactProgram, Infeasible, Kind, NotCertified, Point, Unbounded, stationary_point
+from solvers.protocol import Vector
+
+__all__ = ["Certificate", "Gap", "Infeasible", "NotCertified", "Unbounded", "certify", "exact_cost_gap",
+           "exact_optimum", "verify"]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The ingredients of the proof.
+
+    Attributes
+    ----------
+    problem : str
+        SHA-256 of the data.
+    lower, upper, rows, equalities, pinned : tuple of int
+        The working set: variables at their bounds, active rows of G, rows of A that are independent, and variables
+        that nothing decides and that are set to zero.
+    convexity_shift : float
+        δ.
+    unique : bool
+        Whether x* is the only optimum (of the shifted problem).
+    x : tuple of float
+        x* rounded to double; :func:`exact_optimum` gives it exactly.
+    value : str
+        V(x*) as "p/q" in lowest terms.
+    value_rounded : float
+        V(x*) rounded to double.
+    """
+
+    problem: str
+    lower: tuple[int, ...]
+    upper: tuple[int, ...]
+    rows: tuple[int, ...]
+    equalities: tuple[int, ...]
+    pinned: tuple[int, ...]
+    convexity_shift: float
+    unique: bool
+    x: tuple[float, ...]
+    value: str
+    value_rounded: float
+
+    def to_json(self) -> str:
+        """One JSON object; doubles survive the round trip bit by bit."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Certificate:
+        """The inverse of :meth:`to_json`; raises ValueError for anything else."""
+        try:
+            stored: Any = {name: tuple(value) if isinstance(value, list) else value
+                           for name, value in json.loads(text).items()}
+            return cls(**stored)
+        except (AttributeError, TypeError, json.JSONDecodeError) as error:
+            raise ValueError(f"this is not a certificate: {error}") from error
+
+    def active(self) -> Iterator[tuple[Kind, int]]:
+        """The working set by name."""
+        for kind, indices in ((Kind.EQUALITY, self.equalities), (Kind.LOWER, self.lower), (Kind.UPPER, self.upper),
+                              (Kind.ROW, self.rows), (Kind.PIN, self.pinned)):
+            yield from ((kind, i) for i in indices)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far an answer x is from the optimum.
+
+    Attributes
+    ----------
+    absolute : float
+        V(x̂) − V* ≥ 0, exact and rounded once, where x̂ is the feasible point nearest to x.
+    relative : float
+        absolute / max(|V* + c|, 2^-52 |c|, smallest normal double). With c = ½Σx² the sum V + c is a sum of squared
+        errors; below 2^-52 |c| the sum V* + c is nothing but the rounding of c.
+    violation : float
+        ‖x − x̂‖∞, reported apart because an infeasible x can cost less than V*.
+    """
+
+    absolute: float
+    relative: float
+    violation: float
+
+
+def _positions(program: ExactProgram) -> dict[tuple[Kind, int], int]:
+    """Where each constraint stands in the program; the pins follow the constraints."""
+    known = {(c.kind, c.index): k for k, c in enumerate(program.constraints)}
+    return known | {(Kind.PIN, i): len(known) + i for i in range(program.d)}
+
+
+def _nearest_feasible(program: ExactProgram, x: RationalColumn) -> RationalColumn:
+    """The Euclidean projection of x on the feasible set, exactly; raises :class:`Infeasible`."""
+    identity = [[fmpz(int(i == j)) for j in range(program.d)] for i in range(program.d)]
+    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x))[1].x
+
+
+def certify(problem: Problem, x: Vector, *, max_pivots: int = 1000) -> Certificate:
+    """Prove the optimum of a problem, starting from any answer.
+
+    Parameters
+    ----------
+    problem : qpsolvers.Problem
+        d variables; finite doubles, bounds and h may be infinite on their open side.
+    x : array, shape (d,)
+        A solver's answer. The better it is, the fewer exact pivots are needed; the proof does not depend on it.
+    max_pivots : int
+        How many working sets may be tried.
+
+    Raises
+    ------
+    NotCertified
+        The problem is not convex, infeasible (:class:`Infeasible`), unbounded (:class:`Unbounded`), or takes too long.
+    ValueError
+        NaN or an infinity in the data or in x, or a wrong shape.
+
+    Examples
+    --------
+    >>> problem = Problem(np.eye(2), np.array([-3.0, 1.0]), lb=np.zeros(2), ub=np.full(2, 2.0))
+    >>> proof = certify(problem, np.array([1.9, 0.1]))
+    >>> proof.x, proof.value, proof.lower, proof.upper, proof.unique
+    ((2.0, 0.0), '-4', (1,), (0,), True)
+    """
+    data = DoubleProblem.of(problem)
+    x = finite("x", x, data.q.shape)
+    shift, definite = data.convexity_shift()
+    program, factor = data.exact(shift)
+    positions = _positions(program)
+    try:
+        W, point = optimum(program, [positions[name] for name in data.guess(x)], max_pivots)
+    except Unbounded:
+        _nearest_feasible(program, column(x))  # an empty feasible set can show a ray too: then this raises Infeasible
+        raise
+    names = [program.constraint(k) for k in W]
+    lower, upper, rows, equalities, pinned = (
+        tuple(sorted(c.index for c in names if c.kind is kind))
+        for kind in (Kind.LOWER, Kind.UPPER, Kind.ROW, Kind.EQUALITY, Kind.PIN))
+    value = program.value(point.x) * factor
+    return Certificate(data.fingerprint(), lower, upper, rows, equalities, pinned, shift,
+                       definite or is_unique(program, point), _rounded(point.x), str(value), nearest_double(value))
+
+
+def _rounded(x: RationalColumn) -> tuple[float, ...]:
+    return tuple(nearest_double(entry) for entry in x.entries())
+
+
+def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
+    """Line 3 of the proof."""
+    positions, active = _positions(program), list(certificate.active())
+    for kind, i in active:
+        if (kind, i) not in positions:
+            raise NotCertified(f"proof line 3 (stationarity) fails: the problem has no {kind.value} {i}")
+    if len(set(active)) < len(active):
+        raise NotCertified("proof line 3 (stationarity) fails: the active set names a constraint twice")
+    try:
+        return stationary_point(program, [positions[name] for name in active])
+    except ZeroDivisionError as error:
+        raise NotCertified("proof line 3 (stationarity) fails: the system of the active set is singular") from error
+
+
+def exact_optimum(problem: Problem, certificate: Certificate) -> list[Any]:
+    """x* as d rationals (flint.fmpq), rebuilt from the active set; :func:`verify` is what checks them."""
+    program, _ = DoubleProblem.of(problem).exact(certificate.convexity_shift)
+    return list(_stored_point(program, certificate).x.entries())
+
+
+def verify(problem: Problem, certificate: Certificate) -> None:
+    """Replay the proof; return if every line holds, else raise :class:`NotCertified` naming the first that fails."""
+    def line(name: str, holds: bool, why: str) -> None:
+        if not holds:
+            raise NotCertified(f"proof line {name} fails: {why}")
+
+    data = DoubleProblem.of(problem)
+    line("1 (problem)", certificate.problem == data.fingerprint(), "the certificate belongs to other data")
+    shift, definite = data.convexity_shift()
+    line("2 (convexity)", certificate.convexity_shift == shift, f"the rule gives the shift {shift!r}")
+    program, factor = data.exact(shift)
+    point = _stored_point(program, certificate)
+    for k in point.wrong:
+        line("4 (feasibility)", k in point.multipliers, f"x* breaks the {program.constraint(k)}")
+    for k in point.wrong:
+        line("5 (signs)", False, f"the multiplier of the {program.constraint(k)} has the wrong sign")
+    value = program.value(point.x) * factor
+    line("6 (value)", certificate.value == str(value), f"the value is another, near {nearest_double(value)!r}")
+    line("7 (answer)", certificate.value_rounded == nearest_double(value), "value_rounded is not the value rounded")
+    line("7 (answer)", certificate.x == _rounded(point.x), "x is not x* rounded")
+    unique = definite or is_unique(program, point)
+    line("7 (answer)", certificate.unique == unique, f"the optimum is {'' if unique else 'not '}unique")
+
+
+def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: float = 0.0) -> Gap:
+    """The exact cost of an answer above the certified optimum.
+
+    Parameters
+    ----------
+    problem : qpsolvers.Problem
+    certificate : Certificate
+        Of this problem; its value is believed (:func:`verify` checks it).
+    x : array, shape (d,)
+        The answer. It is brought to the nearest feasible point x̂ first: by clipping where there are bounds only, else
+        by the exact Euclidean projection, a quadratic program with P = I that the same rational pivots solve.
+    c : float
+        Constant term of the problem, in the units of V.
+
+    Raises
+    ------
+    NotCertified
+        The certificate is of another problem, or the gap is negative, which disproves it.
+    ValueError
+        NaN or an infinity in x or c, or a wrong shape.
+
+    Examples
+    --------
+    >>> problem = Problem(np.eye(2), np.array([-3.0, 1.0]), lb=np.zeros(2), ub=np.full(2, 2.0))
+    >>> exact_cost_gap(problem, certify(problem, np.zeros(2)), np.array([1.5, -0.25]), c=5.0)
+    Gap(absolute=0.625, relative=0.625, violation=0.25)
+    """
+    data = DoubleProblem.of(problem)
+    x = finite("x", x, data.q.shape)
+    if not math.isfinite(c):
+        raise ValueError(f"the constant term c is {c}")
+    if certificate.problem != data.fingerprint():
+        raise NotCertified("proof line 1 (problem) fails: the certificate belongs to other data")
+    program, factor = data.exact(certificate.convexity_shift)
+    given = column(x)
+    if not (data.h.size or data.b.size):
+        feasible = column(np.clip(x, data.lb, data.ub))
+    else:
+        feasible = _nearest_feasible(program, given) if program.violated(given) else given
+    best, constant = fmpq(certificate.value), fmpq(*float(c).as_integer_ratio())
+    gap = program.value(feasible) * factor - best
+    if gap < 0:
+        raise NotCertified(f"a feasible point costs {nearest_double(-gap):.3g} less than the certified optimum")
+    scale = max(abs(best + constant), abs(constant) * power_of_two(-52), power_of_two(-1022))
+    moved = max(abs(entry) for entry in (given - feasible).entries())
+    return Gap(nearest_double(gap), nearest_double(gap / scale), nearest_double(moved))

@@ -1,0 +1,1 @@
+"""Solver libraries driven through their own persistent object."""

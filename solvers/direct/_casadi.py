@@ -1,0 +1,76 @@
+"""What the quadratic program plugins inside CasADi have in common.
+
+    minimise ½ xᵀh x + gᵀx   subject to   lba ≤ a x ≤ uba,  lbx ≤ x ≤ ubx;   h = P, g = q, a = (A; G)
+
+Source: J. A. E. Andersson, J. Gillis, G. Horn, J. B. Rawlings, M. Diehl, "CasADi: a software framework for nonlinear
+optimization and optimal control", Mathematical Programming Computation 11 (2019), pages 1 to 36.
+
+Timed: ``setup`` makes the function; ``update`` copies P and q into arrays that the function reads in place through its
+buffer; ``solve`` is one call, which converts nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import casadi
+import numpy as np
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Vector
+from solvers.rows import Program
+
+
+class Conic(Solver):
+    """A ``casadi.conic`` function of dense h and a."""
+
+    lane = Lane.DIRECT
+    distribution = "casadi"
+    plugin: ClassVar[str]
+    quiet: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    """Options that stop the plugin from printing."""
+
+    def options(self, d: int, m: int) -> dict[str, Any]:
+        """The options of the plugin for d variables and m rows."""
+        return {**self.quiet, **self.settings}
+
+    def setup(self, problem: Problem) -> None:
+        self.program = p = Program(problem)
+        R, m = p.R[p.general], len(p.R[p.general])
+        self._x, self._w = np.zeros(p.d), np.zeros(p.u.size)
+        shapes = {"h": casadi.Sparsity.dense(p.d, p.d), "a": casadi.Sparsity.dense(m, p.d)}
+        # qpOASES greets on standard output whenever one is made, whatever its print level.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._function = casadi.conic("qp", self.plugin, shapes,
+                                          {"error_on_fail": False, **self.options(p.d, m)})
+            self._buffer: Any
+            self._buffer, self._call = self._function.buffer()
+        # The buffer keeps addresses and no references, and reads columns first. The start is given too: HPIPM's plugin
+        # reads it through a null pointer otherwise.
+        self._held = {"h": p.P.reshape(-1), "g": p.q, "a": R.ravel(order="F"), "lba": p.l[p.general],
+                      "uba": p.u[p.general], "lbx": p.l[p.bounds], "ubx": p.u[p.bounds],
+                      "x0": np.zeros(p.d), "lam_x0": np.zeros(p.d), "lam_a0": np.zeros(m)}
+        for key, array in self._held.items():
+            if array.size:
+                self._buffer.set_arg(self._function.index_in(key), array.data)
+        for key, array in {"x": self._x, "lam_x": self._w[p.bounds], "lam_a": self._w[p.general]}.items():
+            if array.size:
+                self._buffer.set_res(self._function.index_out(key), array.data)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        self.program.take(P, q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        self._call()
+        self._stats = self._buffer.stats()
+        return self._x if self._stats["success"] else self.program.no_answer()
+
+    def solution(self) -> Solution:
+        stats, seconds = self._stats, self._stats.get("t_wall_solver")
+        return self.program.solution(self._x, self._w, bool(stats["success"]),
+                                     status=f"{stats['unified_return_status']}: {stats['return_status']}",
+                                     reported_us=1e6 * seconds if seconds else None, iterations=stats["iter_count"])

@@ -1,0 +1,65 @@
+"""Quadratic programs with bounds as linear least squares on the Cholesky factor of P.
+
+    ½ xᵀP x + qᵀx = ½ ‖Lᵀx + L⁻¹q‖² + constant   with   P = L Lᵀ
+
+Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23. ``setup`` and ``update`` factorise.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from qpsolvers import Problem
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+
+from solvers.direct._box import BoxMinimiser, Outcome
+from solvers.protocol import Lane, Matrix, Unsupported, Vector
+
+
+def cholesky(P: Matrix, name: str) -> Matrix:
+    """L of P = L Lᵀ, lower triangular (d, d), or :class:`Unsupported` for a P that is not positive definite."""
+    try:
+        L: Matrix = np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        raise Unsupported(f"{name} needs a positive definite P, and P has no Cholesky factor") from None
+    return L
+
+
+class LeastSquares(BoxMinimiser):
+    """A solver of minimise ‖Lᵀx − right‖ with bounds."""
+
+    lane = Lane.DIRECT
+    licence = "BSD-3-Clause"
+    distribution = "scipy"
+
+    def setup(self, problem: Problem) -> None:
+        super().setup(problem)
+        self.L = cholesky(self.program.P, self.name)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        super().update(P, q)
+        if P is not None:
+            self.L = cholesky(self.program.P, self.name)
+
+    def right(self, linear: Vector) -> Vector:
+        """−L⁻¹ times a linear cost, shape (d,)."""
+        solved: Vector = solve_triangular(self.L, -linear, lower=True, check_finite=False)
+        return solved
+
+
+class LsqLinear(LeastSquares):
+    """scipy.optimize.lsq_linear; its ``tol`` is relative, on the cost and (trf) on the scaled gradient."""
+
+    method: ClassVar[Any]
+
+    def setup(self, problem: Problem) -> None:
+        super().setup(problem)
+        if np.any(self.lb == self.ub):
+            raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
+
+    def minimise(self, start: Vector | None) -> Outcome:
+        result = lsq_linear(self.L.T, self.right(self.program.q), (self.lb, self.ub), method=self.method,
+                            **self.settings)
+        return Outcome(result.x, bool(result.success), str(result.message), int(result.nit))

@@ -1,0 +1,35 @@
+"""HPIPM: interior point method, reached through CasADi as an optimal control problem of one stage.
+
+    minimise ½ xᵀP x + qᵀx   subject to   l ≤ R x ≤ u,  lb ≤ x ≤ ub
+
+Source: G. Frison, M. Diehl, "HPIPM: a high-performance quadratic programming framework for model predictive control",
+IFAC-PapersOnLine 53 (2020), pages 6563 to 6569.
+
+Timed: as in :mod:`solvers.direct._casadi`. The plugin takes control problems only: a stage without dynamics whose state
+is x is our problem; without naming the stage, the plugin ends the process. It has no infinite bounds and puts 1e8 there,
+with which rounding alone keeps residuals above 1e-9; the tiers put 1e6, so no |x_i| may come near that. The settings
+are those of HPIPM itself: ``res_g_max``, ``res_b_max``, ``res_d_max``, ``res_m_max`` bound the four residuals.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Any
+
+from solvers.direct._casadi import Conic
+from solvers.protocol import Tier
+
+
+class CasadiHpipm(Conic):
+    """``casadi.conic`` with the plugin hpipm."""
+
+    name = "casadi_hpipm"
+    algorithm = "interior point"
+    licence = "BSD-2-Clause"
+    plugin = "hpipm"
+    tiers = MappingProxyType({tier: {f"res_{of}_max": tier.tolerance for of in "gbdm"}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def options(self, d: int, m: int) -> dict[str, Any]:  # noqa: D102
+        infinity = 1e8 if self.tier is Tier.DEFAULT else 1e6
+        return {"N": 0, "nx": [d], "nu": [0], "ng": [m], "inf": infinity, "hpipm": self.settings}

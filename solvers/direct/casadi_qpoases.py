@@ -1,0 +1,28 @@
+"""qpOASES: parametric active set method, reached through CasADi.
+
+    minimise ½ xᵀP x + qᵀx   subject to   l ≤ R x ≤ u,  lb ≤ x ≤ ub
+
+Source: H. J. Ferreau, C. Kirches, A. Potschka, H. G. Bock, M. Diehl, "qpOASES: a parametric active-set algorithm for
+quadratic programming", Mathematical Programming Computation 6 (2014), pages 327 to 363.
+
+Timed: as in :mod:`solvers.direct._casadi`.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from solvers.direct._casadi import Conic
+from solvers.protocol import Tier
+
+
+class CasadiQpoases(Conic):
+    """``casadi.conic`` with the plugin qpoases."""
+
+    name = "casadi_qpoases"
+    algorithm = "parametric active set"
+    licence = "LGPL-2.1-or-later"
+    plugin = "qpoases"
+    quiet = MappingProxyType({"printLevel": "none"})
+    tiers = MappingProxyType({tier: {"terminationTolerance": tier.tolerance}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})

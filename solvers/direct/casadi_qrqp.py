@@ -1,0 +1,28 @@
+"""qrqp: primal-dual active set method with sparse QR factors, part of CasADi, which can also write it as C.
+
+    minimise ½ xᵀP x + qᵀx   subject to   l ≤ R x ≤ u,  lb ≤ x ≤ ub
+
+Source: J. A. E. Andersson, J. B. Rawlings, "Sensitivity analysis for nonlinear programming in CasADi", IFAC NMPC (2018).
+
+Timed: as in :mod:`solvers.direct._casadi`. The library reports no time of its own. Its active set would start from
+multipliers, of which a warm start has none.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from solvers.direct._casadi import Conic
+from solvers.protocol import Tier
+
+
+class CasadiQrqp(Conic):
+    """``casadi.conic`` with the plugin qrqp."""
+
+    name = "casadi_qrqp"
+    algorithm = "primal-dual active set"
+    licence = "LGPL-3.0-or-later"
+    plugin = "qrqp"
+    quiet = MappingProxyType({"print_header": False, "print_iter": False, "print_info": False})
+    tiers = MappingProxyType({tier: {"constr_viol_tol": tier.tolerance, "dual_inf_tol": tier.tolerance}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})

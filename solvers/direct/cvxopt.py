@@ -1,0 +1,57 @@
+"""CVXOPT: primal-dual interior point method (coneqp), its iterations in Python.
+
+    minimise ½ xᵀP x + qᵀx   subject to   A x = b,  G x + s = h,  s ≥ 0
+
+Source: L. Vandenberghe, "The CVXOPT linear and quadratic cone program solvers", 2010.
+
+Timed: ``setup`` and ``update`` fill the library's own matrices; ``solve`` is its function, which has no object that
+persists. There is no warm start that pays.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import cvxopt
+import cvxopt.solvers
+import numpy as np
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Cones, Program
+
+
+class Cvxopt(Solver):
+    """The library's ``solvers.qp``."""
+
+    name = "cvxopt"
+    lane = Lane.DIRECT
+    algorithm = "interior point"
+    licence = "GPL-3.0-or-later"
+    distribution = "cvxopt"
+    tiers = MappingProxyType({tier: {"abstol": tier.tolerance, "reltol": tier.tolerance, "feastol": tier.tolerance}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._rows = rows = Cones(p)
+        n = rows.equal
+        blocks = {"P": p.P, "q": p.q, "G": rows.R[n:], "h": rows.r[n:], "A": rows.R[:n], "b": rows.r[:n]}
+        self._data = {key: cvxopt.matrix(block) for key, block in blocks.items() if block.size}
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        p = self.program
+        p.take(P, q)
+        self._data |= {"P": cvxopt.matrix(p.P), "q": cvxopt.matrix(p.q)}
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
+        self._found = self._result["status"] == "optimal"
+        return np.array(self._result["x"]).ravel() if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        r = self._result
+        x, y, z = (np.array(r[key]).ravel() for key in "xyz")
+        w = self._rows.spread(np.concatenate([y, z])) if self._found else y
+        return self.program.solution(x, w, self._found, status=r["status"], reported_us=None,
+                                     iterations=r.get("iterations"))

@@ -1,0 +1,93 @@
+"""DAQP: dual active set method on the least-distance form of a strictly convex QP, with recursive LDLᵀ updates.
+
+    minimise ½ xᵀP x + qᵀx  s.t.  l ≤ R x ≤ u     →     minimise ½ ‖v‖²  s.t.  bounds on M v,  M = R U⁻¹,  P = UᵀU
+
+Source: D. Arnström, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming using
+recursive LDLᵀ updates", IEEE Transactions on Automatic Control 67 (2022), doi 10.1109/TAC.2022.3176430.
+
+Timed: ``setup`` copies and factorises P; ``update`` copies P and q, factorises P again where it is new and empties the
+active set; ``solve`` is the active set iteration. It starts from the rows that ``warm_start`` touches, or from none:
+the library on its own would go on from the last active set and so answer the same problem for free.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import daqp
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Unsupported, Vector
+from solvers.rows import Program
+
+Sense = NDArray[np.intc]
+AT_UPPER, AT_LOWER, IGNORED, EQUAL = 1, 3, 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
+
+
+@njit(cache=True)
+def touched(R: Matrix, l: Vector, u: Vector, x: Vector, tolerance: float, cold: Sense, out: Sense) -> None:  # noqa: E741
+    """Write to ``out`` the sense of each row at x: as in ``cold``, or active where x touches the row."""
+    d = x.size
+    for i in range(cold.size):
+        out[i] = cold[i]
+        if cold[i] == 0:
+            value = x[i] if i < d else R[i] @ x
+            if value <= l[i] + tolerance:
+                out[i] = AT_LOWER
+            elif value >= u[i] - tolerance:
+                out[i] = AT_UPPER
+
+
+class Daqp(Solver):
+    """The library's ``Model``."""
+
+    name = "daqp"
+    lane = Lane.DIRECT
+    algorithm = "dual active set"
+    licence = "MIT"
+    distribution = "daqp"
+    warm_startable = True
+    tiers = MappingProxyType({tier: {"primal_tol": tier.tolerance, "iter_limit": 100_000}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        free = np.isinf(p.l) & np.isinf(p.u)
+        self._cold: Sense = np.where(p.l == p.u, EQUAL, np.where(free, IGNORED, 0)).astype(np.intc)
+        self._sense = self._cold.copy()
+        self._model = daqp.Model()
+        if unknown := self.settings.keys() - self._model.settings.keys():
+            raise ValueError(f"daqp has no setting {', '.join(sorted(unknown))}")
+        self._model.settings = self.settings
+        self._primal_tol: float = self._model.settings["primal_tol"]
+        # The strides of what is handed over are ignored: all of it is contiguous and ours.
+        self._demand(self._model.setup(p.P, p.q, p.R[p.general], p.u, p.l, self._cold)[0])
+
+    def _demand(self, flag: int) -> None:
+        if flag < 0:
+            raise Unsupported(f"daqp refuses the data with exit flag {flag}: P is not positive semidefinite, or bounds cross")
+        self._is_cold = True
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        p = self.program
+        p.take(P, q)
+        self._demand(self._model.update(H=None if P is None else p.P, f=None if q is None else p.q, sense=self._cold))
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        p = self.program
+        if warm_start is not None:
+            x = np.ascontiguousarray(warm_start, dtype=np.float64)
+            touched(p.R, p.l, p.u, x, self._primal_tol, self._cold, self._sense)
+            self._model.update(sense=self._sense)
+        elif not self._is_cold:
+            self._model.update(sense=self._cold)
+        self._is_cold = False
+        self._x, _, self._flag, self._info = self._model.solve()
+        return self._x if self._flag > 0 else p.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        return self.program.solution(self._x, self._info["lam"], self._flag > 0, status=f"exit flag {self._flag}",
+                                     reported_us=1e6 * self._info["solve_time"], iterations=self._info["iterations"])

@@ -1,0 +1,72 @@
+"""ECOS: interior point method on second-order cones.
+
+    minimise qᵀx + t   subject to   A x = b,  G x ≤ h,  ‖(√2 Lᵀx, t − 1)‖ ≤ t + 1;   P = L Lᵀ
+
+The cone says ½ xᵀP x ≤ t. Since q and t stand in the cost, the multipliers of A and G are those of the quadratic program.
+
+Source: A. Domahidi, E. Chu, S. Boyd, "ECOS: an SOCP solver for embedded systems", European Control Conference (2013).
+
+Timed: ``setup`` and ``update`` factorise P and build the cone; ``solve`` is the library's function, which sets up and
+iterates. There is no warm start. The square inside the cone costs precision: at its tightest x is good to about 1e-5.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import ecos
+import numpy as np
+from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
+
+from solvers.direct._least_squares import cholesky
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Cones, Program
+
+
+class Ecos(Solver):
+    """The library's ``solve``; P must be positive definite."""
+
+    name = "ecos"
+    lane = Lane.DIRECT
+    algorithm = "interior point"
+    licence = "GPL-3.0-or-later"
+    distribution = "ecos"
+    tiers = MappingProxyType({tier: {"abstol": tier.tolerance, "reltol": tier.tolerance, "feastol": tier.tolerance}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._rows = rows = Cones(p)
+        n, m, d = rows.equal, rows.unequal, p.d
+        self._cost = np.append(p.q, 1.0)
+        self._h = np.concatenate([rows.r[n:], [1.0], np.zeros(d), [-1.0]])
+        self._dims = {"l": m, "q": [d + 2]}
+        self._equalities = (csc_matrix(np.pad(rows.R[:n], ((0, 0), (0, 1)))), rows.r[:n]) if n else (None, None)
+        self._G = np.zeros((m + d + 2, d + 1))
+        self._G[:m, :d] = rows.R[n:]
+        self._G[[m, -1], d] = -1.0
+        self._fill()
+
+    def _fill(self) -> None:
+        self._G[self._rows.unequal + 1 : -1, :-1] = -np.sqrt(2.0) * cholesky(self.program.P, self.name).T
+        self._sparse = csc_matrix(self._G)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+        self._cost[:-1] = self.program.q
+        if P is not None:
+            self._fill()
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        self._result = ecos.solve(self._cost, self._sparse, self._h, self._dims, *self._equalities, verbose=False,
+                                  **self.settings)
+        self._found = self._result["info"]["exitFlag"] == 0
+        x: Vector = self._result["x"][:-1]
+        return x if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        r, info = self._result, self._result["info"]
+        w = self._rows.spread(np.concatenate([r["y"], r["z"][: self._rows.unequal]]))
+        return self.program.solution(r["x"][:-1], w, self._found, status=info["infostring"],
+                                     reported_us=1e6 * info["timing"]["tsolve"], iterations=info["iter"])

@@ -1,0 +1,94 @@
+"""HiGHS: primal active set method of its quadratic solver, P regularised.
+
+    minimise ½ xᵀ(P + δI)x + qᵀx   subject to   lb ≤ x ≤ ub,  l ≤ R x ≤ u
+
+Source: Q. Huangfu and J. A. J. Hall, "Parallelizing the dual revised simplex method", Mathematical Programming
+Computation 10 (2018), pages 119 to 142, for HiGHS; M. Feldmeier's quadratic solver in it.
+
+Timed: ``setup`` passes the model; ``update`` passes the triangle of P and q; ``solve`` runs, always from the start,
+since the quadratic solver takes no starting point, and makes an array of the library's answer.
+
+The regularisation δ, 1e-7 by default, is never taken back and moves the answer: the tiers lower it, and none sets it to
+0, with which the library can hang. ``time_limit`` is ours, seconds for each solve: the library's own counts over all
+solves from the making of its object.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Any
+
+import highspy
+import numpy as np
+from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Program, Triangle
+
+REGULARISATION = {Tier.LOW: 1e-7, Tier.MID: 1e-10, Tier.HIGH: 1e-12}
+
+
+class Highspy(Solver):
+    """The library's ``Highs``."""
+
+    name = "highspy"
+    lane = Lane.DIRECT
+    algorithm = "primal active set"
+    licence = "MIT"
+    distribution = "highspy"
+    tiers = MappingProxyType({
+        tier: {"primal_feasibility_tolerance": tier.tolerance, "dual_feasibility_tolerance": tier.tolerance,
+               "qp_regularization_value": regularisation} for tier, regularisation in REGULARISATION.items()})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._triangle = Triangle(p.d, upper=False)
+        self._columns = np.arange(p.d, dtype=np.int32)
+        self._highs = highspy.Highs()
+        options = {"output_flag": False, "threads": 1, **self.settings}
+        self._time_limit_s: float = options.pop("time_limit", 5.0)
+        for option, value in options.items():
+            self._demand(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
+        R = csc_matrix(p.R[p.general])
+        lp = highspy.HighsLp()
+        lp.num_col_, lp.num_row_ = p.d, R.shape[0]
+        lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.l[p.bounds], p.u[p.bounds]
+        lp.row_lower_, lp.row_upper_ = p.l[p.general], p.u[p.general]
+        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
+        lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = R.indptr, R.indices, R.data
+        self._demand(self._highs.passModel(lp), "take the problem")
+        self._pass_hessian()
+
+    def _demand(self, status: Any, what: str) -> None:
+        if status == highspy.HighsStatus.kError:
+            raise ValueError(f"highspy does not {what}")
+
+    def _pass_hessian(self) -> None:
+        t = self._triangle
+        self._demand(self._highs.passHessian(self.program.d, t.indices.size, highspy.HessianFormat.kTriangular.value,
+                                             t.indptr, t.indices, t.values(self.program.P)), "take P")
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+        if P is not None:
+            self._pass_hessian()
+        if q is not None:
+            self._highs.changeColsCost(self.program.d, self._columns, self.program.q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        self._begin_s = self._highs.getRunTime()
+        self._highs.setOptionValue("time_limit", self._begin_s + self._time_limit_s)
+        self._highs.run()
+        self._found = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        return np.array(self._highs.getSolution().col_value) if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        answer = self._highs.getSolution()
+        p, rows, columns = self.program, np.array(answer.row_dual), np.array(answer.col_dual)
+        status = self._highs.modelStatusToString(self._highs.getModelStatus())
+        w = -np.concatenate([columns, rows]) if self._found else np.zeros(p.l.size)
+        return p.solution(np.array(answer.col_value), w, self._found, status=status,
+                          reported_us=1e6 * (self._highs.getRunTime() - self._begin_s),
+                          iterations=self._highs.getInfo().qp_iteration_count)

@@ -1,0 +1,74 @@
+"""OSQP: operator splitting (ADMM), every step one backward substitution with a factor that is kept.
+
+    minimise ½ xᵀP x + qᵀx   subject to   l ≤ R x ≤ u
+
+Source: B. Stellato, G. Banjac, P. Goulart, A. Bemporad, S. Boyd, "OSQP: an operator splitting solver for quadratic
+programs", Mathematical Programming Computation 12 (2020), pages 637 to 672.
+
+Timed: ``setup`` scales and factorises; ``update`` copies the upper triangle of P and q into the library and factorises
+again; ``solve`` iterates. A cold solve starts from zero, a warm one from ``warm_start`` and the multipliers of the last
+solve; the penalty ρ that a solve has adapted stays for the next, as the library means it.
+
+The adaptation of ρ is counted in steps and not in seconds, in every tier, so that a run can be repeated. Polishing is
+off, as in the library: after a warm start on badly scaled data it can spoil the answer. ``polishing=True`` has it.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+import osqp
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Unsupported, Vector
+from solvers.rows import Intervals, Program, Triangle
+
+
+class Osqp(Solver):
+    """The library's ``OSQP``."""
+
+    name = "osqp"
+    lane = Lane.DIRECT
+    algorithm = "ADMM"
+    licence = "Apache-2.0"
+    distribution = "osqp"
+    warm_startable = True
+    tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iter": 200_000}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._rows = Intervals(p)
+        self._triangle = Triangle(p.d)
+        if np.any(self._rows.l > self._rows.u):
+            raise Unsupported("osqp refuses bounds that cross, and a lower bound of the problem is above its upper one")
+        self._zero = np.zeros(p.d), np.zeros(self._rows.l.size)
+        self._solver = osqp.OSQP()
+        repeatable = {"verbose": False, "polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50}
+        self._solver.setup(self._triangle.matrix(p.P), p.q.copy(), self._rows.R, self._rows.l, self._rows.u,
+                           **{**repeatable, **self.settings})
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        p = self.program
+        p.take(P, q)
+        new = {} if P is None else {"Px": self._triangle.values(p.P)}
+        if q is not None:
+            new["q"] = p.q
+        self._solver.update(**new)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        if warm_start is None:
+            self._solver.warm_start(*self._zero)
+        else:
+            self._solver.warm_start(x=np.ascontiguousarray(warm_start))
+        self._result = self._solver.solve(raise_error=False)
+        # On failure x holds a finite number, the bits of a NaN read as an integer: the status comes first.
+        self._found = self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
+        x: Vector = self._result.x
+        return x if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        r = self._result
+        return self.program.solution(r.x, self._rows.spread(r.y), self._found, status=r.info.status,
+                                     reported_us=1e6 * r.info.solve_time, iterations=r.info.iter)

@@ -1,0 +1,53 @@
+"""POUNCE: interior point method, a descendant of Ipopt written in Rust; here its solver of convex quadratic programs.
+
+    minimise ½ xᵀP x + cᵀx   subject to   A x = b,  G x ≤ h,  lb ≤ x ≤ ub;   c = q
+
+Source: J. Kitchin, the package pounce-solver, 2025.
+
+Timed: ``update`` copies; ``solve`` is the library's function, which converts P to triplets in Python, sets up and
+iterates. Its test that P is positive semidefinite (eigenvalues at every call) is off. There is no warm start: the
+library takes whole solutions of a nearby problem, not points.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+import pounce
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Program
+
+
+class Pounce(Solver):
+    """The library's ``solve_qp``."""
+
+    name = "pounce"
+    lane = Lane.DIRECT
+    algorithm = "interior point"
+    licence = "EPL-2.0"
+    distribution = "pounce-solver"
+    tiers = MappingProxyType({tier: {"tol": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._constraints = {"A": p.R[p.equalities], "b": p.u[p.equalities], "G": p.R[p.inequalities],
+                             "h": p.u[p.inequalities], "lb": p.l[p.bounds], "ub": p.u[p.bounds]}
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        self._result = pounce.solve_qp(self.program.P, self.program.q, **self._constraints, check_psd=False,
+                                       **self.settings)
+        self._found = self._result.status == "optimal"
+        x: Vector = self._result.x
+        return x if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        r = self._result
+        w = np.concatenate([np.subtract(r.z_ub, r.z_lb), r.y, r.z])
+        return self.program.solution(np.asarray(r.x), w, self._found, status=r.status, reported_us=None,
+                                     iterations=r.iters)

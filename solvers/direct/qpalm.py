@@ -1,0 +1,67 @@
+"""QPALM: proximal augmented Lagrangian method, each subproblem by a semi-smooth Newton method with exact line search.
+
+    minimise ½ xᵀQ x + qᵀx   subject to   l ≤ R x ≤ u;   Q = P
+
+Source: B. Hermans, A. Themelis, P. Patrinos, "QPALM: a proximal augmented Lagrangian method for nonconvex quadratic
+programs", Mathematical Programming Computation 14 (2022), pages 497 to 541.
+
+Timed: ``setup`` scales and factorises; ``update`` hands over the upper triangle of P and q; ``solve`` iterates in the
+calling thread (the library's default is a second one that can be interrupted) and copies x out of its memory. A warm
+solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+import qpalm
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Intervals, Program, Triangle
+
+
+class Qpalm(Solver):
+    """The library's ``Solver``."""
+
+    name = "qpalm"
+    lane = Lane.DIRECT
+    algorithm = "proximal augmented Lagrangian"
+    licence = "LGPL-3.0-or-later"
+    distribution = "qpalm"
+    warm_startable = True
+    tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iter": 100_000}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._rows = rows = Intervals(p)
+        self._triangle = Triangle(p.d)
+        data = qpalm.Data(p.d, rows.l.size)
+        data.Q, data.q = self._triangle.matrix(p.P), p.q
+        data.A, data.bmin, data.bmax = rows.R, rows.l, rows.u
+        settings = qpalm.Settings()
+        settings.verbose = False
+        for setting, value in self.settings.items():
+            setattr(settings, setting, value)
+        self._solver = qpalm.Solver(data, settings)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+        if P is not None:
+            self._solver.update_Q_A(self._triangle.values(self.program.P), self._rows.R.data)
+        if q is not None:
+            self._solver.update_q(self.program.q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        if warm_start is not None:
+            self._solver.warm_start(np.ascontiguousarray(warm_start), None)
+        self._solver.solve(asynchronous=False)
+        self._found = self._solver.info.status == "solved"
+        return self._solver.solution.x.copy() if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        s, info = self._solver.solution, self._solver.info
+        return self.program.solution(s.x, self._rows.spread(s.y), self._found, status=info.status,
+                                     reported_us=1e6 * info.solve_time, iterations=info.iter)

@@ -1,0 +1,60 @@
+"""qpax: primal-dual interior point method, compiled by JAX in double precision.
+
+    minimise ½ xᵀQ x + qᵀx   subject to   A x = b,  G x ≤ h;   Q = P
+
+Source: K. Tracy, Z. Manchester, "On the differentiability of the primal-dual interior-point method", 2024.
+
+Timed: ``setup`` compiles for the shapes; ``solve`` copies P and q to JAX, iterates, and copies x back. There is no warm
+start. Importing this file switches JAX to 64 bits in the whole process. The library keeps slacks and multipliers above
+1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier: at the tier HIGH it runs all its iterations
+and says not converged, though x is exact.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from types import MappingProxyType
+
+import jax
+import numpy as np
+import qpax
+from qpsolvers import Problem, Solution
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Cones, Program
+
+jax.config.update("jax_enable_x64", True)
+
+
+class Qpax(Solver):
+    """The library's ``solve_qp``, compiled."""
+
+    name = "qpax"
+    lane = Lane.DIRECT
+    algorithm = "interior point"
+    licence = "Apache-2.0"
+    distribution = "qpax"
+    tiers = MappingProxyType({tier: {"solver_tol": tier.tolerance, "max_iter": 50}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._rows = rows = Cones(p)
+        n = rows.equal
+        self._constraints = [jax.numpy.asarray(part) for part in (rows.R[:n], rows.r[:n], rows.R[n:], rows.r[n:])]
+        solve = jax.jit(partial(qpax.solve_qp, **self.settings))
+        self._solve = solve.lower(p.P, p.q, *self._constraints).compile()
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        self._result = self._solve(self.program.P, self.program.q, *self._constraints)
+        self._found = bool(self._result[4])
+        return np.asarray(self._result[0]) if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        x, _, z, y = (np.asarray(part) for part in self._result[:4])
+        w = self._rows.spread(np.concatenate([y, z]))
+        return self.program.solution(x, w, self._found, status="converged" if self._found else "not converged",
+                                     reported_us=None, iterations=int(self._result[5]))

@@ -1,0 +1,26 @@
+"""Bounded-variable least squares of Stark and Parker (SciPy's lsq_linear, method bvls), an active set method.
+
+    minimise ‖Lᵀx + L⁻¹q‖   subject to   lb ≤ x ≤ ub   with   P = L Lᵀ
+
+Source: P. B. Stark, R. L. Parker, "Bounded-variable least squares: an algorithm and applications", Computational
+Statistics 10 (1995), pages 129 to 141.
+
+Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and lsq_linear. There is no warm start.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from solvers.direct._least_squares import LsqLinear
+from solvers.protocol import Tier
+
+
+class ScipyBvls(LsqLinear):
+    """scipy.optimize.lsq_linear(method="bvls")."""
+
+    name = "scipy_bvls"
+    algorithm = "active set"
+    method = "bvls"
+    tiers = MappingProxyType({tier: {"tol": tier.tolerance, "max_iter": 10_000}
+                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})

@@ -1,0 +1,42 @@
+"""Limited-memory quasi-Newton method with bounds (SciPy's L-BFGS-B).
+
+    minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
+
+Source: R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, "A limited memory algorithm for bound constrained optimization", SIAM
+Journal on Scientific Computing 16 (1995), pages 1190 to 1208.
+
+Timed: ``solve`` is everything, the cost being called from Python at every step. ``gtol`` bounds the largest component
+of the projected gradient and ``ftol`` the relative decrease of the cost; a tier sets the first, and the second to the
+rounding error, so that the gradient decides. Where rounding hides any decrease before the gradient is that small, the
+library says so, and the answer counts as not found.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from types import MappingProxyType
+
+from scipy.optimize import Bounds, minimize
+
+from solvers.direct._box import BoxMinimiser, Outcome, cost, inside
+from solvers.protocol import Lane, Tier, Vector
+
+
+class ScipyLbfgsb(BoxMinimiser):
+    """scipy.optimize.minimize(method="L-BFGS-B")."""
+
+    name = "scipy_lbfgsb"
+    lane = Lane.DIRECT
+    algorithm = "quasi-Newton"
+    licence = "BSD-3-Clause"
+    distribution = "scipy"
+    warm_startable = True
+    tiers = MappingProxyType({
+        tier: {"gtol": tier.tolerance, "ftol": 2.3e-16, "maxiter": 100_000, "maxfun": 1_000_000}
+        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
+        result = minimize(  # type: ignore[call-overload]
+            partial(cost, self.program), inside(start, self.lb, self.ub), jac=True, method="L-BFGS-B",
+            bounds=Bounds(self.lb, self.ub), options=self.settings)
+        return Outcome(result.x, bool(result.success), str(result.message), int(result.nit))

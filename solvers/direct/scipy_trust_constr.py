@@ -1,0 +1,66 @@
+"""Trust region interior point method (SciPy's trust-constr) with the exact second derivative P.
+
+    minimise ½ xᵀP x + qᵀx   subject to   l ≤ R x ≤ u,  lb ≤ x ≤ ub
+
+Source: R. H. Byrd, M. E. Hribar, J. Nocedal, "An interior point algorithm for large-scale nonlinear programming", SIAM
+Journal on Optimization 9 (1999), pages 877 to 900.
+
+Timed: ``solve`` is everything; expect tens of milliseconds. ``barrier_tol`` bounds the last barrier parameter and
+``xtol`` the last trust radius. A tier keeps ``gtol`` far below them, since the library's test of the gradient does not
+look at complementarity and on its own stops with x wrong by 1e-2. That small a ``gtol`` also makes the library call a
+constraint violation of 1e-15 a failure, so whether x is found is judged here from its status and ``xtol``.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+from qpsolvers import Problem, Solution
+from scipy.optimize import Bounds, LinearConstraint, minimize
+
+from solvers.direct._box import cost, inside
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Program
+
+CONVERGED = (1, 2, 4)
+"""The library's statuses for the gradient's test, the trust radius's, and either of them with rows violated by gtol."""
+
+
+class ScipyTrustConstr(Solver):
+    """scipy.optimize.minimize(method="trust-constr")."""
+
+    name = "scipy_trust_constr"
+    lane = Lane.DIRECT
+    algorithm = "interior point"
+    licence = "BSD-3-Clause"
+    distribution = "scipy"
+    warm_startable = True
+    tiers = MappingProxyType({
+        tier: {"gtol": 1e-6 * (tier.tolerance or 0.0), "xtol": tier.tolerance, "barrier_tol": tier.tolerance,
+               "maxiter": 10_000} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        R = p.R[p.general]
+        self._rows = [LinearConstraint(R, p.l[p.general], p.u[p.general])] if len(R) else []
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        p = self.program
+        lb, ub = p.l[p.bounds], p.u[p.bounds]
+        self._result = r = minimize(  # type: ignore[call-overload]
+            partial(cost, p), inside(warm_start, lb, ub), jac=True, hess=lambda x: p.P, method="trust-constr",
+            bounds=Bounds(lb, ub), constraints=self._rows, options=self.settings)
+        self._found = r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8)
+        x: Vector = r.x
+        return x if self._found else p.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        r = self._result
+        w = np.concatenate([r.v[-1], *r.v[:-1]])
+        return self.program.solution(r.x, w, self._found, status=f"{r.status}: {r.message}",
+                                     reported_us=1e6 * r.execution_time, iterations=int(r.nit))

@@ -1,0 +1,88 @@
+"""SIP: interior point method for nonlinear programs, which asks for the model at every iterate.
+
+    minimise f(x) = ½ xᵀP x + qᵀx   subject to   c(x) = A x − b = 0,  g(x) = G x − h ≤ 0
+
+Source: J. Sousa-Pinto, the package sip_python, 2024.
+
+Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
+which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm
+start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MappingProxyType
+
+import numpy as np
+import sip_python as sip
+from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix, csr_matrix
+
+from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.rows import Cones, Program, Triangle
+
+
+class Sip(Solver):
+    """The library's ``Solver``; the settings are those of its termination."""
+
+    name = "sip"
+    lane = Lane.DIRECT
+    algorithm = "interior point"
+    licence = "MIT"
+    distribution = "sip_python"
+    tiers = MappingProxyType({
+        tier: {f"max_{of}": tier.tolerance for of in ("complementarity_gap", "constraint_violation", "dual_residual")}
+        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        self._rows = rows = Cones(p)
+        self._triangle = Triangle(p.d)
+        n, m = rows.equal, rows.unequal
+        self._jacobians = A, G = csr_matrix(rows.R[:n]), csr_matrix(rows.R[n:])
+        order, kkt, factor = sip.get_kkt_perm_inv_and_nnzs(csc_matrix(np.ones((p.d, p.d))), A, G, False)
+        self._sizes, self._linear, self._options = sip.ProblemDimensions(), sip.QDLDLSettings(), sip.Settings()
+        for size, value in {"x_dim": p.d, "s_dim": m, "y_dim": n, "jacobian_c_nnz": A.nnz, "jacobian_g_nnz": G.nnz,
+                            "upper_hessian_lagrangian_nnz": p.d * (p.d + 1) // 2, "kkt_nnz": kkt, "kkt_L_nnz": factor,
+                            "is_jacobian_c_transposed": True, "is_jacobian_g_transposed": True}.items():
+            setattr(self._sizes, size, value)
+        self._linear.permute_kkt_system, self._linear.kkt_pinv = True, order
+        for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
+            setattr(self._options.logging, f"print_{log}", False)
+        for setting, value in self.settings.items():
+            setattr(self._options.termination, setting, value)
+        self.update()
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+        self.program.take(P, q)
+        self._hessian = self._triangle.matrix(self.program.P)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        self._point = sip.Variables(self._sizes)
+        self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self._rows.equal)
+        self._point.s, self._point.z = np.ones(self._rows.unequal), np.ones(self._rows.unequal)
+        model = _model(self.program, self._rows, self._hessian, *self._jacobians)
+        self._said = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
+        self._found = self._said.exit_status == sip.Status.SOLVED
+        return np.array(self._point.x) if self._found else self.program.no_answer()
+
+    def solution(self) -> Solution:  # noqa: D102
+        w = self._rows.spread(np.concatenate([self._point.y, self._point.z]))
+        return self.program.solution(np.array(self._point.x), w, self._found, status=self._said.exit_status.name,
+                                     reported_us=None, iterations=self._said.num_iterations)
+
+
+def _model(p: Program, rows: Cones, hessian: csc_matrix, A: csr_matrix, G: csr_matrix) -> Callable:
+    """The callback; it holds no reference to the solver, since the library would then never be freed."""
+    out, n = sip.ModelCallbackOutput(), rows.equal
+    out.jacobian_c, out.jacobian_g, out.upper_hessian_lagrangian = A, G, hessian
+
+    def model(at: sip.ModelCallbackInput) -> sip.ModelCallbackOutput:
+        x = np.asarray(at.x)
+        Px, residual = p.P @ x, rows.R @ x - rows.r
+        out.f, out.gradient_f = float(0.5 * x @ Px + p.q @ x), Px + p.q
+        out.c, out.g = residual[:n], residual[n:]
+        return out
+
+    return model

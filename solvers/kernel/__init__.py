@@ -1,0 +1,1 @@
+"""Compiled solvers of our own: no Python call inside a solve."""

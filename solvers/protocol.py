@@ -1,0 +1,171 @@
+"""What a solver is, in the vocabulary of the race.
+
+A quadratic program is
+
+    minimise ½ xᵀP x + qᵀx   subject to   G x ≤ h,  A x = b,  lb ≤ x ≤ ub
+
+as a :class:`qpsolvers.Problem`, and its answer is a :class:`qpsolvers.Solution`: the types of the
+ecosystem, with its definitions of the residuals. A solver is one class with four verbs (``setup``,
+``update``, ``solve``, ``solution``) in a file of its own; the folder of the file is its lane and the
+name of the file is its name (see :mod:`solvers.registry`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from qpsolvers import Problem, Solution
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+class Lane(StrEnum):
+    """Through what a solve is called, which is part of what the user pays."""
+
+    KERNEL = "kernel"
+    """Compiled, no Python call per solve."""
+    DIRECT = "direct"
+    """The library's own persistent object."""
+    QPSOLVERS = "qpsolvers"
+    """``qpsolvers.solve_problem``: converts and sets up again at every call."""
+    CVXPY = "cvxpy"
+    """A parametrised (DPP) cvxpy problem."""
+
+
+class Tier(StrEnum):
+    """How exact an answer the solver is asked for; each solver says how this maps to its own settings."""
+
+    DEFAULT = "default"
+    """The library's own default settings."""
+    LOW = "low"
+    """Absolute and relative tolerance 1e-3."""
+    MID = "mid"
+    """Absolute and relative tolerance 1e-6."""
+    HIGH = "high"
+    """Absolute and relative tolerance 1e-9."""
+
+    @property
+    def tolerance(self) -> float | None:
+        """The tolerance asked for; None leaves the library's default."""
+        return {Tier.DEFAULT: None, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9}[self]
+
+
+class Status(StrEnum):
+    """How a task ended. A broken adapter is never reported as a failing solver."""
+
+    OK = "ok"
+    """The answer is as exact as the judge asks."""
+    INACCURATE = "inaccurate"
+    """The solver says solved and the judge says otherwise."""
+    SOLVER_FAILED = "solver_failed"
+    """The solver itself says that it found no answer."""
+    ADAPTER_FAILED = "adapter_failed"
+    """Our code, or the library's interface, raised."""
+    UNSUPPORTED = "unsupported"
+    """The solver cannot take a problem of this form."""
+    CRASHED = "crashed"
+    """The process died."""
+    TIMED_OUT = "timed_out"
+    """The process was stopped at its time limit."""
+    OUT_OF_MEMORY = "out_of_memory"
+    """The process was stopped at its memory limit."""
+    LATE = "late"
+    """Right, and after its deadline."""
+
+
+class Unsupported(Exception):
+    """The problem has a feature that this solver cannot take; the message is one sentence that says which."""
+
+
+class Solver(ABC):
+    """One algorithm behind one interface.
+
+    Parameters
+    ----------
+    tier : Tier
+        Accuracy asked for.
+    **settings
+        The library's own settings, on top of what the tier maps to.
+
+    Notes
+    -----
+    ``setup`` and ``update`` are timed apart from ``solve``. ``solve`` returns the array of the answer and builds
+    nothing else, so that the clock sees the solver alone; whether the answer is one is asked of ``solution``
+    afterwards. Arrays handed in are never written to.
+    """
+
+    name: ClassVar[str]
+    lane: ClassVar[Lane]
+    algorithm: ClassVar[str]
+    """Class of the algorithm in the field's words: "dual active set", "interior point", …"""
+    licence: ClassVar[str]
+    distribution: ClassVar[str]
+    """Name of the package whose version is reported."""
+    warm_startable: ClassVar[bool] = False
+    """Whether ``solve(warm_start=x)`` makes use of x."""
+    tiers: ClassVar[Mapping[Tier, Mapping[str, Any]]] = {}
+    """The settings that each tier maps to."""
+    variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
+    """Settings that a race shows beside each other, such as numbers of steps."""
+
+    def __init__(self, tier: Tier | str = Tier.DEFAULT, **settings: Any) -> None:
+        self.tier = Tier(tier)
+        self.settings: dict[str, Any] = {**self.tiers.get(self.tier, {}), **settings}
+
+    @abstractmethod
+    def setup(self, problem: Problem) -> None:
+        """Allocate, convert and factorise; raise :class:`Unsupported` for a form the solver cannot take."""
+
+    @abstractmethod
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        """Take new data of the same structure; what is None stays."""
+
+    @abstractmethod
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        """Return the answer, shape (d,), valid until the next call."""
+
+    @abstractmethod
+    def solution(self) -> Solution:
+        """Return the last answer with duals, ``found`` and, in ``extras``, the library's own status and times."""
+
+
+def dense(problem: Problem) -> tuple[Matrix, Vector]:
+    """P (d, d) and q (d,) of a problem as fresh C-contiguous float64 arrays."""
+    P = problem.P if isinstance(problem.P, np.ndarray) else problem.P.toarray()
+    return np.array(P, dtype=np.float64, order="C"), np.array(problem.q, dtype=np.float64)
+
+
+def box(problem: Problem) -> tuple[Vector, Vector]:
+    """Bounds lb, ub of a problem, shape (d,), infinite where there is none."""
+    d = problem.q.shape[0]
+    lb = np.full(d, -np.inf) if problem.lb is None else np.array(problem.lb, dtype=np.float64)
+    ub = np.full(d, np.inf) if problem.ub is None else np.array(problem.ub, dtype=np.float64)
+    return lb, ub
+
+
+def only_box(problem: Problem, name: str) -> tuple[Vector, Vector]:
+    """The bounds of a problem that has nothing but bounds, or :class:`Unsupported`."""
+    if problem.G is not None or problem.A is not None:
+        raise Unsupported(f"{name} takes bounds only, and the problem has general rows")
+    return box(problem)
+
+
+def box_solution(problem: Problem, x: Vector, found: bool, **extras: Any) -> Solution:
+    """Wrap the answer of a solver that has no duals of its own on a problem with bounds only.
+
+    The duals are those that the gradient g = P x + q implies: z_box = −g where a bound is touched and the sign is
+    right (negative at the lower bound, positive at the upper), zero elsewhere.
+    """
+    lb, ub = box(problem)
+    g = problem.P @ x + problem.q
+    at_lower, at_upper = x <= lb, x >= ub
+    z_box = np.where(at_lower & at_upper, -g, np.where(at_lower, np.minimum(-g, 0), np.where(at_upper, np.maximum(-g, 0), 0)))
+    nothing = np.zeros(0)
+    return Solution(problem, found=found, x=x.copy(), y=nothing, z=nothing, z_box=z_box,
+                    obj=float(0.5 * x @ (problem.P @ x) + problem.q @ x), extras=dict(extras))

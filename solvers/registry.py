@@ -1,0 +1,136 @@
+"""The folder is the registry: ``solvers/<lane>/<name>.py`` holds the solver <name> in the lane <lane>.
+
+Nothing else is touched to add one. Modules are imported only when asked for, since some solver libraries cannot
+live in one process, and one whose library is not installed is reported as absent with the reason. A file of a
+lane that serves many solvers at once (qpsolvers, cvxpy) offers ``names()`` and ``make(name)`` in
+``solvers/<lane>_lane.py`` instead.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from solvers.protocol import Lane, Solver, Tier
+
+FOLDERS = (Lane.KERNEL, Lane.DIRECT)
+FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One solver in one lane, known by its file and not yet imported."""
+
+    name: str
+    lane: Lane
+    module: str
+    path: Path | None = None
+
+    def load(self) -> type[Solver]:
+        """Import the solver's class; raises ImportError where its library is not installed."""
+        module = _import_file(self.path) if self.path else importlib.import_module(self.module)
+        if self.lane in FAMILIES and self.path is None:
+            made: type[Solver] = module.make(self.name)
+            return made
+        return _only_solver(module)
+
+
+@dataclass(frozen=True)
+class Described:
+    """What ``piezobench solvers`` shows of an entry."""
+
+    name: str
+    lane: Lane
+    algorithm: str
+    version: str
+    licence: str
+    warm_start: bool
+    variants: tuple[Mapping[str, Any], ...] = ({},)
+    absent: str = ""
+    """Empty, or why the solver is absent."""
+
+
+def _import_file(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"piezobench_user_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _only_solver(module: ModuleType) -> type[Solver]:
+    found = [cls for cls in vars(module).values() if inspect.isclass(cls) and issubclass(cls, Solver)
+             and cls.__module__ == module.__name__ and not inspect.isabstract(cls)]
+    if len(found) != 1:
+        raise ImportError(f"{module.__name__} must define exactly one Solver class, not {len(found)}")
+    return found[0]
+
+
+def entries() -> Iterator[Entry]:
+    """Every solver of every lane that has a file here; the libraries of the folders are not imported for that."""
+    here = Path(__file__).parent
+    for lane in FOLDERS:
+        for file in sorted((here / lane).glob("[a-z]*.py")):
+            yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
+    for lane in FAMILIES:
+        if importlib.util.find_spec(lane.value) is not None:
+            module = f"solvers.{lane}_lane"
+            for name in importlib.import_module(module).names():
+                yield Entry(name, lane, module)
+
+
+def from_file(path: str | Path) -> Entry:
+    """The entry of a user's own solver file; its class says its name and lane."""
+    path = Path(path).resolve()
+    if not path.is_file():
+        raise ImportError(f"{path} is not a file")
+    cls = _only_solver(_import_file(path))
+    return Entry(cls.name, cls.lane, f"piezobench_user_{path.stem}", path)
+
+
+def find(name: str, lane: Lane | str | None = None) -> Entry:
+    """The entry of that name, in the given lane or in the fastest one that has it (the order of :class:`Lane`)."""
+    for entry in entries():
+        if entry.name == name and lane in (None, entry.lane):
+            return entry
+    where = "" if lane is None else f" in the lane {Lane(lane).value!r}"
+    raise KeyError(f"there is no solver {name!r}{where}; known are {', '.join(sorted({e.name for e in entries()}))}")
+
+
+def get(name: str, lane: Lane | str | None = None, tier: Tier | str = Tier.DEFAULT, **settings: Any) -> Solver:
+    """Make a solver by name.
+
+    Examples
+    --------
+    >>> import numpy as np, qpsolvers, solvers
+    >>> s = solvers.get("projected_difference", steps=200)
+    >>> s.setup(qpsolvers.Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.full(2, np.inf)))
+    >>> s.solve().round(6).tolist()
+    [1.0, 0.0]
+    """
+    return find(name, lane).load()(tier, **settings)
+
+
+def describe(entry: Entry) -> Described:
+    """Import one entry and say what it is, or why it is absent."""
+    try:
+        cls = entry.load()
+    except ImportError as error:
+        return Described(entry.name, entry.lane, "", "", "", False, absent=str(error))
+    return Described(entry.name, entry.lane, cls.algorithm, importlib.metadata.version(cls.distribution), cls.licence,
+                     cls.warm_startable, cls.variants)
+
+
+def available() -> list[Entry]:
+    """The entries whose library is installed here."""
+    return [entry for entry in entries() if not describe(entry).absent]

@@ -1,0 +1,207 @@
+"""A quadratic program as numbers in arrays of our own, its constraints as rows, and the triangles of P.
+
+Libraries disagree about the form of the constraints, and every form is a selection of the rows of one stack,
+
+    l ≤ R x ≤ u,   R = [I; A; G],   l = [lb; b; −∞],   u = [ub; b; h],
+
+whose multipliers w are those of :class:`qpsolvers.Solution` one below the other, w = [z_box; y; z]:
+
+    P x + q + Rᵀw = 0,   w_i > 0 only where row i is at u_i,   w_i < 0 only where it is at l_i.
+
+Sources: S. Boyd and L. Vandenberghe, Convex Optimization (2004), section 5.5.3 for the conditions; the signs are
+those of the qpsolvers documentation of ``Solution``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
+
+from solvers.protocol import Matrix, Vector, box, dense
+
+Index = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+
+
+class Program:
+    """The numbers of a problem, contiguous and ours, so that a library may keep pointers into them.
+
+    Parameters
+    ----------
+    problem : qpsolvers.Problem
+        P, G and A dense or scipy sparse, of any strides and order; nothing of it is written to.
+
+    Attributes
+    ----------
+    P, q : ndarray
+        Cost, shapes (d, d) in C order and (d,). P is symmetric, so ``P.T`` is P in Fortran order, for free.
+    R, l, u : ndarray
+        The stacked rows, shapes (d + p + m, d) in C order and (d + p + m,): d bounds, p equalities, m inequalities.
+    bounds, equalities, inequalities : slice
+        Where each kind lies in the stack.
+    """
+
+    def __init__(self, problem: Problem) -> None:  # noqa: D107
+        self.P, self.q = dense(problem)
+        self.d = d = self.q.size
+        lb, ub = box(problem)
+        A, b = _block(problem.A, problem.b, d)
+        G, h = _block(problem.G, problem.h, d)
+        self._real: Mask = h < np.inf  # a row of G that forbids nothing is no row
+        G, h = G[self._real], h[self._real]
+        self.R: Matrix = np.vstack([np.eye(d), A, G])
+        self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])
+        self.u: Vector = np.concatenate([ub, b, h])
+        self.bounds = slice(0, d)
+        self.equalities = slice(d, d + b.size)
+        self.inequalities = slice(d + b.size, None)
+        self.general = slice(d, None)
+        self._problem = problem
+
+    def take(self, P: Matrix | None, q: Vector | None) -> None:
+        """Copy new P (d, d) and q (d,), whatever their strides; what is None stays."""
+        if P is not None:
+            self.P[:] = P
+        if q is not None:
+            self.q[:] = q
+
+    def no_answer(self) -> Vector:
+        """What ``solve`` returns when the library says that it has no answer: NaN, which nobody takes for one."""
+        return np.full(self.d, np.nan)
+
+    def solution(self, x: Vector, w: Vector, found: bool, *, status: str, reported_us: float | None,
+                 iterations: int | None) -> Solution:
+        """Wrap an answer.
+
+        Parameters
+        ----------
+        x : ndarray
+            Answer, shape (d,).
+        w : ndarray
+            Multipliers of all rows of the stack, in its order, shape (d + p + m,).
+        found : bool
+            Whether the library says solved. Only then does the solution hold x and the duals.
+        status : str
+            The library's own word.
+        reported_us : float or None
+            The solve time that the library itself reports, µs.
+        iterations : int or None
+            The library's own count.
+        """
+        given = self._problem
+        problem = Problem(self.P.copy(), self.q.copy(), given.G, given.h, given.A, given.b, given.lb, given.ub)
+        extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
+        if not found:
+            return Solution(problem, found=False, extras=extras)
+        z = np.zeros(self._real.size)
+        z[self._real] = w[self.inequalities]
+        return Solution(problem, found=True, x=np.array(x), y=w[self.equalities].copy(), z=z,
+                        z_box=w[self.bounds].copy(), obj=float(x @ (0.5 * (self.P @ x) + self.q)), extras=extras)
+
+
+class Intervals:
+    """The rows as intervals l ≤ R x ≤ u: those with a finite side, so that no row is dead.
+
+    Attributes
+    ----------
+    R : csc_matrix
+        Shape (k, d).
+    l, u : ndarray
+        Shape (k,).
+    """
+
+    def __init__(self, program: Program) -> None:  # noqa: D107
+        self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
+        self.R = csc_matrix(program.R[self._kept])
+        self.l, self.u = program.l[self._kept], program.u[self._kept]
+
+    def spread(self, w: Vector) -> Vector:
+        """Multipliers (k,) of these rows as those of the whole stack."""
+        whole = np.zeros(self._kept.size)
+        whole[self._kept] = w
+        return whole
+
+
+class Cones:
+    """The rows as R x + s = r, s in the zero cone for equalities and fixed variables, then s ≥ 0; every r is finite.
+
+    Attributes
+    ----------
+    R : ndarray
+        Shape (k, d), C order.
+    r : ndarray
+        Shape (k,).
+    equal, unequal : int
+        How many of the rows are equalities, which come first, and how many are not.
+    """
+
+    def __init__(self, program: Program) -> None:  # noqa: D107
+        # A fixed variable as two inequalities would leave an interior point method no interior.
+        self._equal = equal = program.l == program.u
+        self._upper = upper = np.isfinite(program.u) & ~equal
+        self._lower = lower = np.isfinite(program.l) & ~equal
+        self.R: Matrix = np.vstack([program.R[equal], program.R[upper], -program.R[lower]])
+        self.r: Vector = np.concatenate([program.u[equal], program.u[upper], -program.l[lower]])
+        self.equal = int(equal.sum())
+        self.unequal = self.r.size - self.equal
+
+    def spread(self, w: Vector) -> Vector:
+        """Multipliers (k,) of these rows, w ≥ 0 on the inequalities, as those of the whole stack."""
+        whole = np.zeros(self._equal.size)
+        ends = np.cumsum([self.equal, self._upper.sum()])
+        equal, upper, lower = np.split(w, ends)
+        whole[self._equal] = equal
+        whole[self._upper] = upper
+        whole[self._lower] -= lower
+        return whole
+
+
+class Triangle:
+    """One triangle of a symmetric matrix in compressed columns, with every entry stored, zeros too.
+
+    ``csc_matrix(P)`` drops exact zeros, and values that are updated later then fall on wrong places; here the pattern
+    never depends on the values, and new values are one indexed copy.
+
+    Parameters
+    ----------
+    d : int
+        Order of the matrix.
+    upper : bool
+        Which triangle.
+
+    Examples
+    --------
+    >>> t = Triangle(2)
+    >>> t.matrix(np.array([[1.0, 0.0], [0.0, 3.0]])).data.tolist()
+    [1.0, 0.0, 3.0]
+    """
+
+    def __init__(self, d: int, upper: bool = True) -> None:  # noqa: D107
+        # Row by row through one triangle is column by column through the other, and P is symmetric.
+        row, column = np.tril_indices(d) if upper else np.triu_indices(d)
+        self.indices: Index = column.astype(np.int32)
+        counts = np.bincount(row, minlength=d)
+        self.indptr: Index = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self._flat = row * d + column
+        self.shape = (d, d)
+
+    def values(self, P: Matrix) -> Vector:
+        """The stored values of a symmetric matrix P (d, d), column by column, as a fresh array."""
+        picked: Vector = P.take(self._flat)
+        return picked
+
+    def matrix(self, P: Matrix) -> csc_matrix:
+        """P as a sparse matrix that holds this triangle, its arrays its own (osqp writes to what it is given)."""
+        return csc_matrix((self.values(P), self.indices.copy(), self.indptr.copy()), shape=self.shape)
+
+
+def _block(matrix: Any, right: Any, d: int) -> tuple[Matrix, Vector]:
+    """Rows and right-hand side of one kind as dense arrays, with no rows where the problem has none of that kind."""
+    if matrix is None:
+        return np.zeros((0, d)), np.zeros(0)
+    rows = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    return np.asarray(rows, dtype=np.float64), np.asarray(right, dtype=np.float64)

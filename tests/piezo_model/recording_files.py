@@ -1,0 +1,36 @@
+"""Files for the tests of recordings, good and bad, and how a refusal must look."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piezo_model.recordings import Recording, RecordingError
+
+ROWS = 1000
+HEADER = "time_s,voltage_V,displacement_um"
+
+
+def signals(rows: int = ROWS, sample_time: float = 0.005) -> dict[str, np.ndarray]:
+    t = np.arange(rows) * sample_time
+    return {"time_s": t, "voltage_V": 1.8 + 1.8 * np.sin(6 * t), "displacement_um": 20 * np.sin(6 * t - 0.3) - 96}
+
+
+def text_file(folder: Path, *lines: str, name: str = "stage.csv") -> Path:
+    path = folder / name
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def with_times(folder: Path, times: list[str] | np.ndarray, name: str = "stage.csv") -> Path:
+    """A file whose times are as written, with lively signals."""
+    return text_file(folder, HEADER, *(f"{t},{k % 7},{k % 5}" for k, t in enumerate(times)), name=name)
+
+
+def refusal(path: Path, **columns: str) -> str:
+    with pytest.raises(RecordingError) as caught:
+        Recording.open(path, **columns)
+    sentence = str(caught.value)
+    assert path.name in sentence
+    assert "\n" not in sentence
+    return sentence

@@ -1,0 +1,230 @@
+"""Simulated actuators: the contract of a plant, bare or with its sensor, and the behaviour of a stack actuator."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezo_model import plants
+from piezo_model.signals import random_walk
+
+TS = 1e-3
+NAMES = plants.names()
+every_plant = pytest.mark.parametrize("name", NAMES)
+volts = st.floats(0.0, 150.0)
+
+
+def ramp(*turns, per_ramp=200):
+    """Drive that visits the turning points, V."""
+    return np.interp(np.arange((len(turns) - 1) * per_ramp + 1) / per_ramp, np.arange(len(turns)), turns)
+
+
+def walk(seconds=2.0, seed=0):
+    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=seed, spread_per_root_s=3.0)
+
+
+def measured(name):
+    return plants.Sensor(plants.get(name, sample_time=TS), noise_um=0.01, quantum_um=0.001, gain_drift_per_s=1e-3,
+                         gain_swing=0.02, gain_swing_period_s=0.7, offset_um=0.3, delay_samples=3, seed=5)
+
+
+def bare(name):
+    return plants.get(name, sample_time=TS)
+
+
+contract = pytest.mark.parametrize(("make", "name"), [(make, name) for make in (bare, measured) for name in NAMES])
+
+
+def test_the_folder_is_the_registry():
+    assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "relay_preisach"]
+
+
+def test_an_unknown_plant_and_an_unknown_option_are_refused_with_what_is_known():
+    with pytest.raises(KeyError, match="known are bouc_wen"):
+        plants.get("stack")
+    with pytest.raises(ValueError, match="'bouc_wen' has no option 'lines'"):
+        plants.get("bouc_wen", lines=3)
+
+
+# The contract of a plant
+
+
+@contract
+@settings(max_examples=15, deadline=None)
+@given(cuts=st.lists(st.integers(0, 600), max_size=6), seed=st.integers(0, 1000))
+def test_a_run_in_chunks_equals_one_run_bit_for_bit(make, name, cuts, seed):
+    x = walk(0.6, seed)
+    whole = make(name).run(x)
+    plant = make(name)
+    chunks = [plant.run(chunk) for chunk in np.split(x, sorted(cuts))]
+    np.testing.assert_array_equal(np.concatenate(chunks), whole)
+
+
+@contract
+def test_steps_equal_a_run_bit_for_bit(make, name):
+    x = walk(0.3)
+    plant = make(name)
+    assert [plant.step(v) for v in x] == make(name).run(x).tolist()
+
+
+@contract
+def test_a_restored_state_continues_as_the_first_time(make, name):
+    x = walk()
+    plant = make(name)
+    plant.run(x[:700])
+    saved = plant.state()
+    first = plant.run(x[700:])
+    plant.restore(saved)
+    np.testing.assert_array_equal(plant.run(x[700:]), first)
+    other = make(name)
+    other.restore(saved)
+    np.testing.assert_array_equal(other.run(x[700:]), first)
+
+
+@contract
+def test_reset_is_as_made(make, name):
+    x = walk()
+    plant = make(name)
+    first = plant.run(x)
+    plant.reset()
+    np.testing.assert_array_equal(plant.run(x), first)
+
+
+@contract
+def test_the_state_of_another_plant_is_refused_and_changes_nothing(make, name):
+    plant = make(name)
+    plant.run(walk())
+    before = plant.state()
+    with pytest.raises(ValueError, match="has the arrays"):
+        plant.restore({"nothing": np.zeros(1)})
+    wrong = plant.state()
+    wrong[max(wrong)] = np.zeros((7, 7, 7))
+    with pytest.raises(ValueError, match="has the shape"):
+        plant.restore(wrong)
+    after = plant.state()
+    assert all(np.array_equal(before[key], after[key]) for key in before)
+
+
+@contract
+@pytest.mark.parametrize(("x", "message"), [([[1.0]], "1-d"), ([1.0, np.nan], "not finite at sample 1")])
+def test_a_bad_drive_is_refused_in_one_sentence_and_changes_nothing(make, name, x, message):
+    plant = make(name)
+    before = plant.state()
+    with pytest.raises(ValueError, match=message):
+        plant.run(x)
+    after = plant.state()
+    assert all(np.array_equal(before[key], after[key]) for key in before)
+
+
+@every_plant
+@pytest.mark.parametrize(("option", "value"), [
+    ("x_range", (1.0, 1.0)), ("y_range", (0.0, np.nan)), ("sample_time", 0.0), ("creep_share", 1.0),
+    ("creep_rates_per_s", ()), ("creep_rates_per_s", (1.0, -1.0))])
+def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
+    with pytest.raises(ValueError, match=option):
+        plants.get(name, **{option: value})
+
+
+@pytest.mark.parametrize(("name", "option", "value"), [
+    ("relay_preisach", "lines", 0), ("relay_preisach", "reversible_share", 1.0),
+    ("relay_preisach", "hill_breadth", 0.0), ("relay_preisach", "hill_breadth_slope", 2.0),
+    ("bouc_wen", "loading_slope", 0.0), ("bouc_wen", "beta", 0.0),
+    ("bouc_wen", "gamma", 9.0), ("bouc_wen", "exponent", 0.5), ("bouc_wen", "stiffness", 0.1),
+    ("dense_prandtl_ishlinskii", "thresholds", 1), ("dense_prandtl_ishlinskii", "saturation", 0.5),
+    ("dense_prandtl_ishlinskii", "asymmetry", -0.5), ("dense_prandtl_ishlinskii", "threshold_scale", np.inf)])
+def test_an_actuator_refuses_its_own_wrong_option_by_its_name(name, option, value):
+    with pytest.raises(ValueError, match=option):
+        plants.get(name, **{option: value})
+
+
+# Behaviour of a stack actuator
+
+
+@every_plant
+@settings(max_examples=25, deadline=None)
+@given(turns=st.lists(st.floats(-100.0, 300.0), min_size=1, max_size=12))
+def test_the_displacement_stays_in_its_range_whatever_the_drive(name, turns):
+    y = plants.get(name, sample_time=TS, y_range=(0.0, 40.0)).run(ramp(0.0, *turns))
+    assert y.min() >= -1e-9
+    assert y.max() <= 40.0 + 1e-9
+
+
+@every_plant
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (149.0, 150.0), (140.0, 150.0), (0.0, 40.0)])
+def test_small_strokes_about_an_end_never_ratchet_out_of_the_range(name, low, high):
+    y = bare(name).run(ramp(0.0, 150.0, *(low, high) * 400, per_ramp=10))
+    assert np.abs(y).max() <= 20.0 + 1e-9
+
+
+@every_plant
+def test_a_drive_beyond_the_range_is_limited_to_it(name):
+    x = ramp(-50.0, 250.0, 20.0)
+    np.testing.assert_array_equal(bare(name).run(x), bare(name).run(np.clip(x, 0.0, 150.0)))
+
+
+@every_plant
+def test_other_ranges_only_change_the_units(name):
+    x = walk()
+    y = plants.get(name, sample_time=TS, x_range=(-30.0, 30.0), y_range=(0.0, 100.0)).run(x * 0.4 - 30.0)
+    np.testing.assert_allclose(y, 50.0 + 2.5 * bare(name).run(x), atol=1e-10)
+
+
+@every_plant
+def test_the_plant_rests_at_the_low_end(name):
+    y = bare(name).run(np.zeros(2000))
+    assert np.ptp(y) < 1e-9
+    assert y[0] < -16.0
+
+
+@every_plant
+def test_the_major_loop_lags_and_has_the_width_of_a_stack_actuator(name):
+    x = ramp(0.0, 150.0, 0.0, per_ramp=500)
+    y = bare(name).run(np.tile(x, 3))[-x.size:]
+    up, down = y[:501], y[500:][::-1]
+    assert np.all(down[1:-1] > up[1:-1])
+    area = -np.trapezoid(y, x)
+    assert area > 0.08 * 150.0 * np.ptp(y)
+    assert 0.12 < (down - up).max() / np.ptp(y) < 0.155
+
+
+@every_plant
+def test_the_displacement_creeps_by_a_few_percent_and_by_about_as_much_each_decade(name):
+    plant = plants.get(name)
+    low = plant.run(np.zeros(10))[-1]
+    y = plant.run(np.full(80_000, 100.0))
+    step = y[8] - low
+    assert 0.02 < (y[-1] - y[8]) / step < 0.06
+    decades = np.diff(y[[79, 799, 7_999, 79_999]]) / step
+    assert np.all((decades > 0.005) & (decades < 0.02))
+
+
+@every_plant
+def test_without_creep_a_held_drive_holds_the_displacement(name):
+    y = plants.get(name, creep_share=0.0).run(np.full(1000, 100.0))
+    assert np.ptp(y) == 0.0
+
+
+@every_plant
+@settings(max_examples=25, deadline=None)
+@given(turns=st.lists(volts, min_size=1, max_size=8))
+def test_every_branch_is_strictly_monotone(name, turns):
+    x = ramp(0.0, *turns, 0.0, 150.0)
+    y = plants.get(name, creep_share=0.0).run(x)
+    dx = np.diff(x)
+    moves = np.abs(dx) > 1e-9
+    assert np.all(np.diff(y)[moves] * np.sign(dx[moves]) > 0.0)
+
+
+@every_plant
+@settings(max_examples=25, deadline=None)
+@given(turns=st.lists(volts, min_size=2, max_size=8))
+def test_hysteresis_without_creep_does_not_know_the_speed(name, turns):
+    slow = plants.get(name, creep_share=0.0).run(ramp(0.0, *turns, per_ramp=300))
+    fast = plants.get(name, creep_share=0.0).run(ramp(0.0, *turns, per_ramp=100))
+    np.testing.assert_allclose(slow[::3], fast, atol=2e-6)
+
+
+@every_plant
+def test_creep_knows_the_speed(name):
+    slow, fast = (bare(name).run(ramp(0.0, 150.0, 0.0, per_ramp=n))[n // 2] for n in (20_000, 20))
+    assert slow > fast + 0.2

@@ -1,0 +1,102 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_files import HEADER, refusal, signals, text_file
+
+from piezo_model.recording_columns import split_unit
+from piezo_model.recordings import Recording, write_table
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Path:
+    path = tmp_path / "stage.csv"
+    write_table(path, signals())
+    return path
+
+
+@pytest.mark.parametrize(("column", "stem", "unit"), [
+    ("voltage_V", "voltage", "V"), ("displacement_um", "displacement", "um"), ("y_nm", "y", "nm"), ("t_ms", "t", "ms"),
+    ("voltage [V]", "voltage", "V"), ("y(um)", "y", "um"), ("Weg (µm)", "Weg", "um"), ("Weg_μm", "Weg", "um"),
+    ("U/V", "U", "V"), ("force [counts]", "force", "counts"), ("position_x", "position_x", ""), ("V", "V", ""),
+    ("y_ref_um", "y_ref", "um"), ("", "", ""),
+])
+def test_a_unit_is_read_from_the_name(column: str, stem: str, unit: str) -> None:
+    assert split_unit(column) == (stem, unit)
+
+
+@pytest.mark.parametrize(("header", "time", "x", "y"), [
+    (HEADER, "time_s", "voltage_V", "displacement_um"),
+    ("y,u,t", "t", "u", "y"),
+    ("t,x,y", "t", "x", "y"),
+    ("sensor_um,drive_V,time", "time", "drive_V", "sensor_um"),
+    ("Time [s],Command (V),Position [µm]", "Time [s]", "Command (V)", "Position [µm]"),
+    ("time_s,inputVoltage,measured_output", "time_s", "inputVoltage", "measured_output"),
+    ("time_s,ch1_V,ch2_um", "time_s", "ch1_V", "ch2_um"),
+    ("time_s,position_command_um,position_um", "time_s", "position_command_um", "position_um"),
+    ("time_s,amplifier_V,position_x_um", "time_s", "amplifier_V", "position_x_um"),
+    ("index,time_s,temperature,voltage_V,sensor_V", "time_s", "voltage_V", "sensor_V"),
+])
+def test_columns_are_guessed_from_the_header_and_said(tmp_path: Path, header: str, time: str, x: str, y: str) -> None:
+    names = header.split(",")
+    cells = {time: "{0}", x: "1{1}", y: "2{1}"}
+    line = ",".join(cells.get(name, "7") for name in names)
+    recording = Recording.open(text_file(tmp_path, header, *(line.format(k, k % 3) for k in range(9))))
+    assert recording.columns == recording.guesses == {"time": time, "input": x, "output": y}
+    assert (recording.x_range, recording.y_range) == ((10, 12), (20, 22))
+    assert "guessed from the header: time, input, output" in recording.describe()
+    assert all(repr(name) in recording.describe() for name in (time, x, y))
+
+
+def test_named_columns_are_taken_and_are_no_guesses(stage: Path) -> None:
+    recording = Recording.open(stage, input="displacement_um", output="voltage_V")
+    assert (recording.input_unit, recording.output_unit) == ("um", "V")
+    assert recording.guesses == {"time": "time_s"}
+    assert "guessed from the header: time (otherwise --time)" in recording.describe()
+    assert "guessed" not in Recording.open(stage, "time_s", "voltage_V", "displacement_um").describe()
+
+
+@pytest.mark.parametrize("header", ["time_s,a,b", "time_s,voltage_1,voltage_2", "time_s,voltage_V,other",
+                                    "zeitpunkt,voltage_V,y_um", "time_s,reference_um,voltage_V"])
+def test_what_cannot_be_guessed_is_asked_for_by_option(tmp_path: Path, header: str) -> None:
+    sentence = refusal(text_file(tmp_path, header, "0,1,2", "1,2,3", "2,5,5"))
+    assert "cannot tell which column is the" in sentence
+    assert all(repr(name) in sentence for name in header.split(","))
+    assert "--time, --input and --output" in sentence
+
+
+def test_an_unknown_column_is_refused_with_those_there_are(stage: Path) -> None:
+    assert "no column 'volts' for the input; its columns are 'time_s', 'voltage_V'" in refusal(stage, input="volts")
+
+
+def test_one_column_cannot_serve_twice(stage: Path) -> None:
+    assert "one column cannot serve" in refusal(stage, input="voltage_V", output="voltage_V")
+
+
+def test_a_column_name_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    path = text_file(tmp_path, "t,u,y,y", "0,1,2,3", "1,2,3,4")
+    assert "cannot tell which column is the output" in refusal(path)
+    assert "2 columns named 'y'" in refusal(path, output="y")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_names_beyond_ascii_are_read_and_written(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"Prüfstand{suffix}"
+    names = ["Zeit_s", "Spannung, gestellt_V", "変位_µm"]
+    write_table(path, dict(zip(names, signals().values(), strict=True)))
+    recording = Recording.open(path, input=names[1], output="変位_μm")  # the other of the two letters for micro
+    assert list(recording.columns.values()) == names
+    assert (recording.input_unit, recording.output_unit) == ("V", "um")
+    np.testing.assert_array_equal(recording.arrays()[1], signals()["displacement_um"])
+
+
+@pytest.mark.parametrize(("name", "seconds"), [("time_s", 1.0), ("time_ms", 1e-3), ("t [us]", 1e-6), ("t(µs)", 1e-6),
+                                               ("time", 1.0), ("timestamp_ns", 1e-9), ("time [min]", 60.0)])
+def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None:
+    path = text_file(tmp_path, f"{name},u,y", *(f"{125 * k},{k % 3},{k % 5}" for k in range(40)))
+    assert Recording.open(path).sample_time == pytest.approx(125 * seconds, rel=1e-12)
+
+
+def test_times_in_another_unit_are_refused(tmp_path: Path) -> None:
+    sentence = refusal(text_file(tmp_path, "time [days],u,y", "0,1,2", "1,2,3"))
+    assert "time column 'time [days]' is in 'days'" in sentence

@@ -1,0 +1,106 @@
+"""The sensor around a plant: what it adds, in which size, and that it adds the same again."""
+
+import numpy as np
+import pytest
+
+from piezo_model import plants
+from piezo_model.signals import random_walk
+
+TS = 1e-3
+
+
+def bare(name):
+    return plants.get(name, sample_time=TS)
+
+
+def walk(seconds=2.0):
+    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=0, spread_per_root_s=3.0)
+
+
+class StillPlant(plants.Plant):
+    """A plant that does not move: the sensor alone is seen."""
+
+    x_range, y_range, sample_time = (0.0, 1.0), (0.0, 40.0), TS
+
+    def __init__(self, y_um):
+        self.y_um = y_um
+
+    def run(self, x):
+        return np.full(np.size(x), self.y_um)
+
+    def reset(self):
+        pass
+
+    def state(self):
+        return {}
+
+    def restore(self, state):
+        pass
+
+
+def test_the_noise_has_its_standard_deviation_and_is_white():
+    m = plants.Sensor(StillPlant(7.0), noise_um=0.02, seed=1).run(np.zeros(50_000))
+    assert m.mean() == pytest.approx(7.0, abs=5e-4)
+    assert m.std() == pytest.approx(0.02, rel=0.02)
+    assert abs(np.corrcoef(m[1:], m[:-1])[0, 1]) < 0.02
+
+
+def test_the_same_seed_gives_the_same_noise_and_another_seed_another():
+    def noise(seed, size=0.02):
+        return plants.Sensor(StillPlant(0.0), noise_um=size, seed=seed).run(np.zeros(100))
+    np.testing.assert_array_equal(noise(1), noise(1))
+    assert not np.array_equal(noise(1), noise(2))
+    np.testing.assert_allclose(noise(1, 0.04), 2.0 * noise(1), rtol=1e-12)
+
+
+def test_the_measurement_is_the_nearest_multiple_of_the_quantum():
+    x = walk()
+    y = bare("relay_preisach").run(x)
+    m = plants.Sensor(bare("relay_preisach"), quantum_um=0.05).run(x)
+    np.testing.assert_allclose(m / 0.05, np.round(m / 0.05), atol=1e-9)
+    assert np.abs(m - y).max() <= 0.025 + 1e-12
+    assert (m - y).std() == pytest.approx(0.05 / np.sqrt(12.0), rel=0.1)
+
+
+def test_a_delayed_measurement_is_the_earlier_displacement_and_starts_with_the_first():
+    x = walk()
+    y = bare("bouc_wen").run(x)
+    m = plants.Sensor(bare("bouc_wen"), delay_samples=4).run(x)
+    np.testing.assert_array_equal(m[4:], y[:-4])
+    np.testing.assert_array_equal(m[:4], np.full(4, y[0]))
+
+
+def test_the_gain_drifts_about_the_centre_of_the_range():
+    t = np.arange(3000) * TS
+    up = plants.Sensor(StillPlant(30.0), gain_drift_per_s=0.01).run(np.zeros(3000))
+    np.testing.assert_allclose(up, 20.0 + 10.0 * (1.0 + 0.01 * t), rtol=1e-12)
+    centre = plants.Sensor(StillPlant(20.0), gain_drift_per_s=0.01).run(np.zeros(3000))
+    np.testing.assert_array_equal(centre, np.full(3000, 20.0))
+    swing = plants.Sensor(StillPlant(30.0), gain_swing=0.1, gain_swing_period_s=2.0).run(np.zeros(3000))
+    np.testing.assert_allclose(swing, 20.0 + 10.0 * (1.0 + 0.1 * np.sin(np.pi * t)), rtol=1e-12)
+
+
+def test_a_sensor_without_options_measures_the_displacement_itself():
+    x = walk()
+    np.testing.assert_array_equal(plants.Sensor(bare("bouc_wen")).run(x), bare("bouc_wen").run(x))
+
+
+def test_sensors_can_be_stacked():
+    def stacked():
+        return plants.Sensor(plants.Sensor(bare("bouc_wen"), noise_um=0.1, seed=1), delay_samples=2, quantum_um=0.01)
+    x = walk(0.5)
+    sensor = stacked()
+    sensor.run(x[:100])
+    saved = sensor.state()
+    first = sensor.run(x[100:])
+    other = stacked()
+    other.restore(saved)
+    np.testing.assert_array_equal(other.run(x[100:]), first)
+
+
+@pytest.mark.parametrize(("option", "value"), [
+    ("noise_um", -1.0), ("quantum_um", np.nan), ("delay_samples", -1), ("delay_samples", 1.5), ("seed", -1),
+    ("gain_drift_per_s", np.inf), ("offset_um", np.nan), ("gain_swing", np.nan), ("gain_swing_period_s", 0.0)])
+def test_a_sensor_refuses_a_wrong_option_by_its_name(option, value):
+    with pytest.raises(ValueError, match=option):
+        plants.Sensor(StillPlant(0.0), **{option: value})

@@ -1,0 +1,129 @@
+"""Drive and reference signals: limits, repeatability, and the shape that each one promises."""
+
+import inspect
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezo_model.signals import SIGNALS, decaying_triangle, multi_sine, random_walk, raster_scan, staircase
+
+TWO_SECONDS = {"duration_s": 2.0, "sample_time": 1e-3, "low": -20.0, "high": 130.0}
+
+
+def make(name, **options):
+    seeded = inspect.signature(SIGNALS[name]).parameters.get("seed")
+    return SIGNALS[name](**{**TWO_SECONDS, **({"seed": 7} if seeded else {}), **options})
+
+
+every_signal = pytest.mark.parametrize("name", SIGNALS)
+
+
+@every_signal
+@settings(max_examples=20, deadline=None)
+@given(low=st.floats(-1e3, 1e3), width=st.floats(1e-3, 1e3), seconds=st.floats(0.05, 3.0), seed=st.integers(0, 2**31))
+def test_every_signal_stays_inside_its_limits(name, low, width, seconds, seed):
+    seeded = "seed" in inspect.signature(SIGNALS[name]).parameters
+    options = {"seed": seed} if seeded else {}
+    s = SIGNALS[name](duration_s=seconds, sample_time=1e-3, low=low, high=low + width, **options)
+    assert s.shape == (round(seconds / 1e-3),)
+    assert s.dtype == np.float64
+    assert s.min() >= low
+    assert s.max() <= low + width
+
+
+@every_signal
+def test_a_signal_is_a_pure_function_of_its_arguments(name):
+    np.testing.assert_array_equal(make(name), make(name))
+
+
+@pytest.mark.parametrize("function", [random_walk, multi_sine])
+def test_another_seed_gives_another_signal(function):
+    assert not np.array_equal(function(**TWO_SECONDS, seed=1), function(**TWO_SECONDS, seed=2))
+
+
+@every_signal
+@pytest.mark.parametrize(("option", "value"), [("duration_s", 0.0), ("duration_s", np.nan), ("sample_time", -1.0),
+                                               ("sample_time", np.inf), ("low", 130.0), ("high", np.nan),
+                                               ("duration_s", 1e-4)])
+def test_a_signal_refuses_a_wrong_common_option_by_its_name(name, option, value):
+    with pytest.raises(ValueError, match=option):
+        make(name, **{option: value})
+
+
+@pytest.mark.parametrize(("name", "option", "value"), [
+    ("staircase", "levels", 1), ("staircase", "hold_s", 0.0), ("decaying_triangle", "cycles", 0.5),
+    ("decaying_triangle", "final_share", 1.5), ("multi_sine", "tones", 0), ("multi_sine", "highest_Hz", 500.0),
+    ("multi_sine", "lowest_Hz", 80.0), ("raster_scan", "line_rate_Hz", 500.0), ("raster_scan", "fast_share", -0.1),
+    ("raster_scan", "slow_axis", "diagonal"), ("random_walk", "bandwidth_Hz", -1.0),
+    ("random_walk", "spread_per_root_s", 0.0)])
+def test_a_signal_refuses_its_own_wrong_option_by_its_name(name, option, value):
+    with pytest.raises(ValueError, match=option):
+        make(name, **{option: value})
+
+
+def test_a_staircase_holds_each_level_and_goes_up_and_down_by_one_level():
+    s = staircase(**TWO_SECONDS, levels=4, hold_s=0.1).reshape(-1, 100)
+    assert np.ptp(s, axis=1).max() == 0.0
+    np.testing.assert_allclose(s[:8, 0], [-20.0, 30.0, 80.0, 130.0, 80.0, 30.0, -20.0, 30.0])
+
+
+def test_a_decaying_triangle_touches_both_limits_and_then_each_turning_point_is_inside_the_last():
+    s = decaying_triangle(**TWO_SECONDS, cycles=5)
+    assert s[0] == -20.0
+    assert s.max() == pytest.approx(130.0)
+    turns = s[1:-1][np.diff(np.sign(np.diff(s))) != 0]
+    assert turns.size >= 9
+    assert np.all(np.diff(np.abs(turns - 55.0)) < 0.0)
+    assert s[-1] == pytest.approx(55.0, abs=0.2)
+
+
+def test_a_decaying_triangle_keeps_the_final_share_of_its_amplitude():
+    last_cycle = decaying_triangle(**TWO_SECONDS, cycles=40, final_share=0.5)[-50:]
+    assert np.ptp(last_cycle) == pytest.approx(75.0, rel=0.1)
+
+
+def test_a_multi_sine_has_its_energy_at_its_log_spaced_tones_and_nowhere_else():
+    s = multi_sine(duration_s=8.0, sample_time=1e-3, low=0.0, high=1.0, tones=4, lowest_Hz=1.0, highest_Hz=64.0)
+    power = np.abs(np.fft.rfft(s - s.mean())) ** 2
+    assert sorted((np.argsort(power)[-4:] / 8.0).tolist()) == [1.0, 4.0, 16.0, 64.0]
+    assert np.sort(power)[-4:].sum() > 0.999 * power.sum()
+    assert (s.min(), s.max()) == (0.0, 1.0)
+
+
+def test_the_tones_have_the_phases_of_schroeder():
+    s = multi_sine(duration_s=8.0, sample_time=1e-3, low=0.0, high=1.0, tones=4, lowest_Hz=1.0, highest_Hz=64.0)
+    tones = np.fft.rfft(s)[[8, 32, 128, 512]]
+    sines = tones * 1j / np.abs(tones)
+    np.testing.assert_allclose(sines, np.exp(-1j * np.pi * np.array([0.0, 2.0, 6.0, 12.0]) / 4), atol=1e-6)
+
+
+def test_schroeder_phases_give_a_lower_crest_than_cosines_in_phase():
+    def crest(s):
+        return np.abs(s - s.mean()).max() / s.std()
+    t = np.arange(2000) * 1e-3
+    in_phase = sum(np.cos(2 * np.pi * f * t) for f in np.geomspace(0.5, 50.0, 12))
+    assert crest(multi_sine(**TWO_SECONDS)) < 0.75 * crest(in_phase)
+
+
+@pytest.mark.parametrize("slow_axis", ["staircase", "drift"])
+def test_a_raster_scan_has_one_line_a_period_and_climbs_from_low_to_high(slow_axis):
+    s = raster_scan(**TWO_SECONDS, line_rate_Hz=10.0, fast_share=0.6, slow_axis=slow_axis).reshape(20, 100)
+    assert np.all(np.diff(s.mean(axis=1)) > 0.0)
+    assert s[0, 0] == -20.0
+    assert s.max() == pytest.approx(130.0, abs=2.0)
+    np.testing.assert_allclose(np.ptp(s, axis=1), 90.0, atol=3.5)
+
+
+def test_the_base_of_a_stepped_raster_scan_is_constant_within_a_line():
+    s = raster_scan(**TWO_SECONDS, line_rate_Hz=10.0, slow_axis="staircase").reshape(20, 100)
+    np.testing.assert_allclose(s[:, 1:50], s[:, :50:-1], atol=1e-9)
+
+
+def test_a_random_walk_starts_at_the_centre_roams_the_range_and_is_band_limited():
+    s = random_walk(duration_s=60.0, sample_time=1e-3, low=0.0, high=150.0, seed=3, bandwidth_Hz=20.0)
+    assert s[0] == pytest.approx(75.0)
+    assert np.ptp(s) > 120.0
+    power = np.abs(np.fft.rfft(np.diff(s) * np.hanning(s.size - 1))) ** 2
+    assert power[200 * 60:].sum() < 1e-3 * power.sum()
