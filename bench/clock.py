@@ -7,9 +7,8 @@ off while they are taken. What is done between two timed calls (new data for the
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter_ns
 
@@ -50,7 +49,8 @@ def time_call(call: Callable[[], object]) -> int:
 def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort: Effort,
                ) -> tuple[Nanoseconds, Nanoseconds]:
     """Time update and solve in turns, so that every solve starts from new data; raw nanoseconds of both."""
-    updates, solves = [], []
+    updates: list[int] = []
+    solves: list[int] = []
     spent = 0
     with no_garbage_collection():
         while len(solves) < effort.fewest or (spent < effort.budget_s * 1e9 and len(solves) < effort.most):

@@ -1,8 +1,8 @@
 """Each solver in a process of its own, with a time and a memory limit.
 
 A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new
-one. Children are forked from a server process that has imported the common libraries and no solver of a folder, with
-every thread pool limited to one thread.
+one. Children are forked from a server process that has imported what all of them need (qpsolvers is among it, and it
+imports every library that it finds), with every thread pool limited to one thread.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import signal
 import tempfile
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -21,12 +22,14 @@ from qpsolvers import Problem
 from bench.clock import Effort
 from bench.problems.protocol import QP_FIELDS
 from bench.task import Task
-from bench.worker import Outcome, serve
+from bench.worker import Outcome, introduce, serve
 from solvers.registry import Described, Entry
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
                     "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
 START_LIMIT_S = 60.0
+GRACE_S = 1.0
+"""Time for a process to end by itself."""
 
 
 def _context() -> Any:
@@ -35,6 +38,38 @@ def _context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["bench.worker"])
     return context
+
+
+def warm_up() -> None:
+    """Start the server that children are forked from; it imports for a second or two, beside whatever comes next."""
+    _context()
+    forkserver.ensure_running()
+
+
+def entry_of_file(path: str | Path) -> Entry:
+    """The entry of a user's solver file, whose code runs in a process of its own; ImportError says what is wrong."""
+    context = _context()
+    connection, other = context.Pipe()
+    process = context.Process(target=introduce, args=(other, path), daemon=True)
+    process.start()
+    other.close()
+    try:
+        found = connection.recv() if connection.poll(START_LIMIT_S) else f"did not load within {START_LIMIT_S:g} s"
+    except EOFError:
+        process.join(GRACE_S)
+        found = f"ended the process that loaded it with {_how(process.exitcode)}"
+    finally:
+        process.kill()
+        process.join()
+        connection.close()
+    if isinstance(found, Entry):
+        return found
+    raise ImportError(f"{path}: {found}")
+
+
+def _how(code: int | None) -> str:
+    """How a process ended."""
+    return signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
 
 
 class Child:
@@ -68,7 +103,8 @@ class Child:
         context = _context()
         self._connection, other = context.Pipe()
         self._process = context.Process(target=serve, daemon=True,
-                                        args=(other, self.entry, self.core, self.memory_mb, str(self._log)))
+                                        args=(other, self.entry, self.core, self.memory_mb, self.time_limit_s,
+                                              str(self._log)))
         self._process.start()
         other.close()
         self._described: Described | None = None
@@ -88,7 +124,7 @@ class Child:
         assert self._connection is not None
         try:
             if not self._connection.poll(START_LIMIT_S):
-                self.close()
+                self._kill()
                 return absent(f"its library did not load within {START_LIMIT_S:g} s")
             described = self._connection.recv()
         except (EOFError, OSError):
@@ -109,25 +145,32 @@ class Child:
         try:
             self._connection.send((task, fields, effort))
             if not self._connection.poll(self.time_limit_s):
-                self.close()
+                self._kill()
                 return Outcome("timed_out", f"no answer within {self.time_limit_s:g} s")
             outcome = self._connection.recv()
         except (EOFError, OSError):
             return self._autopsy()
         assert isinstance(outcome, Outcome)
+        if outcome.failure == "out_of_memory":
+            self._kill()  # who knows what it still holds
         return outcome
 
     def _autopsy(self) -> Outcome:
         """Say how the process ended."""
-        self._process.join(5.0)
+        self._process.join(GRACE_S)
         code = self._process.exitcode
         last_words = self._log.read_text(errors="replace").strip().splitlines()[-1:]
         self.close()
-        how = signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
+        how = _how(code)
         said = f", after printing {last_words[0][:200]!r}" if last_words else ""
         if last_words and ("bad_alloc" in last_words[0] or "MemoryError" in last_words[0]):
             return Outcome("out_of_memory", f"the process ended with {how}{said}")
         return Outcome("crashed", f"the process ended with {how}{said}")
+
+    def _kill(self) -> None:
+        """End a process that may not listen."""
+        self._process.kill()
+        self.close()
 
     def close(self) -> None:
         """End the process, if there is one."""
@@ -135,7 +178,7 @@ class Child:
             self._connection.close()
             self._connection = None
         if self._process is not None:
-            self._process.join(0.5)
+            self._process.join(GRACE_S)
             if self._process.is_alive():
                 self._process.kill()
                 self._process.join()

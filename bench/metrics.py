@@ -56,6 +56,10 @@ def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) 
         return Judgement(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
     if not outcome.found:
         return Judgement(Status.SOLVER_FAILED, outcome.solver_status)
+    bounds = form.qp.q if form.qp.lb is not None or form.qp.ub is not None else None
+    for name, dual, primal in (("y", outcome.y, form.qp.b), ("z", outcome.z, form.qp.h), ("z_box", outcome.z_box, bounds)):
+        if dual is not None and primal is not None and dual.shape != primal.shape:
+            return Judgement(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
     gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     w, best = form.to_weights @ x, problem.optimal_weights

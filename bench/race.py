@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +20,15 @@ import numpy as np
 
 from bench import machine
 from bench.clock import Effort
-from bench.isolation import Child
+from bench.isolation import Child, entry_of_file, warm_up
 from bench.metrics import judge
 from bench.problems import find as find_set
 from bench.problems.protocol import SCALINGS, RaceProblem
-from bench.store import Run
+from bench.store import Run, RunError
 from bench.task import Task
 from bench.worker import Outcome
 from piezo_model.identification_problem import Scaling
-from solvers import Lane, Tier, entries, from_file
+from solvers import Lane, Tier, entries
 from solvers.registry import Described, Entry
 
 Progress = Callable[[str, int, int], None]
@@ -34,6 +36,10 @@ Progress = Callable[[str, int, int], None]
 
 PERIOD_US = 125.0
 """The paper's sampling period."""
+
+
+class RaceError(ValueError):
+    """What is asked for cannot be raced; the message is one sentence that says why."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +74,28 @@ class RaceSettings:
 
 def entries_of(settings: RaceSettings) -> list[Entry]:
     """The entries that are asked for, by name and lane; those of the user's own files always are."""
-    known = {entry.name for entry in entries()}
-    unknown = sorted(set(settings.solvers) - known)
+    known = list(entries())
+    names = {entry.name for entry in known}
+    unknown = sorted(set(settings.solvers) - names)
     if unknown:
-        raise KeyError(f"there is no solver {unknown[0]!r}; known are {', '.join(sorted(known))}")
-    return [*(entry for entry in entries()
-              if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)),
-            *(from_file(path) for path in settings.solver_files)]
+        raise RaceError(f"there is no solver {unknown[0]!r}; known are {', '.join(sorted(names))}")
+    chosen = [entry for entry in known
+              if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
+    taken = {(entry.name, entry.lane) for entry in known}
+    for path in settings.solver_files:
+        try:
+            entry = entry_of_file(path)
+        except ImportError as error:
+            raise RaceError(str(error)) from None
+        if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
+            raise RaceError(f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}")
+        if (entry.name, entry.lane) in taken:
+            raise RaceError(f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise")
+        taken.add((entry.name, entry.lane))
+        chosen.append(entry)
+    if not chosen:
+        raise RaceError(f"no solver of those asked for is in the lane {' or '.join(settings.lanes)}")
+    return chosen
 
 
 def tasks_of(settings: RaceSettings, field: Sequence[Described], problem: RaceProblem, scaling: Scaling,
@@ -87,29 +108,59 @@ def tasks_of(settings: RaceSettings, field: Sequence[Described], problem: RacePr
 
 
 @contextmanager
-def started(settings: RaceSettings, core: int) -> Iterator[dict[tuple[str, Lane], Child]]:
-    """The processes of the field, all starting at once, without those whose library is absent."""
+def started(chosen: Sequence[Entry], settings: RaceSettings, core: int) -> Iterator[list[Child]]:
+    """The processes of the field, all starting at once."""
     with ExitStack() as stack:
-        children = [stack.enter_context(Child(entry, settings.time_limit_s, settings.memory_mb, core))
-                    for entry in entries_of(settings)]
-        yield {(child.entry.name, child.entry.lane): child for child in children if not child.describe().absent}
+        yield [stack.enter_context(Child(entry, settings.time_limit_s, settings.memory_mb, core)) for entry in chosen]
+
+
+def checked(settings: RaceSettings) -> list[Entry]:
+    """The entries that are asked for; RaceError unless there is all that is asked for."""
+    for problem_set in settings.problem_sets:
+        try:
+            find_set(problem_set)
+        except KeyError as error:
+            raise RaceError(str(error.args[0])) from None
+    return entries_of(settings)
 
 
 def start(results: Path, settings: RaceSettings, name: str | None = None) -> Run:
     """Make the run's folder."""
-    for problem_set in settings.problem_sets:
-        find_set(problem_set)
-    entries_of(settings)
+    checked(settings)
     return Run.create(results, {"race": "oneshot", "settings": settings.to_dict(), "machine": machine.describe()}, name)
 
 
 def carry_on(run: Run, progress: Progress) -> None:
     """Do whatever is not done yet and gather the tables."""
-    settings = RaceSettings.from_dict(run.settings["settings"])
-    with started(settings, max(os.sched_getaffinity(0))) as children:
-        field = [child.describe() for child in children.values()]
-        run.note_versions({f"{solver.name} ({solver.lane})": solver.version for solver in field})
+    settings = settings_of(run)
+    warm_up()
+    chosen = checked(settings)
+    with run.alone():
         problems = list(_problems(run, settings, progress))
+        _race(run, settings, chosen, problems, progress)
+        progress("gathering the tables", 0, 1)
+        run.finish()
+
+
+def settings_of(run: Run) -> RaceSettings:
+    """The settings that a run was started with."""
+    try:
+        return RaceSettings.from_dict(run.settings["settings"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race ({error!r})") from None
+
+
+def _race(run: Run, settings: RaceSettings, chosen: Sequence[Entry], problems: Sequence[RaceProblem],
+          progress: Progress) -> None:
+    """Do the tasks that are not done."""
+    with started(chosen, settings, max(os.sched_getaffinity(0))) as processes:
+        described = [child.describe() for child in processes]
+        children = {(child.entry.name, child.entry.lane): child for child in processes}
+        field = [solver for solver in described if not solver.absent]
+        run.note_field({f"{solver.name} ({solver.lane})": solver.version for solver in field},
+                       {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
+        if not field:
+            raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")
         tasks = [(problem, task) for problem in problems for scaling in settings.scalings
                  for task in tasks_of(settings, field, problem, scaling)]
         for done, (problem, task) in enumerate(tasks):
@@ -117,8 +168,6 @@ def carry_on(run: Run, progress: Progress) -> None:
             if not run.is_done(task):
                 outcome = children[task.solver, task.lane].run(task, problem.forms[task.scaling].qp, settings.effort)
                 run.save(task, row_of(problem, task, outcome), times_of(outcome))
-    progress("gathering the tables", len(tasks), len(tasks))
-    run.finish()
 
 
 def _problems(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[RaceProblem]:
@@ -126,14 +175,12 @@ def _problems(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[
     for set_name in settings.problem_sets:
         made = find_set(set_name)(settings.seed)
         count = min(len(made), settings.limit or len(made))
-        for i, problem in enumerate(made.problems()):
-            if i == count:
-                break
+        for i, problem in enumerate(islice(made.problems(), count)):
             progress(f"certified {problem.set_name}/{problem.name}", i + 1, count)
             path = run.problem_path(problem.set_name, problem.name)
             if not path.is_file():
                 problem.save(path)
-            yield problem
+            yield RaceProblem.load(path)  # what is raced is what is kept, whoever resumes it with whatever versions
 
 
 def times_of(outcome: Outcome) -> dict[str, Any]:

@@ -13,9 +13,13 @@ only, and a resumed run finds what is done by the names of its files.
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import shutil
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -46,17 +50,30 @@ class Run:
 
     @classmethod
     def create(cls, results: Path, settings: Mapping[str, Any], name: str | None = None) -> Run:
-        """Make a new folder, named by the time unless a name is given, and write ``run.json``."""
-        run = cls(results / (name or datetime.now(UTC).strftime("%Y%m%d-%H%M%S")))
+        """Make a new folder, named by the time unless a name is given, and write ``run.json``.
+
+        It is made beside its place and renamed, so that a run that is there can be resumed.
+        """
+        name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
+        if Path(name).name != name or name.startswith("."):
+            raise RunError(f"a run has the name of one folder, without slash and leading dot, and not {name!r}")
+        run = cls(results / name)
+        if run.path.exists():
+            raise RunError(f"{run.path}: is there already; give another name or resume it")
         try:
-            run.path.mkdir(parents=True)
-        except FileExistsError:
-            raise RunError(f"{run.path}: is there already; give another name or resume it") from None
+            results.mkdir(parents=True, exist_ok=True)
+            made = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=results))
         except OSError as error:
             raise RunError(f"{run.path}: cannot be made ({error.strerror})") from None
-        for folder in ("problems", "tasks"):
-            (run.path / folder).mkdir()
-        write_text(run.path / "run.json", json.dumps(settings, indent=1) + "\n")
+        try:
+            for folder in ("problems", "tasks"):
+                (made / folder).mkdir()
+            write_text(made / "run.json", json.dumps(settings, indent=1) + "\n")
+            made.chmod(results.stat().st_mode & 0o777)  # mkdtemp is private
+            made.rename(run.path)
+        except OSError as error:
+            shutil.rmtree(made)
+            raise RunError(f"{run.path}: cannot be made ({error.strerror})") from None
         return run
 
     @classmethod
@@ -65,6 +82,19 @@ class Run:
         if not (path / "run.json").is_file():
             raise RunError(f"{path}: is not a run, there is no run.json in it")
         return cls(path)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from this run; the lock goes with the process, however that ends."""
+        folder = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunError(f"{self.path}: another process is at work on this run") from None
+        else:
+            yield
+        finally:
+            os.close(folder)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -77,9 +107,10 @@ class Run:
             raise RunError(f"{self.path / 'run.json'}: does not hold settings")
         return settings
 
-    def note_versions(self, versions: Mapping[str, str]) -> None:
-        """Add the versions of the field to ``run.json``."""
-        write_text(self.path / "run.json", json.dumps({**self.settings, "field": dict(versions)}, indent=1) + "\n")
+    def note_field(self, versions: Mapping[str, str], absent: Mapping[str, str]) -> None:
+        """Add the versions of the field to ``run.json``, and why others that were asked for are absent."""
+        noted = {**self.settings, "field": dict(versions), "absent": dict(absent)}
+        write_text(self.path / "run.json", json.dumps(noted, indent=1) + "\n")
 
     def problem_path(self, problem_set: str, problem: str) -> Path:
         """Where a problem is kept."""
@@ -106,9 +137,9 @@ class Run:
         return (self.path / "rows.parquet").is_file() and not (self.path / "tasks").exists()
 
     def finish(self) -> None:
-        """Gather the tasks into tables; the single files go only after the tables are whole."""
+        """Gather the tasks into tables; the single files go only after the tables are whole, and all at once."""
         rows, times = [], []
-        for path in sorted((self.path / "tasks").glob("*.npz")):
+        for path in sorted((self.path / "tasks").glob("[!.]*.npz")):  # an interrupted write leaves a hidden file
             with np.load(path, allow_pickle=False) as data:
                 row = json.loads(str(data["row"]))
                 rows.append(row)
@@ -119,14 +150,18 @@ class Run:
             pd.DataFrame(times, columns=["task", "what", "ns"]).to_parquet(temporary, index=False)
         with replacing(self.path / "rows.parquet") as temporary:
             table.to_parquet(temporary, index=False)
-        shutil.rmtree(self.path / "tasks")
+        shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
 
     def rows(self) -> pd.DataFrame:
         """Return the table of a finished run."""
         path = self.path / "rows.parquet"
         if not path.is_file():
-            raise RunError(f"{self.path}: has no rows.parquet; the run was not finished")
+            raise RunError(f"{self.path}: has no rows.parquet; the run was not finished, so resume it")
         try:
-            return pd.read_parquet(path)
+            rows = pd.read_parquet(path)
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: cannot be read ({error})") from None
+        missing = [name for name in COLUMNS if name not in rows.columns]
+        if missing:
+            raise RunError(f"{path}: has no column {missing[0]!r}")
+        return rows

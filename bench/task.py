@@ -6,10 +6,12 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from piezo_model.identification_problem import Scaling
-from solvers import Lane, Tier
+from solvers.protocol import Lane, Tier
+
+if TYPE_CHECKING:  # a child needs tasks and no model
+    from piezo_model.identification_problem import Scaling
 
 
 @dataclass(frozen=True)

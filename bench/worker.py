@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -19,8 +21,8 @@ from qpsolvers import Problem
 
 from bench.clock import Effort, Nanoseconds, time_call, time_pairs
 from bench.task import Task
-from solvers.protocol import Solver, Unsupported, dense
-from solvers.registry import Described, Entry, describe
+from solvers.protocol import Solver, Unsupported
+from solvers.registry import Described, Entry, describe, from_file
 
 Vector = NDArray[np.float64]
 
@@ -62,17 +64,24 @@ class Outcome:
     solve_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
+def _fields(problem: Problem) -> tuple[Any, ...]:
+    return problem.P, problem.q, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
+
+
+def _copy(problem: Problem) -> Problem:
+    return Problem(*(None if value is None else value.copy() for value in _fields(problem)))
+
+
 def _arrays(problem: Problem) -> list[Any]:
-    fields = (problem.P, problem.q, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub)
-    return [part for value in fields if value is not None
+    return [part for value in _fields(problem) if value is not None
             for part in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])]
 
 
 def run_task(cls: type[Solver], task: Task, problem: Problem, effort: Effort) -> Outcome:
     """Solve one problem, then time setup, update and solve."""
-    before = [array.copy() for array in _arrays(problem)]
+    handed, updated = _copy(problem), _copy(problem)  # a solver that writes into one spoils neither the other nor ours
     try:
-        outcome = _solve_and_time(cls, task, problem, effort)
+        outcome = _solve_and_time(cls, task, problem, handed, updated, effort)
     except Unsupported as error:
         outcome = Outcome("unsupported", str(error))
     except MemoryError as error:
@@ -80,29 +89,36 @@ def run_task(cls: type[Solver], task: Task, problem: Problem, effort: Effort) ->
     except Exception as error:  # whatever a library raises is a finding about it, and the race goes on
         outcome = Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])
     outcome.mutated = any(not np.array_equal(a, b, equal_nan=True)
-                          for a, b in zip(before, _arrays(problem), strict=True))
+                          for taken in (handed, updated) for a, b in zip(_arrays(problem), _arrays(taken), strict=True))
     return outcome
 
 
-def _solve_and_time(cls: type[Solver], task: Task, problem: Problem, effort: Effort) -> Outcome:
+def _solve_and_time(cls: type[Solver], task: Task, problem: Problem, handed: Problem, updated: Problem, effort: Effort,
+                    ) -> Outcome:
     solver = cls(task.tier, **task.settings)
-    setups = [time_call(lambda: solver.setup(problem))]
+    setups = [time_call(lambda: solver.setup(handed))]
     first = np.array(solver.solve(), dtype=np.float64)
     solution = solver.solution()
     extras = solution.extras or {}
-    P, q = dense(problem) if isinstance(problem.P, np.ndarray) else (problem.P.copy(), problem.q.copy())
-    updates, solves = time_pairs(lambda: solver.update(P=P, q=q), solver.solve, effort)
+    y, z, z_box = (_plain(dual) for dual in (solution.y, solution.z, solution.z_box))
+    updates, solves = time_pairs(lambda: solver.update(P=updated.P, q=updated.q), solver.solve, effort)
     again = np.array(solver.solve(), dtype=np.float64)
     for _ in range(2):
         if sum(setups) < effort.budget_s * 1e9:
-            setups.append(time_call(lambda: cls(task.tier, **task.settings).setup(problem)))
+            another, fresh = cls(task.tier, **task.settings), _copy(problem)
+            setups.append(time_call(partial(another.setup, fresh)))
     reported = extras.get("reported_us")
-    return Outcome(found=bool(solution.found), x=first, y=solution.y, z=solution.z, z_box=solution.z_box,
+    return Outcome(found=bool(solution.found), x=first, y=y, z=z, z_box=z_box,
                    solver_status=str(extras.get("status", "")),
                    reported_us=float("nan") if reported is None else float(reported),
                    iterations=int(extras.get("iterations") or -1),
                    repeatable=bool(np.array_equal(first, again, equal_nan=True)),
                    setup_ns=np.array(setups, dtype=np.int64), update_ns=updates, solve_ns=solves)
+
+
+def _plain(dual: Any) -> Vector | None:
+    """Duals as an array of our own, so that nothing of the library's travels to the parent."""
+    return None if dual is None else np.array(dual, dtype=np.float64)
 
 
 def limit_memory(megabytes: int) -> None:
@@ -112,9 +128,23 @@ def limit_memory(megabytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int, log: str) -> None:
+def introduce(connection: Connection, path: str) -> None:
+    """Load a user's solver file and hand back its entry, or a sentence that says what is wrong with it."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, 1)
+    os.dup2(sink, 2)
+    try:
+        connection.send(from_file(path))
+    except ImportError as error:
+        connection.send(str(error).removeprefix(f"{path} "))
+    except Exception as error:  # whatever a user's code does
+        connection.send(f"cannot be loaded, {type(error).__name__}: {error}".replace("\n", " "))
+
+
+def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int, time_limit_s: float, log: str) -> None:
     """Main loop of the child: load the solver and describe it, then answer until the connection closes."""
-    sink = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to deal with
+    sink = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
     os.dup2(sink, 1)
     os.dup2(sink, 2)
     if core is not None:
@@ -133,4 +163,8 @@ def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int
             task, fields, effort = connection.recv()
         except EOFError:
             return
-        connection.send(run_task(cls, task, Problem(**fields), effort))
+        os.ftruncate(sink, 0)  # what was printed before is nobody's last word
+        signal.setitimer(signal.ITIMER_REAL, 2.0 * time_limit_s + 10.0)  # ends a solver that hangs and has no parent left
+        outcome = run_task(cls, task, Problem(**fields), effort)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        connection.send(outcome)

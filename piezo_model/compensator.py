@@ -94,6 +94,7 @@ class Compensator:
             raise ValueError(f"rate_limit must be positive, not {rate_limit}")
         self.model = model
         self.state = OperatorState.at_rest(s) if state is None else state.copy()
+        self.state.require(s)
         self._low, self._high = (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale
         self._max_step = math.inf if rate_limit is None else rate_limit * s.sample_time / s.x_scale
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.model import advance
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
-from piezo_model.operators import creep_step, dead_zone_step, play_step
+from piezo_model.operators import creep_step, dead_zone_step, play, play_step
 from piezo_model.structure import ModelStructure
 from solvers.compiled import inlined, kernel
 from solvers.vector8 import LANES, load8, padded, splat8, store8
@@ -163,6 +163,7 @@ class DataBasis:
         self.structure = structure
         self.forgetting = forgetting
         self.state = OperatorState.at_rest(structure) if state is None else state.copy()
+        self.state.require(structure)
         self._arrays = RegressorArrays.of(structure)
         self._rows = np.zeros(BLOCK * self._arrays.stride)
         self.clear()
@@ -173,6 +174,7 @@ class DataBasis:
         self._filled = 0
         self.samples = 0
         self._span = np.array([np.inf, -np.inf, np.inf, -np.inf])
+        self._start = self.state
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
         """Take the next samples.
@@ -202,6 +204,9 @@ class DataBasis:
         if not count:
             _advance(self._arrays.operators, unit_x, self.state.play, self.state.creep)
             return
+        if self.samples == 0:
+            self._start = self.state.copy()
+            self._start.play = play(unit_x[:1], self._arrays.operators.r, self.state.play)[1]
         self._filled = _gather(self._arrays, unit_x, unit_y, self.state.play, self.state.creep, self._rows,
                                self._filled, self._arrays.stride, self.forgetting, self._gram)
         self.samples += x.size
@@ -243,8 +248,14 @@ class DataBasis:
 
     @property
     def excitation(self) -> Excitation:
-        """Range of input and output over the counted samples."""
-        return Excitation(*(float(value) for value in self._span))
+        """Range of input and output over the counted samples, and which operators moved in it."""
+        s, (x_min, x_max, y_min, y_max) = self.structure, (float(value) for value in self._span)
+        # From its state at the first counted sample an operator moves when the input leaves z − r … z + r.
+        r, creep = self._arrays.operators.r, self._start.creep.reshape(-1, s.lanes)
+        play_moved = (x_max - r > self._start.play) | (x_min + r < self._start.play)
+        creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
+        return Excitation(x_min, x_max, y_min, y_max, tuple(play_moved[1:s.n + 1].tolist()),
+                          tuple(creep_moved[:s.creep_weights].tolist()))
 
     def problem(self, reference: ArrayLike | None = None, **options: float) -> IdentificationProblem:
         """Return the quadratic program (6) of the samples so far; options as of ``IdentificationProblem``."""

@@ -48,6 +48,8 @@ class Lag:
     removed: bool
     error_percent: float
     error_without_lag_percent: float
+    at_edge: bool
+    """The largest lag looked at explains the data best: it may be larger."""
 
     @property
     def pays(self) -> bool:
@@ -106,7 +108,7 @@ class FitReport:
             yield (f"Creep starts as if the actuator had rested at {self.resting_input:.3g} {s.input_unit}, which fits the "
                    f"data best.")
         if self.offset is not None:
-            yield (f"The sensor has an offset of {self.offset.value:.3g} {s.input_unit} at the input of S⁻¹; without a "
+            yield (f"The sensor has an offset of {self.offset.value:.3g} {s.input_unit} at the input of S; without a "
                    f"free constant the error at the input would be {self.offset.error_without_offset_percent:.2f} % RMS "
                    f"instead of {self.offset.error_percent:.2f} %.")
         if self.lag is not None:
@@ -126,6 +128,7 @@ class FitReport:
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
     if not lag.pays:
         return "The sensor shows no lag that is worth removing."
-    how = (f"The sensor lags by {lag.samples:.2f} samples ({lag.samples * sample_time * 1e3:.3g} ms): the error at the "
+    more = " or more" if lag.at_edge else ""
+    how = (f"The sensor lags by {lag.samples:.2f} samples{more} ({lag.samples * sample_time * 1e3:.3g} ms): the error at the "
            f"input is {lag.error_percent:.3f} % RMS with the lag and {lag.error_without_lag_percent:.3f} % without")
     return how + ("; it was removed before the fit." if lag.removed else "; removing it is left to the option lag.")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from piezo_model.data_basis import DataBasis
 from piezo_model.fit_report import Certificate, Fit, FitReport, Lag, Offset
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
+from piezo_model.operator_state import OperatorArrays, OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.sensor_lag import HALF_WIDTH, minimise_over_lag, shift_output
 from piezo_model.structure import ModelStructure
@@ -131,12 +131,19 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     >>> bool(model.report["fit"]["max_percent"] < 1e-4)
     True
     """
+    if lag not in get_args(LagChoice):
+        raise IdentificationError(f"lag must be one of {', '.join(get_args(LagChoice))}, not {lag!r}")
+    if skip is not None and skip < 0:
+        raise IdentificationError(f"skip must not be negative, not {skip}")
     recording, own_structure = _recording_of(x, y, structure), structure is None
     if structure is None:
         rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
         structure = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range, rates,
                                                recording.sample_time, offset=True, input_unit=recording.input_unit,
                                                output_unit=recording.output_unit)
+    if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
+        raise IdentificationError(f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
+                                  f"structure is {structure.sample_time:g} s")
     recording.require(structure.d + 1)
     if skip is None:
         skip = _settled(recording, structure) if state is None else 0
@@ -149,13 +156,13 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     rest = None
     if state is None:
         level = _resting_level(recording, structure, skip, solver, proximal)
-        state = OperatorState.at_rest(structure, level)
+        state = _unknown_start(recording, structure, level)
         rest = structure.x_centre + structure.x_scale * level if structure.creep_rates else None
     found_lag = None
     if lag != "ignore":
         found_lag = _estimate_lag(recording, structure, skip, solver, state, proximal, remove=lag == "remove")
-        if found_lag.removed:
-            recording = _without_lag(recording, found_lag.samples)
+        if found_lag is not None and found_lag.removed:
+            recording, skip, state = _without_lag(recording, structure, found_lag.samples, skip, state)
     problem = _accumulate(recording, structure, skip, state, proximal)
     w = optimum(problem, solver)
     model = HysteresisCreepModel.from_weights(structure, w)
@@ -211,6 +218,13 @@ def _accumulate(recording: Recording, s: ModelStructure, skip: int, state: Opera
     return basis.problem(proximal=proximal)
 
 
+def _unknown_start(recording: Recording, s: ModelStructure, level: float) -> OperatorState:
+    """Return the states of an actuator that rested at ``level``; plays that the drive is too small for never move."""
+    state, low, high = OperatorState.at_rest(s, level), *s.unit_input(np.array(recording.x_range))
+    state.play[2.0 * OperatorArrays.of(s).r >= high - low] = 0.5 * (low + high)
+    return state
+
+
 def _resting_level(recording: Recording, s: ModelStructure, skip: int, solver: str, proximal: float) -> float:
     """Input in unit amplitudes at which the creep states started: the one unknown of a start that nobody recorded.
 
@@ -220,7 +234,7 @@ def _resting_level(recording: Recording, s: ModelStructure, skip: int, solver: s
         return 0.0
 
     def error(level: float) -> float:
-        problem = _accumulate(recording, s, skip, OperatorState.at_rest(s, level), proximal)
+        problem = _accumulate(recording, s, skip, _unknown_start(recording, s, level), proximal)
         return _error_percent(problem, optimum(problem, solver))
 
     grid = np.linspace(-1.0, 1.0, 9)
@@ -260,27 +274,40 @@ def _offset(problem: IdentificationProblem, w: Vector, solver: str) -> Offset:
                   _error_percent(without, optimum(without, solver)))
 
 
-def _without_lag(recording: Recording, lag: float) -> Recording:
+def _without_lag(recording: Recording, s: ModelStructure, lag: float, skip: int, state: OperatorState,
+                 ) -> tuple[Recording, int, OperatorState]:
+    """Return the recording without the lag, and what is left of ``skip`` and the states where it starts now."""
     x, y = recording.arrays()
-    shifted = shift_output(y, lag)
-    return Recording.from_arrays(x[shifted.kept], shifted.values, recording.sample_time, name=recording.name,
-                                 input_unit=recording.input_unit, output_unit=recording.output_unit)
+    values, kept = shift_output(y, lag)
+    start = DataBasis(s, state)
+    start.update(x[:kept.start], y[:kept.start], count=False)
+    return (Recording.from_arrays(x[kept], values, recording.sample_time, name=recording.name,
+                                  input_unit=recording.input_unit, output_unit=recording.output_unit),
+            max(skip - kept.start, 0), start.state)
 
 
 def _estimate_lag(recording: Recording, s: ModelStructure, skip: int, solver: str, state: OperatorState,
-                  proximal: float, remove: bool) -> Lag:
-    """Return the delay of the output with the smallest error (5) left after the fit, over the same samples for all."""
+                  proximal: float, remove: bool) -> Lag | None:
+    """Return the delay of the output with the smallest error (5) left after the fit, over the same samples for all.
+
+    None where the recording is too short for it.
+    """
     x, y = next(recording.chunks(skip + LAG_SAMPLES))
     longest = min(LONGEST_LAG, (x.size - skip) // 20)
-    window = slice(HALF_WIDTH, x.size - HALF_WIDTH - longest)
+    start, stop = max(skip, HALF_WIDTH), x.size - HALF_WIDTH - longest  # the fraction's interpolation needs neighbours
+    if stop - start <= s.d:
+        if remove:
+            raise IdentificationError(f"{recording.name}: {x.size} samples are too few to look for a lag")
+        return None
+    settled = DataBasis(s, state)
+    settled.update(x[:start], y[:start], count=False)
 
     def error(lag: float) -> float:
-        shifted = np.empty_like(y)
         values, kept = shift_output(y, lag)
-        shifted[kept] = values
-        part = Recording.from_arrays(x[window], shifted[window], recording.sample_time, name=recording.name)
-        problem = _accumulate(part, s, skip, state, proximal)
+        basis = DataBasis(s, settled.state)
+        basis.update(x[start:stop], values[start - kept.start:stop - kept.start])
+        problem = basis.problem(proximal=proximal)
         return _error_percent(problem, optimum(problem, solver))
 
     found = minimise_over_lag(error, longest)
-    return Lag(found.lag, remove and found.lag > 0.0, found.cost_without, found.cost)
+    return Lag(found.lag, remove and found.lag > 0.0, found.cost_without, found.cost, found.at_edge)

@@ -6,7 +6,9 @@ The minimiser is the same in both; the path of a gradient method is not.
 
 What the drive did not excite must stay where it was. The problem is therefore made strictly convex by a proximal term
 towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and unit amplitudes, with ρ = ``proximal`` times the
-mean diagonal element of P. It is part of the problem in every form.
+mean diagonal element of P. That alone is not enough for an operator that stood still: its column is a constant, which an
+offset or another such column could take over. So the data act on its weight no more, v_i = v_ref,i in their cost, and
+the proximal term keeps it there. Both are part of the problem in every form.
 
 Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from unit amplitudes
 and scales the variables so that P has a unit diagonal, which keeps a box a box. With ‖x̃‖ ≤ 1 the cost is then of
@@ -36,12 +38,16 @@ UNDETERMINED = 1e-11
 
 @dataclass(frozen=True)
 class Excitation:
-    """Range of input and output over the counted samples, in unit amplitudes."""
+    """Range of input and output over the counted samples, in unit amplitudes, and which operators moved in it."""
 
     x_min: float
     x_max: float
     y_min: float
     y_max: float
+    play_moved: tuple[bool, ...]
+    """For r_H1 … r_Hn."""
+    creep_moved: tuple[bool, ...]
+    """For r_K0 … r_Kn, in a state of any rate; empty without creep."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,8 @@ class ExcitationReport:
     undetermined : tuple of str
         Combinations of the other weights that the data leave open, strongest members first.
     condition : float
-        Condition number of the unit-diagonal P over the reached weights, without the proximal term.
+        Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of
+        the machine, which is as far as rounding lets it be seen.
     """
 
     unreached: tuple[str, ...]
@@ -77,7 +84,7 @@ class Form:
 
     def variables(self, w: Vector) -> Vector:
         """The z (d,) of weights w (d,), for a warm start."""
-        return np.linalg.solve(self.to_weights, w)
+        return np.asarray(np.linalg.solve(self.to_weights, w), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +143,28 @@ class IdentificationProblem:
         return 0.5 * (P + P.T), T.T @ self.q
 
     @cached_property
+    def reached(self) -> NDArray[np.bool_]:
+        """Whether the data reached the threshold of each unknown, shape (d,); the others stay at their reference."""
+        s, e = self.structure, self.excitation
+        r_S = np.array(s.dead_zone_thresholds)
+        entered = np.where(r_S > 0.0, e.y_max > r_S, (r_S == 0.0) | (e.y_min < r_S))
+        diagonal = np.diag(self._data_in_slopes[0])
+        return (np.array([*e.play_moved, *entered, *e.creep_moved, *[True] * s.offset])
+                & (diagonal > UNDETERMINED * np.max(diagonal)))
+
+    @cached_property
     def _in_slopes(self) -> tuple[Matrix, Vector, float]:
-        """P, q and c with the proximal term."""
+        """P, q and c with the proximal term and the unreached weights held."""
         s = self.structure
         P, q = self._data_in_slopes
         reference = s.straight_line if self.reference is None else np.asarray(self.reference, dtype=np.float64)
         v_ref = s.inverse_slope_map @ reference
         rho = self.proximal * float(np.mean(np.diag(P)))
-        return P + rho * np.eye(s.d), q - rho * v_ref, self.c + 0.5 * rho * float(v_ref @ v_ref)
+        held = np.where(self.reached, 0.0, v_ref)
+        c = self.c + float(q @ held + 0.5 * held @ P @ held)
+        q = np.where(self.reached, q + P @ held, 0.0)
+        P = np.where(np.outer(self.reached, self.reached), P, 0.0)
+        return P + rho * np.eye(s.d), q - rho * v_ref, c + 0.5 * rho * float(v_ref @ v_ref)
 
     def form(self, coordinates: Coordinates = "slope", scaling: Scaling = "scaled") -> Form:
         """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates."""
@@ -164,7 +185,7 @@ class IdentificationProblem:
             diagonal = np.diag(P)
             unit, cost = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0
         D = 1.0 / unit  # the variable handed to the solver is z = unit · v, so v = D z
-        P, q, c, lb = cost * (P * D * D[:, None]), cost * D * q, cost * c, lb * unit
+        P, q, c, lb = cost * P * np.outer(D, D), cost * D * q, cost * c, lb * unit  # P stays symmetric to the last bit
         if scaling == "scaled":
             np.fill_diagonal(P, np.where(np.diag(P) > 0.0, 1.0, 0.0))
         upper = np.full(s.d, np.inf)
@@ -196,20 +217,16 @@ class IdentificationProblem:
 
     def excitation_report(self) -> ExcitationReport:
         """Say which thresholds the drive never reached and which directions the data do not determine."""
-        s, e = self.structure, self.excitation
-        P, _ = self._data_in_slopes
-        diagonal = np.diag(P)
-        reached = diagonal > UNDETERMINED * np.max(diagonal)
-        reached[:s.n] &= e.x_max - e.x_min > 2.0 * np.array(s.play_thresholds)
-        r_S = np.array(s.dead_zone_thresholds)
-        reached[s.slices[1]] &= np.where(r_S > 0.0, e.y_max > r_S, np.where(r_S < 0.0, e.y_min < r_S, True))
-        names = np.array(s.weight_names)
-        D = 1.0 / np.sqrt(diagonal[reached])
-        values, vectors = np.linalg.eigh(P[np.ix_(reached, reached)] * D * D[:, None])
+        P, reached = self._data_in_slopes[0], self.reached
+        names = np.array(self.structure.weight_names)
+        if not reached.any():
+            return ExcitationReport(tuple(names.tolist()), (), 1.0)
+        D = 1.0 / np.sqrt(np.diag(P)[reached])
+        values, vectors = np.linalg.eigh(P[np.ix_(reached, reached)] * np.outer(D, D))
         open_directions = []
         for vector in vectors.T[values <= UNDETERMINED * values[-1]]:
             order = np.argsort(-np.abs(vector))
             strong = order[np.abs(vector[order]) > 0.3 * np.abs(vector[order[0]])]
             open_directions.append(", ".join(names[reached][strong]))
         return ExcitationReport(tuple(names[~reached].tolist()), tuple(open_directions),
-                                float(values[-1] / max(values[0], np.finfo(float).tiny)))
+                                float(values[-1] / max(values[0], np.finfo(float).eps * values[-1])))

@@ -148,6 +148,8 @@ class HysteresisCreepModel:
             object.__setattr__(self, name, values)
         if not math.isfinite(self.offset):
             raise ModelError("offset is not a finite number")
+        if self.offset and not s.offset:
+            raise ModelError(f"the structure has no offset, and the model has one of {self.offset:g}")
         if self.w_H[0] <= 0.0:
             raise ModelError(f"w_H[0] must be positive for the model to have an inverse, not {self.w_H[0]:g}")
         for name in ("w_H", "w_K"):
@@ -225,6 +227,7 @@ class HysteresisCreepModel:
         """
         s = self.structure
         state = OperatorState.at_rest(s) if state is None else state
+        state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
         y = np.empty_like(unit_x)
         _simulate(self.arrays, unit_x, state.play, state.creep, y)
@@ -252,10 +255,13 @@ class HysteresisCreepModel:
             values = data[name]
             if not isinstance(values, list) or not all(_is_number(value) for value in values):
                 raise ModelError(f"the field {name!r} is not a list of numbers")
+        if not isinstance(data.get("report", {}), dict):
+            raise ModelError("the field 'report' is not an object")
         if not _is_number(data["offset"]):
             raise ModelError("the field 'offset' is not a number")
-        return cls(ModelStructure.from_dict(data["structure"]), *(np.array(data[name], dtype=np.float64)
-                   for name in ("w_H", "w_S_inverse", "w_K")), float(data["offset"]), data.get("report", {}))
+        w_H, w_S_inverse, w_K = (np.array(data[name], dtype=np.float64) for name in ("w_H", "w_S_inverse", "w_K"))
+        return cls(ModelStructure.from_dict(data["structure"]), w_H, w_S_inverse, w_K, float(data["offset"]),
+                   data.get("report", {}))
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; the file is there whole or not at all."""
@@ -273,7 +279,7 @@ class HysteresisCreepModel:
             raise ModelError(f"{path}: cannot be read ({error.strerror})") from None
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise ModelError(f"{path}: is not a whole JSON file ({error})") from None
-        except (ModelError, StructureError) as error:
+        except (ModelError, StructureError, OverflowError) as error:
             raise ModelError(f"{path}: is not a valid model: {error}") from None
 
 

@@ -41,10 +41,25 @@ class OperatorState:
     play: Vector
     creep: Vector
 
+    def __post_init__(self) -> None:
+        self.play, self.creep = (np.ascontiguousarray(z, dtype=np.float64) for z in (self.play, self.creep))
+
     @classmethod
-    def at_rest(cls, structure: ModelStructure, x: float = 0.0) -> OperatorState:
-        """Everything settled at the constant input x, in unit amplitudes."""
-        return cls(np.full(structure.lanes, float(x)), np.full(len(structure.creep_rates) * structure.lanes, float(x)))
+    def at_rest(cls, structure: ModelStructure, x: float = 0.0, branch: float = 0.0) -> OperatorState:
+        """Everything settled at the constant input x, in unit amplitudes.
+
+        ``branch`` says how it came there: +1 down from far above, −1 up from far below, 0 without any hysteresis; play
+        and creep then rest at x + branch · r.
+        """
+        r = OperatorArrays.of(structure).r
+        return cls(x + branch * r, np.tile(x + branch * r, len(structure.creep_rates)))
+
+    def require(self, structure: ModelStructure) -> None:
+        """Refuse (ValueError) to be the states of a structure of another size, which compiled code does not check."""
+        needed = structure.lanes, len(structure.creep_rates) * structure.lanes
+        if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
+            raise ValueError(f"the operator states are those of another structure: {self.play.size} of play and "
+                             f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed")
 
     def copy(self) -> OperatorState:
         """Return an independent copy."""

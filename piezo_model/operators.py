@@ -31,8 +31,11 @@ Matrix = NDArray[np.float64]
 
 @kernel
 def play_step(x: float, r: float, z: float) -> float:
-    """Output, and new state, of the play operator with threshold r ≥ 0 at the sample x."""
-    return max(x - r, min(x + r, z))
+    """Output, and new state, of the play operator with threshold r ≥ 0 at the sample x.
+
+    A sample that is NaN leaves the state where it is: max and min return their first argument then.
+    """
+    return max(min(z, x + r), x - r)
 
 
 @kernel
@@ -44,7 +47,7 @@ def creep_step(x: float, r: float, a: float, z: float) -> float:
 @kernel
 def dead_zone_step(u: float, low: float, high: float) -> float:
     """Output of the dead zone between two limits; one-sided ones have the other limit at infinity."""
-    return max(u - high, 0.0) + min(u - low, 0.0)
+    return max(0.0, u - high) + min(0.0, u - low)
 
 
 @kernel

@@ -16,6 +16,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -76,15 +77,18 @@ class ModelStructure:
     def __post_init__(self) -> None:
         for name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
             object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+        for name in ("sample_time", "x_centre", "x_scale", "y_centre", "y_scale"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        object.__setattr__(self, "offset", bool(self.offset))
         for field in fields(self):
             value = getattr(self, field.name)
             numbers = value if isinstance(value, tuple) else (value,) if isinstance(value, float | int) else ()
             if not all(math.isfinite(number) for number in numbers):
                 raise StructureError(f"{field.name} must be finite, not {value}")
         r_H, r_S = self.play_thresholds, self.dead_zone_thresholds
-        if any(b <= a for a, b in zip((0.0, *r_H), r_H, strict=False)):
+        if any(b <= a for a, b in pairwise((0.0, *r_H))):
             raise StructureError(f"play_thresholds must be positive and ascending, not {r_H}")
-        if 0.0 not in r_S or any(b <= a for a, b in zip(r_S, r_S[1:], strict=False)):
+        if 0.0 not in r_S or any(b <= a for a, b in pairwise(r_S)):
             raise StructureError(f"dead_zone_thresholds must be ascending with 0 among them, not {r_S}")
         for name in ("creep_rates", "sample_time", "x_scale", "y_scale"):
             value = getattr(self, name)
@@ -217,7 +221,9 @@ class ModelStructure:
                                  else f"structure has an unknown field {unknown[0]!r}")
         for field in fields(cls):
             _check_type(field.name, data[field.name])
-        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in data.items()})
+        values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
+                                  for name, value in data.items()}
+        return cls(**values)
 
 
 def _centre_and_scale(name: str, span: tuple[float, float]) -> tuple[float, float]:

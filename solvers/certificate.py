@@ -24,10 +24,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpz
+from flint import fmpq
 from qpsolvers import Problem
 
-from solvers.exact_active_set import is_unique, optimum
+from solvers.exact_active_set import is_unique, nearest_feasible, optimum
 from solvers.exact_linear_algebra import RationalColumn, column, nearest_double, power_of_two
 from solvers.exact_problem import DoubleProblem, finite
 from solvers.exact_program import ExactProgram, Infeasible, Kind, NotCertified, Point, Unbounded, stationary_point
@@ -113,19 +113,7 @@ class Gap:
     violation: float
 
 
-def _positions(program: ExactProgram) -> dict[tuple[Kind, int], int]:
-    """Where each constraint stands in the program; the pins follow the constraints."""
-    known = {(c.kind, c.index): k for k, c in enumerate(program.constraints)}
-    return known | {(Kind.PIN, i): len(known) + i for i in range(program.d)}
-
-
-def _nearest_feasible(program: ExactProgram, x: RationalColumn) -> RationalColumn:
-    """The Euclidean projection of x on the feasible set, exactly; raises :class:`Infeasible`."""
-    identity = [[fmpz(int(i == j)) for j in range(program.d)] for i in range(program.d)]
-    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x))[1].x
-
-
-def certify(problem: Problem, x: Vector, *, max_pivots: int = 1000) -> Certificate:
+def certify(problem: Problem, x: Vector, *, max_pivots: int = 5000) -> Certificate:
     """Prove the optimum of a problem, starting from any answer.
 
     Parameters
@@ -135,7 +123,7 @@ def certify(problem: Problem, x: Vector, *, max_pivots: int = 1000) -> Certifica
     x : array, shape (d,)
         A solver's answer. The better it is, the fewer exact pivots are needed; the proof does not depend on it.
     max_pivots : int
-        How many working sets may be tried.
+        How many linear systems may be solved.
 
     Raises
     ------
@@ -155,11 +143,10 @@ def certify(problem: Problem, x: Vector, *, max_pivots: int = 1000) -> Certifica
     x = finite("x", x, data.q.shape)
     shift, definite = data.convexity_shift()
     program, factor = data.exact(shift)
-    positions = _positions(program)
     try:
-        W, point = optimum(program, [positions[name] for name in data.guess(x)], max_pivots)
+        W, point = optimum(program, [program.positions[name] for name in data.guess(x)], max_pivots)
     except Unbounded:
-        _nearest_feasible(program, column(x))  # an empty feasible set can show a ray too: then this raises Infeasible
+        nearest_feasible(program, column(x))  # an empty feasible set can show a ray too: then this raises Infeasible
         raise
     names = [program.constraint(k) for k in W]
     lower, upper, rows, equalities, pinned = (
@@ -176,14 +163,14 @@ def _rounded(x: RationalColumn) -> tuple[float, ...]:
 
 def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
     """Line 3 of the proof."""
-    positions, active = _positions(program), list(certificate.active())
+    active = list(certificate.active())
     for kind, i in active:
-        if (kind, i) not in positions:
+        if (kind, i) not in program.positions:
             raise NotCertified(f"proof line 3 (stationarity) fails: the problem has no {kind.value} {i}")
     if len(set(active)) < len(active):
         raise NotCertified("proof line 3 (stationarity) fails: the active set names a constraint twice")
     try:
-        return stationary_point(program, [positions[name] for name in active])
+        return stationary_point(program, [program.positions[name] for name in active])
     except ZeroDivisionError as error:
         raise NotCertified("proof line 3 (stationarity) fails: the system of the active set is singular") from error
 
@@ -256,7 +243,7 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     if not (data.h.size or data.b.size):
         feasible = column(np.clip(x, data.lb, data.ub))
     else:
-        feasible = _nearest_feasible(program, given) if program.violated(given) else given
+        feasible = nearest_feasible(program, given) if program.violated(given) else given
     best, constant = fmpq(certificate.value), fmpq(*float(c).as_integer_ratio())
     gap = program.value(feasible) * factor - best
     if gap < 0:

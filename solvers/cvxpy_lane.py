@@ -2,21 +2,21 @@
 
     minimise ½ ‖S x‖² + qᵀx   subject to   A x = b,  G x ≤ h,  lb ≤ x ≤ ub,   with parameters S and q,   SᵀS = P
 
-Source: A. Agrawal, R. Verschueren, S. Diamond, S. Boyd, "A rewriting system for convex optimization problems", Journal of
-Control and Decision 5 (2018), pages 42 to 60.
+Source: A. Agrawal, B. Amos, S. Barratt, S. Boyd, S. Diamond, J. Z. Kolter, "Differentiable convex optimization layers",
+Advances in Neural Information Processing Systems 32 (2019), for the rules of problems with parameters.
 
 ``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming (DPP) and would be
 compiled at every solve; ``sum_squares(S @ x)`` is not. What that costs: cvxpy writes the square as ‖t‖² with d more
 variables t and d more equations t = S x, so a solver sees twice the size, a cost that is singular in x, and a
 feasibility tolerance ε that acts on t = S x, where it means an error of up to ε √‖P⁻¹‖ in x; ECOS and CVXOPT see a
 second-order cone. Against the lane qpsolvers at the tier HIGH, on ten problems of 18 variables with cond P = 1e6, the
-largest error of x went from 1e-13 to 3e-12 for DAQP and from 4e-8 to 3e-7 for SCS, stayed for Clarabel, HiGHS and ProxQP,
-and CVXOPT solved none instead of all.
+largest error of x went from 1e-13 to 3e-12 for DAQP and from 4e-8 to 3e-7 for SCS, stayed for Clarabel, HiGHS and
+ProxQP, and CVXOPT solved none instead of all.
 
-Timed: ``setup`` compiles; ``update`` factorises P and sets the parameters; ``solve`` fills them in, calls the solver and
-unpacks. The default tier is cvxpy's own defaults, which are not the libraries' (OSQP: 1e-5, polished). cvxpy takes no
-starting point: its ``warm_start`` reuses the solver's object and last answer. So no class here is ``warm_startable``;
-handing in a point turns that reuse on, and without one every solve is set up afresh.
+Timed: ``setup`` compiles; ``update`` factorises P and sets the parameters; ``solve`` fills them in, calls the solver
+and unpacks. The default tier is cvxpy's own defaults, which are not the libraries' (OSQP: 1e-5, polished). cvxpy takes
+no starting point: its ``warm_start`` reuses the solver's object and last answer. So no class here is
+``warm_startable``; handing in a point turns that reuse on, and without one every solve is set up afresh.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat
 
-from solvers.exact_linear_algebra import rational_column
+from solvers.exact_linear_algebra import RationalColumn, rational_column
 from solvers.exact_program import (
     Constraint,
     ExactProgram,
@@ -34,7 +34,7 @@ from solvers.exact_program import (
 )
 
 
-def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 1000) -> tuple[list[int], Point]:
+def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 5000) -> tuple[list[int], Point]:
     """The working set and the point of an optimum, from a guess of the active constraints in order of trust.
 
     Parameters
@@ -44,7 +44,7 @@ def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 1000
     wanted : iterable of int
         Positions of constraints; may depend on each other.
     max_pivots : int
-        How many linear systems may be tried: every way ends, and criss-cross not always soon.
+        How many linear systems may be solved: every way ends, and criss-cross not always soon.
 
     Raises
     ------
@@ -53,18 +53,18 @@ def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 1000
     NotCertified
         After ``max_pivots``.
     """
-    budget = _budget(max_pivots)
-    W, point = _block_exchange(program, program.working_set(wanted), budget)
+    budget = pivots(max_pivots)
+    W, point = block_exchange(program, program.working_set(wanted), budget)
     if point.wrong and program.regular:
-        W, point = _dual_active_set(program, W, budget)
+        W, point = dual_active_set(program, W, budget)
     elif point.wrong:
         neighbour = _strictly_convex_neighbour(program)
-        W, point = _dual_active_set(neighbour, neighbour.working_set(W), budget)
-        W, point = _criss_cross(program, program.working_set(W), budget)
+        W, point = dual_active_set(neighbour, neighbour.working_set(W), budget)
+        W, point = criss_cross(program, program.working_set(W), budget)
     return W, point
 
 
-def _budget(max_pivots: int) -> Iterator[int]:
+def pivots(max_pivots: int) -> Iterator[int]:
     """One item for every linear system; asking for more raises."""
     yield from range(max_pivots)
     raise NotCertified(f"no optimum within {max_pivots} exact pivots")
@@ -75,7 +75,7 @@ def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infe
     return Infeasible(f"the constraints contradict each other: {program.constraint(k)} against {against}")
 
 
-def _block_exchange(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+def block_exchange(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
     """Swap all wrong constraints at once, until none is wrong or three swaps in a row have not helped."""
     fewest, patience = len(program.constraints) + program.d + 1, 0
     while True:
@@ -88,9 +88,10 @@ def _block_exchange(program: ExactProgram, W: list[int], budget: Iterator[int]) 
         W = program.working_set([k for k in W if k not in leaving] + [k for k in point.wrong if k not in leaving])
 
 
-def _dual_active_set(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+def dual_active_set(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
     """The optimum of a program with P ≻ 0; raises :class:`Infeasible`."""
     next(budget)
+    W = [k for k in W if k < len(program.constraints)]  # P ≻ 0 needs no pins
     point = stationary_point(program, W)
     while pulling := {k for k in point.wrong if k in point.multipliers}:
         next(budget)
@@ -137,7 +138,7 @@ def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
     return ExactProgram(P, program.q * fmpq(10**6), program.constraints)
 
 
-def _criss_cross(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+def criss_cross(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
     """Always the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
     while True:
         next(budget)
@@ -180,6 +181,12 @@ def _drop(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list
             return [*kept, r]
     raise Unbounded("the cost falls without bound along a direction that no constraint stops, away from the "
                     f"{program.constraint(k)}")
+
+
+def nearest_feasible(program: ExactProgram, x: RationalColumn) -> RationalColumn:
+    """The Euclidean projection of x (d, 1) on the feasible set, exactly; raises :class:`Infeasible`."""
+    identity = [[fmpz(int(i == j)) for j in range(program.d)] for i in range(program.d)]
+    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x))[1].x
 
 
 def is_unique(program: ExactProgram, point: Point) -> bool:

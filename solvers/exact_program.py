@@ -113,6 +113,11 @@ class ExactProgram:
         return self.constraints[k] if k < known else Constraint(Kind.PIN, k - known, fmpq(0))
 
     @cached_property
+    def positions(self) -> dict[tuple[Kind, int], int]:
+        """Where the constraint of a kind and an index stands."""
+        return {(c.kind, c.index): k for k, c in enumerate(map(self.constraint, range(len(self.constraints) + self.d)))}
+
+    @cached_property
     def general(self) -> tuple[list[int], RationalColumn]:
         """Positions and coefficients (m, d) of the constraints that are not bounds."""
         rows = {k: c.a for k, c in enumerate(self.constraints) if c.a is not None}

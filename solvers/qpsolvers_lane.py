@@ -5,9 +5,9 @@
 Source: S. Caron and others, the package qpsolvers, whose residuals and signs of duals this project uses.
 
 Timed: ``setup`` and ``update`` copy, and make P sparse for a solver that takes nothing else; ``solve`` is one call,
-which converts, sets up and solves from the start every time. Its habits are kept away from the caller: it sees our copies, a
-starting point goes only to solvers that use one (others warn), and a side whose bounds are all infinite is left out,
-since ECOS and CVXOPT break on infinite bounds.
+which converts, sets up and solves from the start every time. Its habits are kept away from the caller: it sees our
+copies, a starting point goes only to solvers that use one (others warn), and a side whose bounds are all infinite is
+left out, since ECOS and CVXOPT break on infinite bounds.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ BACKENDS: dict[str, Backend] = {
     "piqp": known.PIQP,
     "proxqp": replace(known.PROXQP, tolerances=known.EPS + known.GAP,
                       more={**known.PROXQP.more, "check_duality_gap": True}, warm=True),
-    "pyqpmad": known.PYQPMAD,
+    "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
     "qpalm": known.QPALM,  # qpsolvers drops the starting point
     "qpax": known.QPAX,
     "qtqp": known.QTQP,

@@ -127,8 +127,13 @@ def describe(entry: Entry) -> Described:
         cls = entry.load()
     except ImportError as error:
         return Described(entry.name, entry.lane, "", "", "", False, absent=str(error))
-    return Described(entry.name, entry.lane, cls.algorithm, importlib.metadata.version(cls.distribution), cls.licence,
-                     cls.warm_startable, cls.variants)
+    try:
+        version = importlib.metadata.version(cls.distribution)
+    except importlib.metadata.PackageNotFoundError:  # a user's own file need not belong to a package
+        if entry.path is None:
+            raise
+        version = ""
+    return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, cls.variants)
 
 
 def available() -> list[Entry]:

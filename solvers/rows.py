@@ -108,15 +108,15 @@ class Intervals:
 
     Attributes
     ----------
-    R : csc_matrix
-        Shape (k, d).
+    R : ndarray
+        Shape (k, d), C order.
     l, u : ndarray
         Shape (k,).
     """
 
     def __init__(self, program: Program) -> None:  # noqa: D107
         self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
-        self.R = csc_matrix(program.R[self._kept])
+        self.R: Matrix = program.R[self._kept]
         self.l, self.u = program.l[self._kept], program.u[self._kept]
 
     def spread(self, w: Vector) -> Vector:

@@ -12,7 +12,7 @@ exists inside ``@njit`` functions only:
     sum8(v)                sum of the lanes
 
 Functions written with these operators alone, such as the elementary operators of the model, work on floats and on
-vectors from one source. ``max`` and ``min`` return their second argument where one of them is NaN, as on floats.
+vectors from one source. ``max`` and ``min`` return their first argument where one of them is NaN, as on floats.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def sum8(typing_context: Any, v: Any) -> Any:
 
 
 def _choose(predicate: str) -> Callable[[Any, Any, Any], Any]:
-    return lambda builder, a, b: builder.select(builder.fcmp_ordered(predicate, a, b), a, b)
+    return lambda builder, a, b: builder.select(builder.fcmp_ordered(predicate, b, a), b, a)
 
 
 def _operator(function: Any, emit: Callable[[Any, Any, Any], Any]) -> None:

@@ -8,31 +8,13 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
-from bench.cli import race_verbs, stage_verbs
-from bench.store import RunError
-from piezo_model import IdentificationError, ModelError, StructureError
-from piezo_model.recordings import RecordingError
-
-USER_ERRORS = (RunError, IdentificationError, ModelError, StructureError, RecordingError)
-
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
-                  help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.")
-race_verbs.register(app)
-stage_verbs.register(app)
-
 
 def main() -> None:
-    """Run the command line."""
-    try:
-        app()
-    except USER_ERRORS as error:
-        sys.exit(_refuse(str(error)))
-    except OSError as error:
-        sys.exit(_refuse(f"{error.filename}: {error.strerror}" if error.filename else str(error)))
+    """Run the command line.
 
+    The verbs are imported in here: every child process of a race imports the script of its parent once more, and it
+    needs nothing of theirs.
+    """
+    from bench.cli.app import run
 
-def _refuse(sentence: str) -> int:
-    print(f"piezobench: {sentence}", file=sys.stderr)
-    return 2
+    sys.exit(run(sys.argv[1:]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -10,12 +9,12 @@ from typing import Annotated
 import typer
 
 from bench import race
-from bench.cli.console import console, print_table, progress_bar
+from bench.cli.console import console, errors, print_table, progress_bar
 from bench.clock import Effort
 from bench.isolation import Child
 from bench.problems import sets
 from bench.report import figures, markdown
-from bench.store import Run
+from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
 
 RESULTS = Path("results")
@@ -54,20 +53,11 @@ def race_verb(
 ) -> None:
     """Race solvers on certified problems and report who is right and how fast."""
     names, files = _names_and_files(solver or [])
-    chosen = tuple(problem_set or ["paper"])
-    for asked in chosen:
-        if asked not in sets():
-            raise typer.BadParameter(f"there is no problem set {asked!r}; known are {', '.join(sorted(sets()))}",
-                                     param_hint="--set")
     settings = race.RaceSettings(
-        chosen, names, tuple(lane or Lane), tuple(tier or (Tier.DEFAULT, Tier.HIGH)),
+        tuple(problem_set or ["paper"]), names, tuple(lane or Lane), tuple(tier or (Tier.DEFAULT, Tier.HIGH)),
         tuple(choice.value for choice in scaling or Scale), limit, seed, Effort(budget_s=budget), time_limit, memory,
         files)
-    try:
-        run = race.start(out, settings, name)
-    except (KeyError, ImportError) as error:
-        raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
-    _finish(run)
+    _finish(race.start(out, settings, name))
 
 
 def resume_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")]) -> None:
@@ -75,8 +65,9 @@ def resume_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")])
     opened = Run.open(run)
     if opened.is_finished():
         console.print(f"{run} is finished already.")
-        return
-    _finish(opened)
+        report_verb(run)
+    else:
+        _finish(opened)
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")]) -> None:
@@ -111,9 +102,17 @@ def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]
 
 
 def _finish(run: Run) -> None:
-    with progress_bar() as progress:
-        race.carry_on(run, progress)
-    _show(run, markdown.write(run))
+    resume = f"what is done is kept, and 'piezobench resume {run.path}' carries on"
+    try:
+        with progress_bar() as progress:
+            race.carry_on(run, progress)
+        report = markdown.write(run)
+    except OSError as error:
+        raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
+    except KeyboardInterrupt:
+        errors.print(f"Interrupted; {resume}.")
+        raise
+    _show(run, report)
 
 
 def _show(run: Run, report: Path) -> None:
@@ -130,8 +129,6 @@ def _show(run: Run, report: Path) -> None:
                     if key not in ("worst_primal_residual", "worst_dual_residual", "solve_us_max")}
         print_table(list(headings.values()), [[markdown.cell(row, key) for key in headings]
                     for _, row in best.sort_values(["all_right", "total_us"], ascending=[False, True]).iterrows()], left=4)
-    missing = json.loads((run.path / "run.json").read_text())["settings"]["solvers"]
-    absent = [name for name in missing if name not in set(rows.solver)]
-    if absent:
-        console.print(f"\nNot raced, since absent here (see piezobench solvers): {', '.join(absent)}")
+    if absent := run.settings.get("absent"):
+        console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
     console.print(f"\nReport: {report}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -46,9 +47,11 @@ def identify_verb(
 ) -> None:
     """Identify a model of hysteresis and creep from a recording."""
     try:
-        find(solver)
+        find(solver).load()
     except KeyError as error:
         raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
+    except ImportError as error:
+        raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
     _check_folder(out)
     opened = Recording.open(recording, time=time, input=input, output=output)
     console.print(opened.describe())
@@ -83,6 +86,8 @@ def compensate_verb(
     if not limits[0] < limits[1]:
         raise typer.BadParameter(f"the lowest drive {limits[0]:g} must be below the highest {limits[1]:g}",
                                  param_hint="--low/--high")
+    if rate_limit is not None and not rate_limit > 0.0:
+        raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     compensator = Compensator(loaded, x_limits=limits, rate_limit=rate_limit)
     x = compensator.run(wanted.values)
     unit = f"_{s.input_unit}" if s.input_unit else ""
@@ -110,5 +115,7 @@ def _check_folder(out: Path) -> None:
     """Refuse before the work and not after it."""
     if not out.parent.is_dir():
         raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint="--out")
-    if out.is_dir():
-        raise typer.BadParameter(f"{out} is a folder", param_hint="--out")
+    if out.exists() and not out.is_file():  # it would be replaced, be it /dev/null
+        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint="--out")
+    if not os.access(out.parent, os.W_OK):
+        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint="--out")

@@ -7,7 +7,7 @@ from pathlib import Path
 import jinja2
 import pandas as pd
 
-from bench.report import figures
+from bench.report import figures, plots
 from bench.store import Run
 from piezo_model.atomic_file import replacing, write_text
 
@@ -53,8 +53,9 @@ def render(run: Run) -> str:
 
 
 def write(run: Run) -> Path:
-    """Write ``report.md`` and ``summary.csv`` into the run's folder; returns the report's path."""
+    """Write ``report.md``, ``summary.csv`` and ``accuracy.svg`` into the run's folder; returns the report's path."""
     with replacing(run.path / "summary.csv") as temporary:
         figures.summary(run.rows()).to_csv(temporary, index=False)
+    plots.accuracy_against_time(run.rows(), run.path / "accuracy.svg")
     write_text(run.path / "report.md", render(run))
     return run.path / "report.md"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Matrix, Solver, Vector, box_solution, only_box
+from solvers.protocol import Matrix, Solver, Unsupported, Vector, box_solution, only_box
 from solvers.rows import Program
 
 
@@ -58,6 +58,12 @@ class BoxMinimiser(Solver):
         if not self.outcome.found:
             return Solution(problem, found=False, extras=self.outcome.extras())
         return box_solution(problem, self.outcome.x, True, **self.outcome.extras())
+
+
+def refuse_crossing(program: Program, name: str) -> None:
+    """Raise :class:`Unsupported` for a library that refuses bounds that cross instead of calling them infeasible."""
+    if np.any(program.l > program.u):
+        raise Unsupported(f"{name} refuses bounds that cross, and a lower bound of the problem is above its upper one")
 
 
 def cost(program: Program, x: Vector) -> tuple[float, Vector]:

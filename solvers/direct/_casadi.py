@@ -21,6 +21,7 @@ import casadi
 import numpy as np
 from qpsolvers import Problem, Solution
 
+from solvers.direct._box import refuse_crossing
 from solvers.protocol import Lane, Matrix, Solver, Vector
 from solvers.rows import Program
 
@@ -40,6 +41,7 @@ class Conic(Solver):
 
     def setup(self, problem: Problem) -> None:
         self.program = p = Program(problem)
+        refuse_crossing(p, self.name)
         R, m = p.R[p.general], len(p.R[p.general])
         self._x, self._w = np.zeros(p.d), np.zeros(p.u.size)
         shapes = {"h": casadi.Sparsity.dense(p.d, p.d), "a": casadi.Sparsity.dense(m, p.d)}
@@ -67,6 +69,9 @@ class Conic(Solver):
     def solve(self, warm_start: Vector | None = None) -> Vector:
         self._call()
         self._stats = self._buffer.stats()
+        return self._answer()
+
+    def _answer(self) -> Vector:
         return self._x if self._stats["success"] else self.program.no_answer()
 
     def solution(self) -> Solution:

@@ -21,7 +21,7 @@ from solvers.protocol import Lane, Matrix, Unsupported, Vector
 def cholesky(P: Matrix, name: str) -> Matrix:
     """L of P = L Lᵀ, lower triangular (d, d), or :class:`Unsupported` for a P that is not positive definite."""
     try:
-        L: Matrix = np.linalg.cholesky(P)
+        L: Matrix = np.linalg.cholesky(P).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         raise Unsupported(f"{name} needs a positive definite P, and P has no Cholesky factor") from None
     return L

@@ -5,10 +5,12 @@
 Source: G. Frison, M. Diehl, "HPIPM: a high-performance quadratic programming framework for model predictive control",
 IFAC-PapersOnLine 53 (2020), pages 6563 to 6569.
 
-Timed: as in :mod:`solvers.direct._casadi`. The plugin takes control problems only: a stage without dynamics whose state
-is x is our problem; without naming the stage, the plugin ends the process. It has no infinite bounds and puts 1e8 there,
-with which rounding alone keeps residuals above 1e-9; the tiers put 1e6, so no |x_i| may come near that. The settings
-are those of HPIPM itself: ``res_g_max``, ``res_b_max``, ``res_d_max``, ``res_m_max`` bound the four residuals.
+Timed: ``solve`` is a call of the function with our arrays, which it converts: through the buffer of
+:mod:`solvers.direct._casadi` the plugin keeps to the first data for ever. The plugin takes control problems only: a
+stage without dynamics whose state is x is our problem; without naming the stage, the plugin ends the process. It has no
+infinite bounds and puts 1e8 there, with which rounding alone keeps residuals above 1e-9; the tiers put 1e6, so no |x_i|
+may come near that. The settings are those of HPIPM itself: ``res_g_max``, ``res_b_max``, ``res_d_max``, ``res_m_max``
+bound the four residuals.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from types import MappingProxyType
 from typing import Any
 
 from solvers.direct._casadi import Conic
-from solvers.protocol import Tier
+from solvers.protocol import Tier, Vector
 
 
 class CasadiHpipm(Conic):
@@ -33,3 +35,12 @@ class CasadiHpipm(Conic):
     def options(self, d: int, m: int) -> dict[str, Any]:  # noqa: D102
         infinity = 1e8 if self.tier is Tier.DEFAULT else 1e6
         return {"N": 0, "nx": [d], "nu": [0], "ng": [m], "inf": infinity, "hpipm": self.settings}
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        p = self.program
+        data = {**self._held, "h": p.P, "a": p.R[p.general]}
+        result = self._function(**{key: array for key, array in data.items() if array.size})
+        self._x[:] = result["x"].full().ravel()
+        self._w[p.bounds], self._w[p.general] = (result[key].full().ravel() for key in ("lam_x", "lam_a"))
+        self._stats = self._function.stats()
+        return self._answer()

@@ -2,10 +2,12 @@
 
     minimise ½ xᵀP x + qᵀx   subject to   l ≤ R x ≤ u,  lb ≤ x ≤ ub
 
-Source: J. A. E. Andersson, J. B. Rawlings, "Sensitivity analysis for nonlinear programming in CasADi", IFAC NMPC (2018).
+Source: J. A. E. Andersson, J. B. Rawlings, "Sensitivity analysis for nonlinear programming in CasADi", IFAC NMPC
+(2018).
 
 Timed: as in :mod:`solvers.direct._casadi`. The library reports no time of its own. Its active set would start from
-multipliers, of which a warm start has none.
+multipliers, of which a warm start has none. On bounds it is exact; with general rows it gives up often, and sometimes
+calls an answer solved whose dual residual is 1e-2.
 """
 
 from __future__ import annotations

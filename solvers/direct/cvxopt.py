@@ -45,7 +45,10 @@ class Cvxopt(Solver):
         self._data |= {"P": cvxopt.matrix(p.P), "q": cvxopt.matrix(p.q)}
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
-        self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
+        try:
+            self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
+        except ValueError as error:  # its way of saying that the rows or the KKT matrix are singular
+            self._result = {"status": str(error), "x": self.program.no_answer(), "y": np.zeros(0), "z": np.zeros(0)}
         self._found = self._result["status"] == "optimal"
         return np.array(self._result["x"]).ravel() if self._found else self.program.no_answer()
 

@@ -20,6 +20,7 @@ from types import MappingProxyType
 import numpy as np
 import osqp
 from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
 
 from solvers.protocol import Lane, Matrix, Solver, Tier, Unsupported, Vector
 from solvers.rows import Intervals, Program, Triangle
@@ -46,7 +47,7 @@ class Osqp(Solver):
         self._zero = np.zeros(p.d), np.zeros(self._rows.l.size)
         self._solver = osqp.OSQP()
         repeatable = {"verbose": False, "polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50}
-        self._solver.setup(self._triangle.matrix(p.P), p.q.copy(), self._rows.R, self._rows.l, self._rows.u,
+        self._solver.setup(self._triangle.matrix(p.P), p.q.copy(), csc_matrix(self._rows.R), self._rows.l, self._rows.u,
                            **{**repeatable, **self.settings})
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102

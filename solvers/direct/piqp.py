@@ -41,15 +41,18 @@ class Piqp(Solver):
         for setting, value in self.settings.items():
             setattr(self._solver.settings, setting, value)
         A, G = np.asfortranarray(p.R[p.equalities]), np.asfortranarray(p.R[p.inequalities])
-        general: tuple[Matrix | None, ...] = (A, p.u[p.equalities]) if len(A) else (None, None)
-        general += (G, None, p.u[p.inequalities]) if len(G) else (None, None, None)
-        self._solver.setup(p.P.T, p.q, *general, p.l[p.bounds], p.u[p.bounds])
+        self._A = A if len(A) else None
+        equalities = (A, p.u[p.equalities]) if len(A) else (None, None)
+        inequalities = (G, None, p.u[p.inequalities]) if len(G) else (None, None, None)
+        self._solver.setup(p.P.T, p.q, *equalities, *inequalities, p.l[p.bounds], p.u[p.bounds])
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program
         p.take(P, q)
-        # P is symmetric, so its transpose is P in the Fortran order that the library wants.
-        self._solver.update(P=None if P is None else p.P.T, c=None if q is None else p.q)
+        # P is symmetric, so its transpose is P in the Fortran order that the library wants. A goes with it: a new P is
+        # equilibrated anew, which the library's product AᵀA misses, and then feasible problems are called infeasible.
+        A = None if P is None else self._A
+        self._solver.update(P=None if P is None else p.P.T, c=None if q is None else p.q, A=A)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         self._status = self._solver.solve()

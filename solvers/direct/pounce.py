@@ -2,7 +2,7 @@
 
     minimise ½ xᵀP x + cᵀx   subject to   A x = b,  G x ≤ h,  lb ≤ x ≤ ub;   c = q
 
-Source: J. Kitchin, the package pounce-solver, 2025.
+Source: J. Kitchin, the package pounce-solver.
 
 Timed: ``update`` copies; ``solve`` is the library's function, which converts P to triplets in Python, sets up and
 iterates. Its test that P is positive semidefinite (eigenvalues at every call) is off. There is no warm start: the

@@ -1,6 +1,6 @@
 """ProxQP: proximal augmented Lagrangian method, each subproblem by a semi-smooth Newton method on a dense LDLᵀ.
 
-    minimise ½ xᵀP x + qᵀx   subject to   A x = b,  G x ≤ h,  lb ≤ x ≤ ub
+    minimise ½ xᵀP x + qᵀx   subject to   A x = b,  l ≤ C x ≤ u
 
 Source: A. Bambade, S. El-Kazdadi, A. Taylor, J. Carpentier, "PROX-QP: yet another quadratic programming solver for
 robotics and beyond", Robotics: Science and Systems 18 (2022).
@@ -20,11 +20,11 @@ from proxsuite import proxqp
 from qpsolvers import Problem, Solution
 
 from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
-from solvers.rows import Program
+from solvers.rows import Intervals, Program
 
 
 class Proxsuite(Solver):
-    """The library's ``proxqp.dense.QP`` with its own box constraints."""
+    """The library's ``proxqp.dense.QP``, bounds among the rows."""
 
     name = "proxsuite"
     lane = Lane.DIRECT
@@ -40,33 +40,37 @@ class Proxsuite(Solver):
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
-        A, G = p.R[p.equalities], p.R[p.inequalities]
-        self._qp = proxqp.dense.QP(p.d, len(A), len(G), True)
+        self._rows = rows = Intervals(p)
+        self._equal = equal = rows.l == rows.u
+        self._qp = proxqp.dense.QP(p.d, int(equal.sum()), int((~equal).sum()))
         self._qp.settings.compute_timings = True
         for setting, value in self.settings.items():
             setattr(self._qp.settings, setting, value)
         self._cold = self._qp.settings.initial_guess
-        general: tuple[Matrix | None, ...] = (A, p.l[p.equalities]) if len(A) else (None, None)
-        general += (G, p.l[p.inequalities], p.u[p.inequalities]) if len(G) else (None, None, None)
-        self._qp.init(p.P, p.q, *general, p.l[p.bounds], p.u[p.bounds])
+        self._qp.init(p.P, p.q, rows.R[equal], rows.l[equal], rows.R[~equal], rows.l[~equal], rows.u[~equal])
+        self._is_fresh = True
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program
         p.take(P, q)
         self._qp.update(H=None if P is None else p.P, g=None if q is None else p.q)
+        self._is_fresh = True
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         if warm_start is None:
             self._qp.settings.initial_guess = self._cold  # a warm solve has changed it
+            if not self._is_fresh:
+                self._qp.update(g=self.program.q)  # a cold solve straight after a solve runs into its iteration limit
             self._qp.solve()
         else:
             self._qp.solve(warm_start, None, None)
+        self._is_fresh = False
         self._found = self._qp.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
         return self._qp.results.x.copy() if self._found else self.program.no_answer()
 
     def solution(self) -> Solution:  # noqa: D102
         results, info = self._qp.results, self._qp.results.info
-        d = self.program.d
-        w = np.concatenate([results.z[-d:], results.y, results.z[:-d]])
-        return self.program.solution(results.x, w, self._found, status=info.status.name, reported_us=info.solve_time,
+        w = np.empty(self._equal.size)
+        w[self._equal], w[~self._equal] = results.y, results.z
+        return self.program.solution(results.x, self._rows.spread(w), self._found, status=info.status.name, reported_us=info.solve_time,
                                      iterations=info.iter)

@@ -39,8 +39,9 @@ class Qoco(Solver):
         self._triangle = Triangle(p.d)
         n, m = rows.equal, rows.unequal
         self._solver = qoco.QOCO()
-        self._solver.setup(p.d, m, n, self._triangle.matrix(p.P), p.q, csc_matrix(rows.R[:n]) if n else None, rows.r[:n],
-                           csc_matrix(rows.R[n:]) if m else None, rows.r[n:], m, 0, None, **self.settings)
+        A, G = (csc_matrix(R) if len(R) else None for R in (rows.R[:n], rows.R[n:]))
+        self._solver.setup(p.d, m, n, self._triangle.matrix(p.P), p.q, A, rows.r[:n], G, rows.r[n:], m, 0, None,
+                           **self.settings)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         self.program.take(P, q)

@@ -17,7 +17,9 @@ from types import MappingProxyType
 import numpy as np
 import qpalm
 from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
 
+from solvers.direct._box import refuse_crossing
 from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
 from solvers.rows import Intervals, Program, Triangle
 
@@ -36,11 +38,13 @@ class Qpalm(Solver):
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
+        refuse_crossing(p, self.name)
         self._rows = rows = Intervals(p)
         self._triangle = Triangle(p.d)
+        self._R = csc_matrix(rows.R)
         data = qpalm.Data(p.d, rows.l.size)
         data.Q, data.q = self._triangle.matrix(p.P), p.q
-        data.A, data.bmin, data.bmax = rows.R, rows.l, rows.u
+        data.A, data.bmin, data.bmax = self._R, rows.l, rows.u
         settings = qpalm.Settings()
         settings.verbose = False
         for setting, value in self.settings.items():
@@ -50,7 +54,7 @@ class Qpalm(Solver):
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         self.program.take(P, q)
         if P is not None:
-            self._solver.update_Q_A(self._triangle.values(self.program.P), self._rows.R.data)
+            self._solver.update_Q_A(self._triangle.values(self.program.P), self._R.data)
         if q is not None:
             self._solver.update_q(self.program.q)
 

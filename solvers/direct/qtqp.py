@@ -2,10 +2,11 @@
 
     minimise ½ xᵀp x + cᵀx   subject to   a x + s = b,  s ∈ {0}ᶻ × ℝ₊ᵐ;   p = P, c = q
 
-Source: B. O'Donoghue, the package qtqp, 2025.
+Source: B. O'Donoghue, the package qtqp.
 
 Timed: ``setup`` and ``update`` make the library's object anew, which has no other way to take data; ``solve``
-equilibrates and iterates. There is no warm start from x alone.
+equilibrates and iterates. There is no warm start from x alone. The linear solver is SciPy's dense one on every machine:
+left alone, the library takes the first that it finds, MKL's where its wheel brings it.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ class Qtqp(Solver):
         self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=self._rows.r, z=self._rows.equal)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
-        self._result = self._solver.solve(verbose=False, **self.settings)
+        linear = {"linear_solver": qtqp.LinearSolver.SCIPY_DENSE}
+        self._result = self._solver.solve(verbose=False, **{**linear, **self.settings})
         self._found = self._result.status is qtqp.SolutionStatus.SOLVED
         x: Vector = self._result.x
         return x if self._found else self.program.no_answer()

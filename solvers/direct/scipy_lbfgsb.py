@@ -6,9 +6,9 @@ Source: R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, "A limited memory algorithm for b
 Journal on Scientific Computing 16 (1995), pages 1190 to 1208.
 
 Timed: ``solve`` is everything, the cost being called from Python at every step. ``gtol`` bounds the largest component
-of the projected gradient and ``ftol`` the relative decrease of the cost; a tier sets the first, and the second to the
-rounding error, so that the gradient decides. Where rounding hides any decrease before the gradient is that small, the
-library says so, and the answer counts as not found.
+of the projected gradient and ``ftol`` the relative decrease of the cost; a tier sets the first, and the second near the
+rounding error, so that the gradient decides while it can. Where rounding spoils the line search before that, the
+library ends as ABNORMAL, and the answer counts as not found.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ScipyLbfgsb(BoxMinimiser):
     distribution = "scipy"
     warm_startable = True
     tiers = MappingProxyType({
-        tier: {"gtol": tier.tolerance, "ftol": 2.3e-16, "maxiter": 100_000, "maxfun": 1_000_000}
+        tier: {"gtol": tier.tolerance, "ftol": 1e-14, "maxiter": 100_000, "maxfun": 1_000_000}
         for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102

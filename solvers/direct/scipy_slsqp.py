@@ -18,7 +18,7 @@ import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.optimize import Bounds, minimize
 
-from solvers.direct._box import bound_duals, cost, inside
+from solvers.direct._box import bound_duals, cost, inside, refuse_crossing
 from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
 from solvers.rows import Program
 
@@ -37,6 +37,7 @@ class ScipySlsqp(Solver):
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
+        refuse_crossing(p, self.name)
         self._rows = [{"type": kind, "fun": lambda x, R=R, r=r: R @ x - r, "jac": lambda x, R=R: R}
                       for kind, R, r in (("eq", p.R[p.equalities], p.u[p.equalities]),
                                          ("ineq", -p.R[p.inequalities], -p.u[p.inequalities])) if r.size]

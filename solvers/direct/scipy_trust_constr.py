@@ -8,7 +8,8 @@ Journal on Optimization 9 (1999), pages 877 to 900.
 Timed: ``solve`` is everything; expect tens of milliseconds. ``barrier_tol`` bounds the last barrier parameter and
 ``xtol`` the last trust radius. A tier keeps ``gtol`` far below them, since the library's test of the gradient does not
 look at complementarity and on its own stops with x wrong by 1e-2. That small a ``gtol`` also makes the library call a
-constraint violation of 1e-15 a failure, so whether x is found is judged here from its status and ``xtol``.
+constraint violation of 1e-15 a failure, so whether x is found is judged here from its status and ``xtol``. There is no
+warm start: from a point on the bounds an interior method takes longer.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
-from solvers.direct._box import cost, inside
+from solvers.direct._box import cost, inside, refuse_crossing
 from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
 from solvers.rows import Program
 
@@ -36,13 +37,13 @@ class ScipyTrustConstr(Solver):
     algorithm = "interior point"
     licence = "BSD-3-Clause"
     distribution = "scipy"
-    warm_startable = True
     tiers = MappingProxyType({
         tier: {"gtol": 1e-6 * (tier.tolerance or 0.0), "xtol": tier.tolerance, "barrier_tol": tier.tolerance,
                "maxiter": 10_000} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
+        refuse_crossing(p, self.name)
         R = p.R[p.general]
         self._rows = [LinearConstraint(R, p.l[p.general], p.u[p.general])] if len(R) else []
 
@@ -53,7 +54,7 @@ class ScipyTrustConstr(Solver):
         p = self.program
         lb, ub = p.l[p.bounds], p.u[p.bounds]
         self._result = r = minimize(  # type: ignore[call-overload]
-            partial(cost, p), inside(warm_start, lb, ub), jac=True, hess=lambda x: p.P, method="trust-constr",
+            partial(cost, p), inside(None, lb, ub), jac=True, hess=lambda x: p.P, method="trust-constr",
             bounds=Bounds(lb, ub), constraints=self._rows, options=self.settings)
         self._found = r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8)
         x: Vector = r.x

@@ -2,7 +2,7 @@
 
     minimise f(x) = ½ xᵀP x + qᵀx   subject to   c(x) = A x − b = 0,  g(x) = G x − h ≤ 0
 
-Source: J. Sousa-Pinto, the package sip_python, 2024.
+Source: J. Sousa-Pinto, the package sip_python.
 
 Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
 which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm

@@ -17,6 +17,7 @@ from solvers.kernels import box_data
 from solvers.kernels.box_data import DUAL_STEPS, OK, PROXIMAL_STEPS, REASONS, SINGULAR, STATE, SYSTEMS
 from solvers.kernels.box_factor import ANSWER
 from solvers.kernels.box_pivoting import solve_box
+from solvers.kernels.vector import entry
 from solvers.protocol import Lane, Matrix, Solver, Vector, box_solution, dense, only_box
 
 
@@ -63,6 +64,7 @@ class BoxActiveSet(Solver):
         self._answer = self._work[ANSWER, :q.size]
         self._P, self._q, self._lb, self._ub = np.empty_like(P), np.empty_like(q), lb, ub
         self._status = OK
+        self._solve_box = entry(solve_box, self._work, self._iwork, True)
         _accept(box_data.set_bounds(self._work, self._iwork, lb, ub))
         self.update(P, q)
 
@@ -87,7 +89,7 @@ class BoxActiveSet(Solver):
         if warm_start is not None:
             _accept(box_data.start_from(self._work, self._iwork, np.ascontiguousarray(warm_start, np.float64)))
             warm = True
-        self._status = solve_box(self._work, self._iwork, warm)
+        self._status = self._solve_box(self._work, self._iwork, warm)
         if self._status:
             _accept(self._status)
         return self._answer

@@ -17,10 +17,24 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from solvers.kernels.box_factor import ANSWER, HI, LO, RAW_LB, RAW_Q, RAW_UB, SCALE, Integers, P, Q, factorise, leading
-from solvers.kernels.vector import aligned
+from solvers.kernels.box_factor import (
+    ANSWER,
+    HI,
+    LO,
+    RAW_LB,
+    RAW_Q,
+    RAW_UB,
+    SCALE,
+    STEP,
+    Integers,
+    P,
+    Q,
+    back_substitute,
+    factorise,
+    leading,
+)
+from solvers.kernels.vector import aligned, compiled
 from solvers.protocol import Matrix, Vector
 
 OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN = range(8)
@@ -60,7 +74,7 @@ def allocate(d: int) -> tuple[Matrix, Integers]:
     return work, iwork
 
 
-@njit(cache=True)
+@compiled
 def set_hessian(work: Matrix, iwork: Integers, hessian: Matrix) -> int:
     """Take P, shape (d, d), as its symmetric part, and factorise it; q, bounds and the active set stay."""
     d = iwork[STATE, SIZE]
@@ -81,17 +95,18 @@ def set_hessian(work: Matrix, iwork: Integers, hessian: Matrix) -> int:
             mean = 0.5 * (a + b) * scale
             total += abs(mean)
             work[P + i, j] = mean
-        work[P + i, d] = 0.0
     if not total < np.inf:
         return NOT_FINITE
     if gap > 1e-9:
         return ASYMMETRIC
     _rescale(work, d)
     iwork[STATE, SINGULAR] = 0
-    return OK if _factorise_all(work, iwork) > 4 * d * EPS else regularise(work, iwork)
+    if _factorise_all(work, iwork) > 16 * d * EPS and _inverse_norm(work, iwork) < 0.02 / (d * EPS):
+        return OK
+    return regularise(work, iwork)
 
 
-@njit(cache=True)
+@compiled
 def regularise(work: Matrix, iwork: Integers) -> int:
     """Add the proximal term to P; INDEFINITE where that is not enough."""
     for j in range(iwork[STATE, SIZE]):
@@ -100,18 +115,33 @@ def regularise(work: Matrix, iwork: Integers) -> int:
     return OK if _factorise_all(work, iwork) > 0.0 else INDEFINITE
 
 
-@njit(cache=True)
+@compiled
 def _factorise_all(work: Matrix, iwork: Integers) -> float:
-    """Factorise P with every variable free, which is where a cold start begins; the smallest pivot."""
+    """Factorise P with every variable free, which is where a cold start begins; the smallest pivot.
+
+    The right-hand side is irregular, so that the solution is as long as 1/λ_min says (see ``_inverse_norm``).
+    """
     d = iwork[STATE, SIZE]
     for j in range(d):
         iwork[LIST, j] = j
+        work[P + j, d] = (0.618033988749895 * (j + 1)) % 1.0 - 0.5
     count = finish_list(iwork, d)
     iwork[STATE, COUNT], iwork[STATE, FIRST] = d, work.shape[1]
     return factorise(work, iwork[LIST, :count + 1], d, 0)
 
 
-@njit(cache=True)
+@compiled
+def _inverse_norm(work: Matrix, iwork: Integers) -> float:
+    """A lower estimate of |P⁻¹|: pivots alone do not show a null vector that has little of the last variable."""
+    d = iwork[STATE, SIZE]
+    back_substitute(work, iwork[LIST], (d + 3) & ~3, d)
+    longest = 0.0
+    for j in range(d):
+        longest = max(longest, abs(work[STEP, j]))
+    return longest
+
+
+@compiled
 def finish_list(iwork: Integers, count: int) -> int:
     """Fill the list of free variables up with unit columns and its end; how many entries it then has."""
     unit = iwork[STATE, SIZE] + 1
@@ -122,7 +152,7 @@ def finish_list(iwork: Integers, count: int) -> int:
     return count
 
 
-@njit(cache=True)
+@compiled
 def set_linear(work: Matrix, iwork: Integers, q: Vector) -> int:
     """Take q, shape (d,)."""
     for i in range(iwork[STATE, SIZE]):
@@ -133,7 +163,7 @@ def set_linear(work: Matrix, iwork: Integers, q: Vector) -> int:
     return OK
 
 
-@njit(cache=True)
+@compiled
 def set_bounds(work: Matrix, iwork: Integers, lb: Vector, ub: Vector) -> int:
     """Take lb and ub, shape (d,); infinite where there is none, equal where the variable is fixed."""
     d = iwork[STATE, SIZE]
@@ -147,7 +177,7 @@ def set_bounds(work: Matrix, iwork: Integers, lb: Vector, ub: Vector) -> int:
     return OK
 
 
-@njit(cache=True)
+@compiled
 def start_from(work: Matrix, iwork: Integers, x: Vector) -> int:
     """Make x, shape (d,), the answer that a warm start begins with: at a bound what touches it, else free."""
     for i in range(iwork[STATE, SIZE]):
@@ -158,7 +188,7 @@ def start_from(work: Matrix, iwork: Integers, x: Vector) -> int:
     return OK
 
 
-@njit(cache=True)
+@compiled
 def _rescale(work: Matrix, d: int) -> None:
     """Bring q and the bounds to the scaled variables."""
     for i in range(d):

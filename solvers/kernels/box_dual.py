@@ -9,15 +9,14 @@ with each bound pushed home (at most |A| bends come before), so no set returns.
 
 from __future__ import annotations
 
-from numba import njit
-
 from solvers.kernels.box_data import BREAKDOWN, DUAL_STEPS, ENDLESS, FIXED, FREE, LOWER, OK, SIDE, SIZE, STATE, UPPER
 from solvers.kernels.box_factor import HI, LO, MULTIPLIER, G, Integers, X
 from solvers.kernels.box_step import gradient_tolerance, list_free, move, newton
+from solvers.kernels.vector import compiled
 from solvers.protocol import Matrix
 
 
-@njit(cache=True)
+@compiled
 def dual_active_set(work: Matrix, iwork: Integers) -> int:
     """Solve from the sides as they are, after a Newton step on them; OK, BREAKDOWN or ENDLESS."""
     d = iwork[STATE, SIZE]
@@ -50,7 +49,7 @@ def dual_active_set(work: Matrix, iwork: Integers) -> int:
     return ENDLESS
 
 
-@njit(cache=True)
+@compiled
 def _free_wrong_signs(work: Matrix, iwork: Integers) -> bool:
     """Free bounds whose multiplier has the wrong sign until none has; at the latest, when no bound is left."""
     d = iwork[STATE, SIZE]
@@ -68,7 +67,7 @@ def _free_wrong_signs(work: Matrix, iwork: Integers) -> bool:
             return False
 
 
-@njit(cache=True)
+@compiled
 def _first_to_vanish(work: Matrix, iwork: Integers, pushed: int) -> tuple[int, float]:
     """The bound whose multiplier is zero first on the way to the candidate, and where; (−1, 1) if none is."""
     d = iwork[STATE, SIZE]

@@ -21,24 +21,12 @@ allocate nothing and may be called from other compiled code.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from solvers.kernels.vector import (
-    add,
-    broadcast,
-    first_lanes,
-    fma,
-    fnma,
-    lane,
-    load,
-    mul,
-    padded,
-    splat,
-    store,
-    store_columns,
-)
+from solvers.kernels.product import affine
+from solvers.kernels.vector import broadcast, compiled, first_lanes, fnma, lane, load, store, store_columns
 from solvers.protocol import Matrix
+from solvers.vector8 import padded, splat8
 
 Integers = NDArray[np.int64]
 
@@ -55,7 +43,7 @@ def leading(d: int) -> int:
     return padded(d + 4)
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def factorise(work: Matrix, free: Integers, d: int, first: int) -> float:
     """Renew V and L from the first panel that holds a variable ≥ first, forward solve of row d included.
 
@@ -113,20 +101,19 @@ def factorise(work: Matrix, free: Integers, d: int, first: int) -> float:
             return -np.inf
         _store_scalars(work, INVERSE_PIVOT, s, i0, i1, i2, i3)
 
-        m10, m20, m30, m21, m31, m32 = splat(l10), splat(l20), splat(l30), splat(l21), splat(l31), splat(l32)
+        m10, m20, m30, m21, m31, m32 = splat8(l10), splat8(l20), splat8(l30), splat8(l21), splat8(l31), splat8(l32)
         for b in range(top, ld, 8):
             a0 = load(work, v, b)
             a1 = fnma(a0, m10, load(work, v + 1, b))
             a2 = fnma(a1, m21, fnma(a0, m20, load(work, v + 2, b)))
             a3 = fnma(a2, m32, fnma(a1, m31, fnma(a0, m30, load(work, v + 3, b))))
             _store4(work, v, b, a0, a1, a2, a3)
-            store_columns(work, L + b, s, mul(a0, splat(i0)), mul(a1, splat(i1)), mul(a2, splat(i2)),
-                          mul(a3, splat(i3)))
+            store_columns(work, L + b, s, a0 * i0, a1 * i1, a2 * i2, a3 * i3)
         s += 4
     return smallest
 
 
-@njit(cache=True)
+@compiled
 def _store4(work, row, column, a0, a1, a2, a3):  # type: ignore[no-untyped-def]
     store(work, row, column, a0)
     store(work, row + 1, column, a1)
@@ -134,12 +121,12 @@ def _store4(work, row, column, a0, a1, a2, a3):  # type: ignore[no-untyped-def]
     store(work, row + 3, column, a3)
 
 
-@njit(cache=True)
+@compiled
 def _store_scalars(work: Matrix, row: int, s: int, a0: float, a1: float, a2: float, a3: float) -> None:
     work[row, s], work[row, s + 1], work[row, s + 2], work[row, s + 3] = a0, a1, a2, a3
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def _forward(work: Matrix, free: Integers, d: int, first: int) -> int:
     """Forward solve of the right-hand side, in STEP, through the panels that stay; returns the column where they end."""
     ld, s = work.shape[1], 0
@@ -155,24 +142,23 @@ def _forward(work: Matrix, free: Integers, d: int, first: int) -> int:
         _store_scalars(work, L + d, s, y0 * i0, y1 * i1, y2 * i2, y3 * i3)
         v = P + ld + s
         work[v, d], work[v + 1, d], work[v + 2, d], work[v + 3, d] = y0, y1, y2, y3
-        m0, m1, m2, m3 = splat(y0), splat(y1), splat(y2), splat(y3)
-        f0, f1, f2, f3 = splat(i0), splat(i1), splat(i2), splat(i3)
+        m0, m1, m2, m3 = splat8(y0), splat8(y1), splat8(y2), splat8(y3)
         for b in range(j0 & ~7, ld, 8):
-            a = fnma(mul(load(work, v, b), f0), m0, load(work, STEP, b))
-            a = fnma(mul(load(work, v + 1, b), f1), m1, a)
-            a = fnma(mul(load(work, v + 2, b), f2), m2, a)
-            store(work, STEP, b, fnma(mul(load(work, v + 3, b), f3), m3, a))
+            a = fnma(load(work, v, b) * i0, m0, load(work, STEP, b))
+            a = fnma(load(work, v + 1, b) * i1, m1, a)
+            a = fnma(load(work, v + 2, b) * i2, m2, a)
+            store(work, STEP, b, fnma(load(work, v + 3, b) * i3, m3, a))
         s += 4
     return s
 
 
-@njit(cache=True)
+@compiled
 def _eliminate(work, row, column, z, i):  # type: ignore[no-untyped-def]
     """Lane i of z is final: take its share out of the lanes before it."""
-    return first_lanes(i, fnma(load(work, row, column), splat(lane(z, i)), z), z)
+    return first_lanes(i, fnma(load(work, row, column), splat8(lane(z, i)), z), z)
 
 
-@njit(cache=True)
+@compiled
 def back_substitute(work: Matrix, free: Integers, count: int, d: int) -> None:
     """Solve Lᵀ s = z (row d of L) and write the step s of the first ``count`` entries of ``free``, in order, to STEP."""
     L = P + 2 * work.shape[1]
@@ -187,29 +173,14 @@ def back_substitute(work: Matrix, free: Integers, count: int, d: int) -> None:
             a = _eliminate(work, L + free[b + i], b, a, i)
         store(work, STEP, b, a)
         for c in range(0, b, 8):
-            a, e = load(work, STEP, c), splat(0.0)
+            a, e = load(work, STEP, c), splat8(0.0)
             for k in range(b, min(b + 8, count), 2):
                 a = fnma(load(work, L + free[k], c), broadcast(work, STEP, k), a)
                 e = fnma(load(work, L + free[k + 1], c), broadcast(work, STEP, k + 1), e)
-            store(work, STEP, c, add(a, e))
+            store(work, STEP, c, a + e)
 
 
-@njit(cache=True)
+@compiled
 def gradient(work: Matrix, d: int) -> None:
     """G = Q + P X."""
-    ld, b = work.shape[1], 0
-    while b + 8 < ld:
-        a0, a1, e0, e1 = load(work, Q, b), load(work, Q, b + 8), splat(0.0), splat(0.0)
-        for j in range(P, P + d, 2):
-            t, u = broadcast(work, X, j - P), broadcast(work, X, j - P + 1)
-            a0, a1 = fma(load(work, j, b), t, a0), fma(load(work, j, b + 8), t, a1)
-            e0, e1 = fma(load(work, j + 1, b), u, e0), fma(load(work, j + 1, b + 8), u, e1)
-        store(work, G, b, add(a0, e0))
-        store(work, G, b + 8, add(a1, e1))
-        b += 16
-    if b < ld:
-        a0, e0 = load(work, Q, b), splat(0.0)
-        for j in range(P, P + d, 2):
-            a0 = fma(load(work, j, b), broadcast(work, X, j - P), a0)
-            e0 = fma(load(work, j + 1, b), broadcast(work, X, j - P + 1), e0)
-        store(work, G, b, add(a0, e0))
+    affine(work, P, d, X, Q, G)

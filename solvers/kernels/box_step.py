@@ -6,22 +6,21 @@ on the same set is a step of iterative refinement, and rounding of earlier sets 
 
 from __future__ import annotations
 
-from numba import njit
-
 from solvers.kernels.box_data import COUNT, EPS, FIRST, FREE, LIST, LOWER, SIDE, SIZE, STATE, SYSTEMS, finish_list
 from solvers.kernels.box_factor import HI, LO, STEP, G, Integers, P, Q, X, back_substitute, factorise, gradient
-from solvers.kernels.vector import fma, load, splat, store, sub
+from solvers.kernels.vector import compiled, fma, load, store
 from solvers.protocol import Matrix
+from solvers.vector8 import splat8
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def newton(work: Matrix, iwork: Integers) -> bool:
     """Move x_F to the minimiser with x_A held, and g with it; False where P_FF is not positive definite to rounding."""
     d, count, ld = iwork[STATE, SIZE], iwork[STATE, COUNT], work.shape[1]
     free = iwork[LIST]
     iwork[STATE, SYSTEMS] += 1
     for b in range(0, ld, 8):
-        store(work, STEP, b, sub(splat(0.0), load(work, G, b)))
+        store(work, STEP, b, 0.0 - load(work, G, b))
     for k in range(count):
         work[P + free[k], d] = -work[G, free[k]]
     if not factorise(work, free, d, iwork[STATE, FIRST]) > 0.0:
@@ -35,7 +34,7 @@ def newton(work: Matrix, iwork: Integers) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def list_free(work: Matrix, iwork: Integers) -> None:
     """List the free variables in ascending order and note the first that differs from the list before."""
     d, ld = iwork[STATE, SIZE], work.shape[1]
@@ -54,19 +53,19 @@ def list_free(work: Matrix, iwork: Integers) -> None:
     finish_list(iwork, count)
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def move(work: Matrix, iwork: Integers, i: int, side: int) -> None:
     """Change the side of variable i; to a bound, x_i goes there and g follows."""
     iwork[SIDE, i] = side
     if side != FREE:
         bound = work[LO, i] if side == LOWER else work[HI, i]
-        change = splat(bound - work[X, i])
+        change = splat8(bound - work[X, i])
         work[X, i] = bound
         for b in range(0, work.shape[1], 8):
             store(work, G, b, fma(load(work, P + i, b), change, load(work, G, b)))
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def gradient_tolerance(work: Matrix, d: int) -> float:
     """What rounding may leave of an entry of g that is zero: 4 d ε max(|q|, |x|) in scaled variables."""
     q, x = 0.0, 0.0

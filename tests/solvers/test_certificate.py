@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import certificate as certificate_module
-from solvers import exact_linear_algebra
+from solvers import exact_active_set, exact_linear_algebra
 from solvers.certificate import (
     Certificate,
     Infeasible,
@@ -27,6 +27,7 @@ from solvers.certificate import (
     exact_optimum,
     verify,
 )
+from solvers.exact_problem import DoubleProblem
 
 INF = np.inf
 
@@ -167,7 +168,7 @@ def test_an_exact_optimum_that_no_double_holds_is_rebuilt_from_the_active_set() 
     assert (proof.value, proof.x) == ("-1/6", (1 / 3,))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(boxes(), st.lists(st.floats(-10, 10), min_size=4, max_size=4))
 def test_a_box_optimum_from_any_start_is_the_best_of_all_active_sets(problem: Problem, start: list[float]) -> None:
     proof = certify(problem, np.array(start[: len(problem.q)]))
@@ -177,7 +178,7 @@ def test_a_box_optimum_from_any_start_is_the_best_of_all_active_sets(problem: Pr
     assert all(lo <= v <= hi for lo, v, hi in zip(fractions(problem.lb), x, fractions(problem.ub), strict=True))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(boxes())
 def test_unique_says_whether_all_best_active_sets_give_one_point(problem: Problem) -> None:
     proof = certify(problem, np.zeros(len(problem.q)))
@@ -218,6 +219,35 @@ def test_general_rows_end_in_the_best_active_set_a_contradiction_or_a_ray(
     points = list(feasible_stationary_points(walled(problem, 1e6)))
     assert Fraction(proof.value) == cost(problem, x) == min(cost(problem, z) for z in points)
     assert proof.unique == (len({tuple(z) for z in points if cost(problem, z) == Fraction(proof.value)}) == 1)
+
+
+@settings(max_examples=100, deadline=None)
+@given(polyhedra(), st.permutations(range(10)))
+def test_criss_cross_alone_ends_where_the_whole_method_ends(problem: Problem, order: list[int]) -> None:
+    program, factor = DoubleProblem.of(problem).exact(0.0)
+    wanted = [k for k in order[:3] if k < len(program.constraints)]
+    try:
+        value = certify(problem, np.zeros(len(problem.q))).value
+    except (Infeasible, Unbounded):
+        with pytest.raises((Infeasible, Unbounded)):
+            exact_active_set.criss_cross(program, program.working_set(wanted), exact_active_set.pivots(1000))
+        return
+    _, point = exact_active_set.criss_cross(program, program.working_set(wanted), exact_active_set.pivots(1000))
+    assert str(program.value(point.x) * factor) == value
+
+
+@pytest.mark.parametrize("rank", [18, 9, 0])
+def test_a_rough_start_among_bounds_and_rows_ends_in_the_same_value(rank: int) -> None:
+    rng = np.random.default_rng(rank)
+    factor = rng.integers(-8, 9, size=(rank, 18)).astype(float)
+    inside = rng.normal(size=18)
+    G, A = rng.normal(size=(10, 18)), rng.normal(size=(2, 18))
+    q = rng.integers(-9, 10, size=18).astype(float)
+    problem = Problem(factor.T @ factor, q, G, G @ inside + 0.1, A, A @ inside, inside - 1, inside + 1)
+    proofs = [certify(problem, start) for start in (inside, 100 * rng.normal(size=18))]
+    for proof in proofs:
+        verify(problem, proof)
+    assert proofs[0].value == proofs[1].value
 
 
 @pytest.mark.parametrize("d", [18, 60])
@@ -527,6 +557,12 @@ def test_the_relative_gap_divides_by_the_cost_with_its_constant() -> None:
     # V* + c = 0 is a perfect fit: the rounding of c stands in for it.
     assert exact_cost_gap(corner, proof, np.zeros(2), c=1.0).relative == 2.0**52
     assert exact_cost_gap(corner, proof, np.array([1.0, 0.0]), c=1.0).relative == 0
+
+
+def test_a_ratio_beyond_the_largest_double_is_infinite() -> None:
+    still = Problem(np.eye(1), np.zeros(1))
+    assert exact_cost_gap(still, certify(still, np.ones(1)), np.array([4.0])).relative == INF
+    assert exact_linear_algebra.nearest_double(-exact_linear_algebra.power_of_two(1024)) == -INF
 
 
 def test_a_value_that_is_too_high_is_disproved_by_a_better_point() -> None:

@@ -1,0 +1,37 @@
+"""What a poor drive does to the problem: condition numbers from 1e4 to 1e12, and singular.
+
+The drive covers less and less of the input range, so that thresholds are reached by a little or not at all, and the
+building phase gets shorter. Without the proximal term the problem shows its own condition; singular ones have no unique
+optimum and are certified by their optimal value. The same problems with the proximal term are what is solved in practice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bench.problems.protocol import ProblemSet, RaceProblem
+from bench.problems.simulation import Experiment
+
+CASES = ((5, 3, 1.0, 8.0), (5, 3, 0.9, 8.0), (12, 6, 1.0, 8.0), (5, 3, 1.0, 0.05), (20, 9, 1.0, 8.0),
+         (20, 9, 1.0, 0.2), (5, 3, 0.7, 8.0), (5, 3, 0.4, 8.0), (5, 3, 0.2, 2.0))
+"""(n, m, share of the input range that the drive covers, length of the building phase in s)."""
+
+
+class ExcitationSet(ProblemSet):
+    """The Preisach actuator under drives that reach less and less, without and with the proximal term."""
+
+    name = "excitation"
+    description = "drives that leave thresholds unexcited: condition from 1e4 to 1e12 and singular"
+
+    def __len__(self) -> int:
+        """Cases, without and with the proximal term."""
+        return 2 * len(CASES)
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Each case as the data give it, then with the proximal term."""
+        for n, m, reach, build_s in CASES:
+            for proximal in (0.0, 1e-10):
+                experiment = Experiment("relay_preisach", "multi_sine", n, m, build_s, reach, proximal=proximal,
+                                        seed=self.seed)
+                kind = "proximal" if proximal else "bare"
+                yield experiment.problem(self.name, f"n{n}-m{m}-reach{reach:g}-{build_s:g}s-{kind}")

@@ -1,0 +1,104 @@
+"""From a simulated actuator under a drive to a certified problem: what most problem sets are made of.
+
+No actuator is in the class of the model. Each starts at the low end of its major loop, is driven for the building phase
+and measured with noise and quantisation; what follows, under another drive, is kept back to judge the model with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.problems.protocol import RaceProblem, Validation, certified
+from piezo_model import DataBasis, ModelStructure, OperatorState, plants
+from piezo_model.signals import SIGNALS, decaying_triangle
+
+Vector = NDArray[np.float64]
+
+SAMPLE_TIME = 125e-6
+VALIDATION_S = 2.0
+CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
+SEEDED = ("multi_sine", "random_walk")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One building phase.
+
+    Attributes
+    ----------
+    plant, drive : str
+        Names of a simulated actuator and of a signal.
+    n, m : int
+        Orders of the model.
+    build_s : float
+        Length of the building phase in s.
+    reach : float
+        Share of the input range that the drive covers, from the low end up.
+    noise : float
+        Standard deviation of the sensor's noise as a share of the output's range; the quantum is half of it.
+    drift_per_s : float
+        Relative change of the actuator's gain per second.
+    proximal : float
+        As of ``IdentificationProblem``.
+    """
+
+    plant: str
+    drive: str
+    n: int = 5
+    m: int = 3
+    build_s: float = 8.0
+    reach: float = 1.0
+    noise: float = 2e-4
+    drift_per_s: float = 0.0
+    proximal: float = 1e-10
+    seed: int = 0
+
+    def sensor(self) -> plants.Sensor:
+        """The actuator with its sensor, at rest."""
+        actuator = plants.get(self.plant, sample_time=SAMPLE_TIME)
+        noise_um = self.noise * (actuator.y_range[1] - actuator.y_range[0])
+        return plants.Sensor(actuator, noise_um=noise_um, quantum_um=noise_um / 2.0,
+                             gain_drift_per_s=self.drift_per_s, seed=self.seed)
+
+    def reference(self, drive: str, duration_s: float, plant: plants.Plant) -> Vector:
+        """A signal by name over the part of the input range that is covered, V."""
+        low, high = plant.x_range
+        options = {"seed": self.seed} if drive in SEEDED else {}
+        return SIGNALS[drive](duration_s=duration_s, sample_time=SAMPLE_TIME, low=low,
+                              high=low + self.reach * (high - low), **options)
+
+    def structure(self, plant: plants.Plant, x: Vector, y: Vector) -> ModelStructure:
+        """The model's structure, its thresholds spread over the full input range and the measured output."""
+        return ModelStructure.equidistant(self.n, self.m, plant.x_range, centred_range(x, y, self.reach), CREEP_RATES,
+                                          SAMPLE_TIME)
+
+    def problem(self, set_name: str, name: str) -> RaceProblem:
+        """Drive, measure, accumulate and certify."""
+        plant = self.sensor()
+        x = self.reference(self.drive, self.build_s, plant)
+        y = plant.run(x)
+        structure = self.structure(plant, x, y)
+        basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0))
+        basis.update(x, y)
+        unseen = decaying_triangle(duration_s=VALIDATION_S, sample_time=SAMPLE_TIME, low=x.min(), high=x.max())
+        span = plant.y_range[1] - plant.y_range[0]
+        validation = Validation(structure, basis.state.copy(), unseen, plant.run(unseen), self.noise * span)
+        return certified(set_name, name, basis.problem(proximal=self.proximal), validation)
+
+
+def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, float]:
+    """Range of y about the middle of its loop, where rising and falling branch pass the middle of x.
+
+    The paper's model has no constant term, so zero must lie where its hysteresis is point-symmetric. Where the drive
+    covers only a share of its range, the range of y is stretched by as much.
+    """
+    middle = np.abs(x - 0.5 * (x.min() + x.max())) < 0.02 * np.ptp(x)
+    centre = 0.5 * (y[middle].min() + y[middle].max())
+    half = float(np.max(np.abs(y - centre)))
+    if reach < 1.0:  # the covered part lies at the low end
+        low = centre - half
+        return low, low + 2.0 * half / reach
+    return centre - half, centre + half

@@ -1,0 +1,64 @@
+"""The model in plain NumPy, written from its equations alone to judge the compiled code by; nothing of ours is imported.
+
+A structure is the dictionary that a model file holds. Amplitudes are of unit size unless a name ends in ``_V`` or ``_um``.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+def thresholds(s: dict[str, Any]) -> Vector:
+    return np.array([0.0, *s["play_thresholds"]])
+
+
+def hysteresis_and_creep(s: dict[str, Any], x: Vector, z_H: Vector, z_K: Matrix) -> tuple[Matrix, Matrix]:
+    """Outputs (N, n + 1) of the plays and, summed over the rates, of creep, from states (n + 1,) and (J, n + 1)."""
+    r, z_H, z_K = thresholds(s), z_H.copy(), z_K.copy()
+    share = np.array([[1.0 - np.exp(-rate * s["sample_time"])] for rate in s["creep_rates"]]).reshape(-1, 1)
+    H, K = np.empty((x.size, r.size)), np.empty((x.size, r.size))
+    for k, value in enumerate(x):
+        z_H = np.maximum(value - r, np.minimum(value + r, z_H))
+        H[k], K[k] = z_H, z_K.sum(axis=0)
+        away = value - z_K
+        z_K = z_K + share * (np.maximum(away - r, 0.0) + np.minimum(away + r, 0.0))
+    return H, K
+
+
+def one_sided_dead_zones(r: Vector, u: Vector) -> Matrix:
+    u = u[:, None]
+    return np.where(r > 0, np.maximum(u - r, 0), np.where(r < 0, np.minimum(u - r, 0), u))
+
+
+def rows(s: dict[str, Any], x: Vector, y: Vector, z_H: Vector, z_K: Matrix) -> Matrix:
+    """The vectors Ξ (N, d) of the error model (5)."""
+    H, K = hysteresis_and_creep(s, x, z_H, z_K)
+    columns = [H[:, 1:], -one_sided_dead_zones(np.array(s["dead_zone_thresholds"]), y)]
+    columns += [K] if s["creep_rates"] else []
+    columns += [np.ones((x.size, 1))] if s["offset"] else []
+    return np.hstack(columns)
+
+
+def superposition(s: dict[str, Any], w_S_inverse: Vector, u: Vector) -> Vector:
+    """S[u], found as the piecewise linear function whose mirror image S⁻¹ is given by its weights."""
+    r = np.array(s["dead_zone_thresholds"])
+    far = 1e4
+    y = np.concatenate([[r[0] - far], r, [r[-1] + far]])
+    return np.interp(u, one_sided_dead_zones(r, y) @ w_S_inverse, y)
+
+
+def simulate_file(model: dict[str, Any], x_V: Vector, rest_V: float | None = None) -> Vector:
+    """Output of a model file's model that rested at an input before the first sample, in the file's units."""
+    s = model["structure"]
+    rest = 0.0 if rest_V is None else (rest_V - s["x_centre"]) / s["x_scale"]
+    r = thresholds(s)
+    H, K = hysteresis_and_creep(s, (x_V - s["x_centre"]) / s["x_scale"], np.full(r.size, rest),
+                                np.full((len(s["creep_rates"]), r.size), rest))
+    u = H @ np.array(model["w_H"]) + model["offset"]
+    if s["creep_rates"]:
+        u = u + K @ np.array(model["w_K"])
+    return s["y_centre"] + s["y_scale"] * superposition(s, np.array(model["w_S_inverse"]), u)

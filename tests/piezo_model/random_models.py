@@ -1,0 +1,79 @@
+"""Valid models, operator states and drives for property tests, all from one integer that Hypothesis draws and shrinks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class Case:
+    """A model with the states that its actuator is in."""
+
+    model: HysteresisCreepModel
+    state: OperatorState
+    rng: Generator
+
+    @property
+    def structure(self) -> ModelStructure:
+        return self.model.structure
+
+
+def ascending(rng: Generator, count: int) -> Vector:
+    """Thresholds above zero, spread unevenly over the range."""
+    gaps = rng.uniform(0.2, 1.0, count)
+    return np.cumsum(gaps) / max(gaps.sum(), 1.0) * rng.uniform(0.7, 1.2)
+
+
+def structure_of(rng: Generator, n: int, below: int, above: int, rates: int, offset: bool) -> ModelStructure:
+    dead_zones = (*(-ascending(rng, below))[::-1], 0.0, *ascending(rng, above))
+    creep_rates = 10.0 ** rng.permutation(np.arange(-1.0, 4.0))[:rates]
+    (x_centre, y_centre), (x_scale, y_scale) = rng.uniform(-100, 100, 2), rng.uniform(0.1, 100, 2)
+    return ModelStructure(tuple(ascending(rng, n)), dead_zones, tuple(creep_rates), 10 ** rng.uniform(-5, -3),
+                          x_centre, x_scale, y_centre, y_scale, offset)
+
+
+def model_of(rng: Generator, s: ModelStructure) -> HysteresisCreepModel:
+    """Hysteresis and curvature up to several times what piezo ceramics show, creep up to half of the instant gain."""
+    w_H = np.concatenate([[rng.uniform(0.5, 2)], rng.uniform(0, 1, s.n) * rng.integers(0, 2, s.n) / max(s.n / 3, 1)])
+    v = np.zeros(s.d)
+    v[s.slices[1]] = rng.uniform(0.3, 2, s.dead_zones)
+    w_K = rng.uniform(0, 0.5, s.creep_weights) * w_H[0] / max(s.creep_weights * len(s.creep_rates), 1)
+    return HysteresisCreepModel(s, w_H, (s.slope_map @ v)[s.slices[1]], w_K, rng.uniform(-0.5, 0.5) if s.offset else 0.0)
+
+
+def state_of(rng: Generator, s: ModelStructure) -> OperatorState:
+    """States that some drive leaves behind: neighbouring plays differ by no more than their thresholds do."""
+    state = OperatorState.at_rest(s, rng.uniform(-1, 1))
+    steps = rng.uniform(-1, 1, s.n) * np.diff((0.0, *s.play_thresholds))
+    state.play[1:s.n + 1] = state.play[0] + np.cumsum(steps)
+    state.creep[:] = rng.uniform(-1, 1, state.creep.size)
+    return state
+
+
+def drive(rng: Generator, size: int) -> Vector:
+    """Unit amplitudes: a wandering sine with jumps and plateaus."""
+    k = np.arange(size)
+    x = np.sin(k * rng.uniform(0.02, 0.5)) * rng.uniform(0.2, 1) + 0.3 * np.sin(k * rng.uniform(0.001, 0.05))
+    x[rng.integers(0, size, size // 10)] = rng.uniform(-1, 1, size // 10)
+    start = rng.integers(0, size)
+    x[start:start + size // 8] = x[start]
+    return x
+
+
+@st.composite
+def cases(draw: st.DrawFn) -> Case:
+    """Any n to 20, any number of dead zones to 8 on each side, 0 to 4 creep rates, with and without offset."""
+    n, below, above = draw(st.integers(0, 20)), draw(st.integers(0, 8)), draw(st.integers(0, 8))
+    rates, offset = draw(st.integers(0, 4)), draw(st.booleans())
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    s = structure_of(rng, n, below, above, rates, offset)
+    return Case(model_of(rng, s), state_of(rng, s), rng)

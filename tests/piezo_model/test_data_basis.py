@@ -1,0 +1,159 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plain_model import rows
+from random_models import Case, cases, drive
+
+from piezo_model.data_basis import BLOCK, DataBasis
+from piezo_model.operator_state import OperatorState
+from piezo_model.structure import ModelStructure
+
+
+def signals(case: Case, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Input and an output that reaches all of its range, in units."""
+    s = case.structure
+    return (s.x_centre + s.x_scale * drive(case.rng, size), s.y_centre + s.y_scale * 1.2 * drive(case.rng, size))
+
+
+def reference(case: Case, x: np.ndarray, y: np.ndarray, counted: np.ndarray, forgetting: float) -> tuple:
+    """P, q and c of equation (6) from a dense matrix of all rows."""
+    s, size = case.structure, case.structure.n + 1
+    unit_x, unit_y = (x - s.x_centre) / s.x_scale, (y - s.y_centre) / s.y_scale
+    Xi = rows(s.to_dict(), unit_x, unit_y, case.state.play[:size], case.state.creep.reshape(-1, s.lanes)[:, :size])
+    Xi, x = Xi[counted], unit_x[counted]
+    weight = forgetting ** np.arange(x.size - 1.0, -1.0, -1.0)
+    weighted = Xi * weight[:, None]
+    return weighted.T @ Xi / weight.sum(), weighted.T @ x / weight.sum(), 0.5 * float(weight @ x**2) / weight.sum()
+
+
+@settings(max_examples=60)
+@given(cases(), st.integers(1, 3 * BLOCK), st.sampled_from([1.0, 0.999, 0.9, 0.3]))
+def test_P_q_and_c_are_those_of_a_dense_computation_in_plain_numpy(case: Case, size: int, forgetting: float) -> None:
+    x, y = signals(case, size)
+    basis = DataBasis(case.structure, case.state, forgetting)
+    basis.update(x, y)
+    P, q, c = reference(case, x, y, np.full(size, True), forgetting)
+    scale = np.sqrt(np.outer(np.diag(P), np.diag(P))) + 1e-3
+    assert np.max(np.abs(basis.P - P) / scale) < 1e-12
+    np.testing.assert_allclose(basis.q, q, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
+    assert basis.c == pytest.approx(c, rel=1e-12)
+    np.testing.assert_array_equal(basis.P, basis.P.T)
+
+
+@settings(max_examples=60)
+@given(cases(), st.sampled_from([1.0, 0.99]))
+def test_any_chunking_gives_the_same_bits_also_with_samples_that_are_not_counted(case: Case, forgetting: float) -> None:
+    x, y = signals(case, 5 * BLOCK)
+    counted = np.repeat(case.rng.integers(0, 2, 5).astype(bool), BLOCK)
+    counted[-7:] = True
+    whole, parts = (DataBasis(case.structure, case.state, forgetting) for _ in range(2))
+    edges = np.flatnonzero(np.diff(counted)) + 1
+    for a, b, count in zip(np.split(x, edges), np.split(y, edges), np.split(counted, edges), strict=True):
+        whole.update(a, b, count=bool(count[0]))
+    cuts = np.union1d(edges, case.rng.integers(0, x.size, 9))
+    for a, b, count in zip(np.split(x, cuts), np.split(y, cuts), np.split(counted, cuts), strict=True):
+        parts.update(a, b, count=bool(count.all()) if count.size else False)
+        if parts.samples:
+            parts.problem()  # looking at the basis midway changes nothing
+    for name in ("P", "q", "c", "samples", "excitation", "total_weight"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    np.testing.assert_array_equal(parts.state.play, whole.state.play)
+    np.testing.assert_array_equal(parts.state.creep, whole.state.creep)
+    P, q, _ = reference(case, x, y, counted, forgetting)
+    np.testing.assert_allclose(whole.P, P, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
+    np.testing.assert_allclose(whole.q, q, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
+
+
+@pytest.mark.parametrize("forgetting", [1.0, 0.99])
+def test_single_samples_give_the_same_bits_as_an_array(forgetting: float) -> None:
+    s = ModelStructure.equidistant(n=9, m=4, x_range=(0, 10), y_range=(0, 5), creep_rates=(10.0, 1.0), sample_time=1e-3, offset=True)
+    x = 5 + 5 * np.sin(np.arange(150.0) / 9)
+    whole, single = DataBasis(s, forgetting=forgetting), DataBasis(s, forgetting=forgetting)
+    whole.update(x, x / 2)
+    for value in x:
+        single.update(value, value / 2)
+    np.testing.assert_array_equal(single.P, whole.P)
+    np.testing.assert_array_equal(single.q, whole.q)
+
+
+@settings(max_examples=30)
+@given(cases())
+def test_the_error_model_vanishes_at_the_weights_that_made_the_data(case: Case) -> None:
+    s = case.structure
+    x = s.x_centre + s.x_scale * drive(case.rng, 200)
+    y = case.model.simulate(x, case.state.copy())
+    basis = DataBasis(s, case.state)
+    basis.update(x, y)
+    problem = basis.problem()
+    size = 1 + np.abs(case.model.weights) @ np.abs(problem.P) @ np.abs(case.model.weights)
+    assert abs(problem.cost(case.model.weights)) < 1e-13 * size
+
+
+def test_clear_forgets_the_data_and_keeps_the_operator_states() -> None:
+    s = ModelStructure.equidistant(n=3, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(5.0,), sample_time=1e-2)
+    x = np.sin(np.arange(300) / 20)
+    cleared, continued = DataBasis(s), DataBasis(s)
+    cleared.update(x, x)
+    cleared.clear()
+    with pytest.raises(ValueError, match="the data basis is empty: no sample was counted"):
+        _ = cleared.P
+    cleared.update(x[:100], x[:100])
+    continued.update(x, x, count=False)
+    continued.update(x[:100], x[:100])
+    np.testing.assert_array_equal(cleared.P, continued.P)
+    assert cleared.samples == 100
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_memory_does_not_grow_with_the_recording(offset: bool) -> None:
+    s = ModelStructure.equidistant(n=20, m=8, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(9.0, 3.0), sample_time=1e-2, offset=offset)
+    x, basis = np.sin(np.arange(2000) / 20), DataBasis(s)
+    basis.update(x, x)
+
+    def own_bytes() -> int:
+        return sum(value.nbytes for value in vars(basis).values() if isinstance(value, np.ndarray))
+
+    before, peaks = own_bytes(), []
+    for chunks in (5, 100):
+        tracemalloc.start()
+        for _ in range(chunks):
+            basis.update(x, x)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert own_bytes() == before < 200_000
+    assert peaks[1] < 1.1 * peaks[0]
+    assert basis.samples == 106 * 2000
+
+
+@pytest.mark.parametrize(("x", "y", "sentence"), [
+    ([1.0, 2.0], [1.0], r"same length, not of shapes \(2,\) and \(1,\)"),
+    ([[1.0]], [[1.0]], r"vectors of the same length, not of shapes \(1, 1\)"),
+    ([1.0, np.nan, 2.0], [1.0, 1.0, 1.0], r"x\[1\] is not a finite number"),
+    ([1.0, 1.0], [1.0, -np.inf], r"y\[1\] is not a finite number"),
+])
+@pytest.mark.parametrize("count", [True, False])
+def test_bad_samples_are_refused_in_one_sentence_and_nothing_is_taken(x: list, y: list, sentence: str, count: bool) -> None:
+    s = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,), sample_time=1e-2)
+    basis = DataBasis(s)
+    basis.update([0.3, 0.9], [0.1, 0.2])
+    P, play = basis.P, basis.state.play.copy()
+    with pytest.raises(ValueError, match=sentence):
+        basis.update(x, y, count=count)
+    np.testing.assert_array_equal(basis.P, P)
+    np.testing.assert_array_equal(basis.state.play, play)
+
+
+def test_an_empty_chunk_changes_nothing_and_senseless_settings_are_refused() -> None:
+    s = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(), sample_time=1e-2)
+    basis = DataBasis(s)
+    basis.update([], [])
+    assert basis.samples == 0
+    for forgetting in (0.0, 1.1, np.nan):
+        with pytest.raises(ValueError, match="forgetting must be above 0 and at most 1"):
+            DataBasis(s, forgetting=forgetting)
+    other = ModelStructure.equidistant(n=8, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(), sample_time=1e-2)
+    with pytest.raises(ValueError, match="states are those of another structure"):
+        DataBasis(s, OperatorState.at_rest(other))

@@ -1,0 +1,172 @@
+import json
+import math
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from plain_model import hysteresis_and_creep, simulate_file, superposition
+from random_models import Case, cases, drive, model_of, structure_of
+
+from piezo_model.atomic_file import write_text
+from piezo_model.model import HysteresisCreepModel, ModelError
+from piezo_model.operator_state import OperatorState
+from piezo_model.structure import ModelStructure
+
+# Simulation.
+
+
+@given(cases())
+def test_simulation_is_equation_2_as_plain_numpy_computes_it(case: Case) -> None:
+    s, model, z = case.structure, case.model, case.state
+    x, size = drive(case.rng, 80), case.structure.n + 1
+    H, K = hysteresis_and_creep(s.to_dict(), x, z.play[:size], z.creep.reshape(-1, s.lanes)[:, :size])
+    u = H @ model.w_H + model.offset + (K @ model.w_K if s.creep_rates else 0.0)
+    expected = s.y_centre + s.y_scale * superposition(s.to_dict(), model.w_S_inverse, u)
+    y = model.simulate(s.x_centre + s.x_scale * x, z.copy())
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11 * s.y_scale + 1e-12 * abs(s.y_centre))
+
+
+@given(cases())
+def test_a_drive_in_chunks_gives_the_same_bits_as_the_whole(case: Case) -> None:
+    s = case.structure
+    x = s.x_centre + s.x_scale * drive(case.rng, 80)
+    one, other = case.state.copy(), case.state.copy()
+    whole = case.model.simulate(x, one)
+    parts = [case.model.simulate(part, other) for part in np.split(x, np.sort(case.rng.integers(0, 80, 4)))]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    np.testing.assert_array_equal(other.play, one.play)
+    np.testing.assert_array_equal(other.creep, one.creep)
+
+
+def test_without_states_the_actuator_rested_at_the_centre_of_its_range() -> None:
+    rng = np.random.default_rng(0)
+    model = model_of(rng, structure_of(rng, 4, 2, 3, 2, True))
+    x = model.structure.x_centre + drive(rng, 50)
+    np.testing.assert_array_equal(model.simulate(x), model.simulate(x, OperatorState.at_rest(model.structure)))
+    np.testing.assert_allclose(model.simulate(x), simulate_file(model.to_dict(), x), rtol=1e-11)
+
+
+@given(cases())
+def test_the_unknowns_of_the_identification_make_the_same_model_when_the_first_weight_is_one(case: Case) -> None:
+    again = HysteresisCreepModel.from_weights(case.structure, case.model.weights)
+    np.testing.assert_allclose(again.weights, case.model.weights, rtol=1e-15)
+    x = case.structure.x_centre + drive(case.rng, 30)  # a common factor in w_H, w_K, offset and S⁻¹ does not show
+    np.testing.assert_allclose(again.simulate(x, case.state.copy()), case.model.simulate(x, case.state.copy()), rtol=0,
+                               atol=1e-11 * case.structure.y_scale + 1e-12 * abs(case.structure.y_centre))
+
+
+@pytest.fixture
+def model() -> HysteresisCreepModel:
+    rng = np.random.default_rng(7)
+    model = model_of(rng, structure_of(rng, 5, 3, 2, 3, True))
+    return HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, model.offset, {"note": "Prüfstand"})
+
+
+def test_states_of_another_structure_are_refused(model: HysteresisCreepModel) -> None:
+    other = ModelStructure.equidistant(n=5, m=0, x_range=(0, 1), y_range=(0, 1), creep_rates=(1.0,), sample_time=1.0)
+    with pytest.raises(ValueError, match="8 of play and 8 of creep where 8 and 24 are needed"):
+        model.simulate([0.0], OperatorState.at_rest(other))
+
+
+# Files.
+
+
+@settings(max_examples=30)
+@given(case=cases())
+def test_a_saved_model_is_loaded_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, case: Case) -> None:
+    path = tmp_path_factory.mktemp("models") / "m.json"
+    case.model.save(path)
+    loaded = HysteresisCreepModel.load(path)
+    assert loaded.structure == case.structure
+    for name in ("w_H", "w_S_inverse", "w_K", "offset"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(case.model, name))
+    x = drive(case.rng, 20)
+    np.testing.assert_array_equal(loaded.simulate(x), case.model.simulate(x))
+
+
+def test_saving_what_was_loaded_gives_the_same_file_and_the_report_travels_along(model: HysteresisCreepModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "a.json")
+    loaded = HysteresisCreepModel.load(tmp_path / "a.json")
+    loaded.save(tmp_path / "b.json")
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert loaded.report["note"] == "Prüfstand"
+
+
+def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
+    def apply(text: str) -> str:
+        data = json.loads(text)
+        change(data)
+        return json.dumps(data)
+    return apply
+
+
+@pytest.mark.parametrize(("spoiled", "sentence"), [
+    (lambda text: text[:len(text) // 2], "is not a whole JSON file"),
+    (lambda text: "", "is not a whole JSON file"),
+    (lambda text: "[1, 2]", "the format field is not 'piezobench-model'"),
+    (lambda text: '{"format": "GeoJSON"}', "the format field is not 'piezobench-model'"),
+    (spoil(lambda data: data.update(version=99)), "version 99 is not 1, the one this program reads"),
+    (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
+    (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
+    (spoil(lambda data: data["structure"].pop("x_scale")), "structure has no 'x_scale'"),
+    (spoil(lambda data: data.update(structure=3)), "the field 'structure' is not an object"),
+    (spoil(lambda data: data.update(report=[])), "the field 'report' is not an object"),
+    (spoil(lambda data: data.update(w_H="big")), "the field 'w_H' is not a list of numbers"),
+    (spoil(lambda data: data["w_H"].__setitem__(1, True)), "the field 'w_H' is not a list of numbers"),
+    (spoil(lambda data: data.update(offset=None)), "the field 'offset' is not a number"),
+    (spoil(lambda data: data["structure"].update(sample_time="1 ms")), "'sample_time' has a value of the wrong type"),
+    (spoil(lambda data: data["w_H"].append(0.1)), r"w_H must have 6 values for this structure, not shape \(7,\)"),
+    (spoil(lambda data: data["w_S_inverse"].pop()), r"w_S_inverse must have 6 values for this structure, not shape \(5,\)"),
+    (spoil(lambda data: data["w_K"].__setitem__(2, math.nan)), r"w_K\[2\] is not a finite number"),
+    (spoil(lambda data: data.update(offset=math.inf)), "offset is not a finite number"),
+    (spoil(lambda data: data["structure"].update(y_scale=math.nan)), "y_scale must be finite"),
+    (spoil(lambda data: data["w_K"].__setitem__(0, 10**400)), "too large"),
+    (spoil(lambda data: data["w_H"].__setitem__(3, -0.1)), r"w_H\[3\] must not be negative, and it is -0.1"),
+    (spoil(lambda data: data["w_K"].__setitem__(0, -1e-9)), r"w_K\[0\] must not be negative, and it is -1e-09"),
+    (spoil(lambda data: data["w_H"].__setitem__(0, 0)), r"w_H\[0\] must be positive"),
+    (spoil(lambda data: data["w_S_inverse"].__setitem__(5, -9.0)), r"the slope of S⁻¹ beyond threshold .* must be positive"),
+    (spoil(lambda data: data["structure"].update(offset=False)), "the structure has no offset, and the model has one of"),
+    (spoil(lambda data: data["structure"].update(play_thresholds=[0.1, 0.3, 0.2, 0.4, 0.5])), "positive and ascending"),
+])
+def test_a_spoiled_file_is_refused_with_one_sentence_that_names_it(
+        model: HysteresisCreepModel, tmp_path: Path, spoiled: Callable[[str], str], sentence: str) -> None:
+    path = tmp_path / "stage_3.json"
+    model.save(path)
+    path.write_text(spoiled(path.read_text(encoding="utf-8")), encoding="utf-8")
+    with pytest.raises(ModelError, match=sentence) as caught:
+        HysteresisCreepModel.load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(tmp_path: Path) -> None:
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00\x81")
+    for name, sentence in (("absent.json", "there is no such file"), ("", "cannot be read"), ("binary.json", "not a whole JSON")):
+        with pytest.raises(ModelError, match=sentence) as caught:
+            HysteresisCreepModel.load(tmp_path / name)
+        assert str(tmp_path / name) in str(caught.value)
+
+
+def test_a_failing_save_leaves_the_old_file_whole_and_nothing_beside_it(model: HysteresisCreepModel, tmp_path: Path) -> None:
+    path = tmp_path / "m.json"
+    model.save(path)
+    old = path.read_bytes()
+    broken = HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"condition": math.inf})
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        broken.save(path)
+    unwritable = HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"note": "\ud800"})
+    unwritable_text = json.dumps(unwritable.to_dict(), ensure_ascii=False)
+    with pytest.raises(UnicodeEncodeError):
+        write_text(path, unwritable_text)  # fails with the temporary file open already
+    assert path.read_bytes() == old
+    assert [file.name for file in tmp_path.iterdir()] == ["m.json"]
+
+
+def test_a_saved_file_has_the_rights_of_any_new_file(model: HysteresisCreepModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "m.json")
+    (tmp_path / "plain.txt").write_text("")
+    assert stat.S_IMODE((tmp_path / "m.json").stat().st_mode) == stat.S_IMODE((tmp_path / "plain.txt").stat().st_mode)

@@ -1,0 +1,126 @@
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from random_models import Case, cases
+
+from piezo_model.structure import ModelStructure, StructureError
+
+
+def equidistant(**changes: Any) -> ModelStructure:
+    return ModelStructure.equidistant(**{"n": 5, "m": 3, "x_range": (0.0, 150.0), "y_range": (-20.0, 20.0),
+                                         "creep_rates": (10.0, 1.0), "sample_time": 125e-6, **changes})
+
+
+def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:
+    s = equidistant()
+    assert s.d == 18
+    assert s.weight_names == ("w_H1", "w_H2", "w_H3", "w_H4", "w_H5", "w'_S-3", "w'_S-2", "w'_S-1", "w'_S0", "w'_S1", "w'_S2",
+                              "w'_S3", "w_K0", "w_K1", "w_K2", "w_K3", "w_K4", "w_K5")
+    np.testing.assert_allclose(s.play_thresholds, np.arange(1, 6) / 6)
+    np.testing.assert_allclose(s.dead_zone_thresholds, np.arange(-3, 4) / 4)
+
+
+def test_creep_weights_do_not_grow_with_the_rates_and_go_without_them() -> None:
+    assert [equidistant(creep_rates=rates).d for rates in ((), (1.0,), (100.0, 10.0, 1.0, 0.1))] == [12, 18, 18]
+    assert equidistant(offset=True).weight_names[-1] == "offset"
+
+
+def test_ranges_become_the_unit_interval() -> None:
+    s = equidistant()
+    assert s.unit_input(np.array([0.0, 75.0, 150.0])).tolist() == [-1.0, 0.0, 1.0]
+    assert s.unit_output(np.array([-20.0, 0.0, 20.0])).tolist() == [-1.0, 0.0, 1.0]
+
+
+def test_thresholds_in_units_are_measured_from_the_centres() -> None:
+    s = ModelStructure.from_thresholds([15.0, 30.0], [-10.0, 0.0, 5.0], (0, 150), (-20, 20), (), 1e-3)
+    np.testing.assert_allclose(s.play_thresholds, [0.2, 0.4])
+    assert s.dead_zone_thresholds == (-0.5, 0.0, 0.25)
+    assert s.middle == 1
+
+
+@given(cases(), st.integers(0, 2**32 - 1))
+def test_slopes_are_the_partial_sums_of_the_weights_outwards_from_zero(case: Case, seed: int) -> None:
+    s = case.structure
+    w = np.random.default_rng(seed).normal(size=s.d)
+    v, w_S, middle = s.inverse_slope_map @ w, w[s.slices[1]], s.middle
+    expected = np.concatenate([np.cumsum(w_S[middle::-1])[::-1], np.cumsum(w_S[middle:])[1:]])
+    np.testing.assert_allclose(v[s.slices[1]], expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(s.slope_map @ v, w, rtol=0, atol=1e-13)
+    others = np.setdiff1d(np.arange(s.d), np.arange(s.d)[s.slices[1]])
+    np.testing.assert_array_equal(v[others], w[others])
+
+
+@given(cases())
+def test_slopes_are_the_derivative_of_the_inverse_superposition_between_thresholds(case: Case) -> None:
+    s, model = case.structure, case.model
+    r = np.array(s.dead_zone_thresholds)
+    middles = np.concatenate([[r[0] - 0.1], 0.5 * (r[1:] + r[:-1]), [r[-1] + 0.1]])
+    low, high = np.where(r > 0, -np.inf, r), np.where(r < 0, np.inf, r)
+    inside = (middles[:, None] < low) | (middles[:, None] > high)
+    derivative = inside @ model.w_S_inverse
+    expected = np.insert(model.slopes, s.middle, model.slopes[s.middle])  # the slope at zero holds on both sides of it
+    np.testing.assert_allclose(derivative, expected, rtol=1e-12)
+
+
+def test_bounds_are_zero_for_weights_the_least_slope_for_slopes_and_none_for_the_offset() -> None:
+    lb = equidistant(n=1, m=1, offset=True).lower_bounds(0.01)
+    assert lb.tolist() == [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -math.inf]
+
+
+@given(cases())
+def test_a_structure_survives_json_to_the_bit(case: Case) -> None:
+    s = case.structure
+    assert ModelStructure.from_dict(json.loads(json.dumps(s.to_dict()))) == s
+
+
+def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
+    s = equidistant(sample_time=np.float32(0.5), creep_rates=np.array([2, 1]), offset=np.True_)
+    assert ModelStructure.from_dict(json.loads(json.dumps(s.to_dict()))) == s
+
+
+@pytest.mark.parametrize(("changes", "sentence"), [
+    ({"n": -1}, "orders n and m must not be negative, not n = -1, m = 3"),
+    ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
+    ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
+    ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be positive, not \(1.0, -1.0\)"),
+    ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
+    ({"creep_rates": (math.inf,)}, "creep_rates must be finite"),
+    ({"sample_time": 0.0}, "sample_time must be positive, not 0.0"),
+    ({"sample_time": math.nan}, "sample_time must be finite, not nan"),
+])
+def test_a_structure_that_cannot_be_is_refused_by_the_name_of_its_field(changes: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(StructureError, match=sentence):
+        equidistant(**changes)
+
+
+@pytest.mark.parametrize(("play", "dead_zone", "sentence"), [
+    ([0.5, 0.5], [0.0], "play_thresholds must be positive and ascending"),
+    ([0.0], [0.0], "play_thresholds must be positive and ascending"),
+    ([], [0.1, 0.2], "dead_zone_thresholds must be ascending with 0 among them"),
+    ([], [], "dead_zone_thresholds must be ascending with 0 among them"),
+    ([], [0.0, 0.5, 0.2], "dead_zone_thresholds must be ascending with 0 among them"),
+])
+def test_thresholds_out_of_order_are_refused(play: list[float], dead_zone: list[float], sentence: str) -> None:
+    with pytest.raises(StructureError, match=sentence):
+        ModelStructure(tuple(play), tuple(dead_zone), (), 1e-3, 0.0, 1.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    ({"x_scale": None}, "has no 'x_scale'"),
+    ({"colour": "red"}, "unknown field 'colour'"),
+    ({"sample_time": "fast"}, "field 'sample_time' has a value of the wrong type: 'fast'"),
+    ({"offset": 1}, "field 'offset' has a value of the wrong type: 1"),
+    ({"play_thresholds": [0.1, "b"]}, "field 'play_thresholds' has a value of the wrong type"),
+    ({"input_unit": 3}, "field 'input_unit' has a value of the wrong type: 3"),
+])
+def test_fields_that_are_missing_unknown_or_of_the_wrong_type_are_named(change: dict[str, Any], sentence: str) -> None:
+    data = {**equidistant().to_dict(), **change}
+    if change.get("x_scale", 1) is None:
+        del data["x_scale"]
+    with pytest.raises(StructureError, match=sentence):
+        ModelStructure.from_dict(data)

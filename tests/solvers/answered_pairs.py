@@ -1,0 +1,78 @@
+"""Pairs of quadratic programs made backwards from their answers, for tests: no solver has computed the optimum.
+
+    q = −P x − Rᵀw,   w_i > 0 only where row i of R = (I; A; G) is at its upper side, w_i < 0 only at its lower side,
+
+so x is the optimum by the Karush-Kuhn-Tucker conditions, and the only one since P is positive definite. The two problems
+of a pair share their constraints and have different P, q and answers, so that a stale answer after an update shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from qpsolvers import Problem
+
+from solvers.protocol import Matrix, Vector
+
+FORMS = ("boxes", "one-sided", "mixed", "free", "rows")
+SHARES = {"boxes": (1.0, 0.0, 0.0, 0.0), "one-sided": (0.0, 1.0, 0.0, 0.0), "mixed": (0.25, 0.25, 0.25, 0.25),
+          "free": (0.0, 0.0, 0.0, 1.0), "rows": (1.0, 0.0, 0.0, 0.0)}
+
+
+@dataclass
+class Pair:
+    """Two problems and their answers."""
+
+    problems: list[Problem]
+    answers: list[Vector]
+
+    def error(self, x: Vector, which: int = 0) -> float:
+        """Largest deviation from an answer, whose entries are at most about 2."""
+        return float(np.abs(x - self.answers[which]).max())
+
+
+def pair(form: str, d: int, seed: int = 0) -> Pair:
+    """Draw a pair of d variables; "rows" adds two equalities and d / 3 inequalities to boxes and needs d ≥ 6."""
+    rng = np.random.default_rng([seed, d, FORMS.index(form)])
+    kind = rng.choice(["both", "lower", "fixed", "none"], size=d, p=SHARES[form])
+    low, high = -rng.uniform(0.5, 1.0, d), rng.uniform(0.5, 1.0, d)
+    lb = np.where(kind == "none", -np.inf, low)
+    ub = np.where(kind == "both", high, np.where(kind == "fixed", low, np.inf))
+    x = rng.uniform(0.9 * low, 0.9 * high, (2, d))
+    touched = rng.choice([-1, 0, 1], size=(2, d), p=(0.2, 0.6, 0.2))
+    x = np.where((touched < 0) & np.isfinite(lb), lb, np.where((touched > 0) & np.isfinite(ub), ub, x))
+    x = np.where(kind == "fixed", low, x)
+    across = x[1] - x[0]
+    A = rng.normal(size=(2, d))
+    A -= np.outer(A @ across, across) / (across @ across)  # A x is the same at both answers
+    G = rng.normal(size=(d // 3, d))
+    h = (G @ x.T).max(axis=1)  # every row is active at one of the answers
+    general: dict[str, Any] = {"G": G, "h": h, "A": A, "b": A @ x[0]} if form == "rows" else {}
+    problems = []
+    for at in x:
+        M = rng.normal(size=(2 * d, d))
+        P: Matrix = M.T @ M / d
+        force = rng.uniform(0.5, 2.0, d)
+        w = np.where(at == ub, force, 0.0) - np.where(at == lb, force, 0.0)
+        w[kind == "fixed"] = rng.normal(size=(kind == "fixed").sum())
+        if general:
+            active = np.isclose(G @ at, h, rtol=0.0, atol=1e-12)
+            w = w + A.T @ rng.normal(size=2) + G.T @ np.where(active, rng.uniform(0.5, 2.0, h.size), 0.0)
+        problems.append(Problem(P, -P @ at - w, lb=lb, ub=ub, **general))
+    return Pair(problems, list(x))
+
+
+def arrays(problem: Problem) -> dict[str, Any]:
+    """The arrays that a problem has, by name."""
+    return {key: value for key, value in vars(problem).items() if value is not None}
+
+
+def apart_and_locked(array: Matrix | Vector) -> Any:
+    """The same numbers as every second entry of a larger array of junk, not to be written to."""
+    large = np.full(tuple(2 * n for n in array.shape), 1e3)
+    view = large[tuple(slice(None, None, 2) for _ in array.shape)]
+    view[...] = array
+    view.flags.writeable = False
+    return view

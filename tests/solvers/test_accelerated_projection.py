@@ -1,0 +1,120 @@
+"""The accelerated projected gradient method against the exact solver."""
+
+import doctest
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from qpsolvers import Problem
+
+from solvers import Tier, Unsupported, get
+from solvers.kernel import accelerated_projection as module
+
+INF = np.inf
+
+
+def random_problem(seed, d, decades):
+    rng = np.random.default_rng(seed)
+    U = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    P = U * 10 ** -(decades * np.linspace(0, 1, d)) @ U.T
+    lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
+    ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + rng.random(d), INF)
+    return (P + P.T) / 2, -P @ rng.normal(size=d), lb, ub
+
+
+def solved(name, P, q, lb, ub, **settings_):
+    s = get(name, **settings_)
+    s.setup(Problem(P, q, lb=lb, ub=ub))
+    return s.solve().copy(), s
+
+
+def relative_gap(P, q, x, best):
+    """(f(x) − f(best)) from the difference of the points, relative to the size of the terms of the cost."""
+    step = x - best
+    return float(0.5 * step @ P @ step + step @ (P @ best + q)) / float(np.abs(q) @ np.abs(best) + 1e-300)
+
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, d=st.integers(1, 30), decades=st.floats(0, 6))
+def test_the_default_reaches_the_cost_of_the_exact_solver_to_1e_12(seed, d, decades):
+    P, q, lb, ub = random_problem(seed, d, decades)
+    best, _ = solved("box_active_set", P, q, lb, ub)
+    x, _ = solved("accelerated_projection", P, q, lb, ub)
+    assert ((lb <= x) & (x <= ub)).all()
+    assert relative_gap(P, q, x, best) < 1e-12
+
+
+@pytest.mark.parametrize("tier", [Tier.LOW, Tier.MID, Tier.HIGH])
+def test_each_tier_meets_its_tolerance_on_the_projected_gradient(tier):
+    P, q, lb, ub = random_problem(4, 18, 4)
+    x, s = solved("accelerated_projection", P, q, lb, ub, tier=tier, diagonal_scaling=False)
+    assert s.solution().found
+    eta = 1 / np.linalg.eigvalsh(P)[-1]
+    projected = (x - np.clip(x - eta * (P @ x + q), lb, ub)) / eta
+    # The test looks at y, the answer is one step on: its own projected gradient is at most as long.
+    first = np.linalg.norm(P @ np.clip(np.zeros(18), lb, ub) + q)
+    assert np.linalg.norm(projected) <= 1.001 * tier.tolerance * max(np.linalg.norm(q), first)
+
+
+def test_a_tighter_tier_takes_more_steps():
+    P, q, lb, ub = random_problem(4, 18, 5)
+    steps = [solved("accelerated_projection", P, q, lb, ub, tier=tier)[1].solution().extras["steps"]
+             for tier in (Tier.LOW, Tier.MID, Tier.HIGH)]
+    assert steps == sorted(steps)
+    assert steps[0] < steps[2]
+
+
+def test_it_needs_far_fewer_steps_than_the_plain_recursion():
+    P, q, lb, ub = random_problem(5, 18, 4)
+    best, _ = solved("box_active_set", P, q, lb, ub)
+    plain, _ = solved("projected_difference", P, q, lb, ub, diagonal_scaling=True, steps=2000)
+    fast, s = solved("accelerated_projection", P, q, lb, ub, steps=2000)
+    assert s.solution().extras["steps"] <= 2000
+    assert relative_gap(P, q, fast, best) < 1e-3 * relative_gap(P, q, plain, best)
+
+
+def test_without_steps_left_it_says_so():
+    P, q, lb, ub = random_problem(5, 18, 5)
+    assert not solved("accelerated_projection", P, q, lb, ub, steps=3)[1].solution().found
+
+
+def test_a_warm_start_at_the_answer_is_done_at_once():
+    P, q, lb, ub = random_problem(6, 18, 3)
+    best, _ = solved("box_active_set", P, q, lb, ub)
+    _, s = solved("accelerated_projection", P, q, lb, ub, tier=Tier.HIGH)
+    np.testing.assert_allclose(s.solve(best), best, atol=1e-8)
+    assert s.solution().extras["steps"] == 1
+
+
+def test_an_update_solves_the_new_problem_and_writes_no_input():
+    P, q, lb, ub = random_problem(7, 12, 3)
+    other_P, other_q, _, _ = random_problem(8, 12, 3)
+    before = [a.copy() for a in (P, q, lb, ub, other_P, other_q)]
+    _, s = solved("accelerated_projection", P, q, lb, ub)
+    s.update(other_P, other_q)
+    best, _ = solved("box_active_set", other_P, other_q, lb, ub)
+    assert abs(relative_gap(other_P, other_q, s.solve(), best)) < 1e-12
+    for a, b in zip((P, q, lb, ub, other_P, other_q), before, strict=True):
+        assert (a == b).all()
+
+
+def test_unusable_problems_are_refused_in_one_sentence():
+    s = get("accelerated_projection")
+    with pytest.raises(Unsupported, match="bounds only"):
+        s.setup(Problem(np.eye(2), np.zeros(2), np.ones((1, 2)), np.ones(1)))
+    with pytest.raises(ValueError, match="P must be finite"):
+        s.setup(Problem(np.array([[1.0, np.nan], [np.nan, 1.0]]), np.zeros(2)))
+    with pytest.raises(ValueError, match="q must be finite"):
+        s.setup(Problem(np.eye(2), np.array([0.0, INF])))
+    with pytest.raises(ValueError, match="indefinite"):
+        s.setup(Problem(np.diag([1.0, -1.0]), np.zeros(2)))
+    with pytest.raises(ValueError, match="bound"):
+        s.setup(Problem(np.eye(2), np.zeros(2), lb=np.ones(2), ub=np.zeros(2)))
+
+
+def test_the_examples_in_the_docstrings_run():
+    assert doctest.testmod(module).failed == 0

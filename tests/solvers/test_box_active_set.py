@@ -1,0 +1,352 @@
+"""The exact box solver against rational arithmetic, and the rules it states for hard problems."""
+
+import doctest
+import tracemalloc
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+import quadprog
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from qpsolvers import Problem
+
+from solvers import Unsupported, get
+from solvers.kernel import box_active_set as module
+from solvers.kernels import box_data, box_dual, box_pivoting, box_step
+from solvers.kernels.box_factor import ANSWER, G, X
+
+INF = np.inf
+EPS = np.finfo(float).eps
+
+
+def rational(value: float) -> flint.fmpq:
+    fraction = Fraction(value)
+    return flint.fmpq(fraction.numerator, fraction.denominator)
+
+
+def exact_optimum(P, q, lb, ub, x):
+    """The optimum in rationals, from the active set of x on by Murty's least-index rule; its cost and the number of pivots."""
+    d = q.size
+    side = [-1 if x[i] <= lb[i] else 1 if x[i] >= ub[i] else 0 for i in range(d)]
+    H = [[(rational(P[i, j]) + rational(P[j, i])) / 2 for j in range(d)] for i in range(d)]
+    linear = [rational(value) for value in q]
+    for pivots in range(1000):
+        free = [i for i in range(d) if side[i] == 0]
+        z = [rational(lb[i] if side[i] < 0 else ub[i]) if side[i] else flint.fmpq(0) for i in range(d)]
+        gradient = [linear[i] + sum((H[i][j] * z[j] for j in range(d)), flint.fmpq(0)) for i in range(d)]
+        if free:
+            system = flint.fmpq_mat(len(free), len(free), [H[i][j] for i in free for j in free])
+            step = system.solve(flint.fmpq_mat(len(free), 1, [-gradient[i] for i in free]))
+            for k, i in enumerate(free):
+                z[i] = step[k, 0]
+            gradient = [linear[i] + sum((H[i][j] * z[j] for j in range(d)), flint.fmpq(0)) for i in range(d)]
+        wants = [(0 if side[i] * gradient[i] > 0 and lb[i] < ub[i] else side[i]) if side[i] else
+                 -1 if lb[i] > -INF and z[i] < rational(lb[i]) else 1 if ub[i] < INF and z[i] > rational(ub[i]) else 0
+                 for i in range(d)]
+        broken = [i for i in range(d) if wants[i] != side[i]]
+        if not broken:
+            return exact_cost(H, linear, z), pivots
+        side[broken[0]] = wants[broken[0]]
+    raise AssertionError("the reference did not end")
+
+
+def exact_cost(H, q, z):
+    d = len(z)
+    return sum((z[i] * (q[i] + sum((H[i][j] * z[j] for j in range(d)), flint.fmpq(0)) / 2) for i in range(d)), flint.fmpq(0))
+
+
+def relative_gap(P, q, lb, ub, x):
+    """(f(x) − f*) / max(|f*|, 1e-3 |q|ᵀ|x|), every sum exact."""
+    best, _ = exact_optimum(P, q, lb, ub, x)
+    H = [[(rational(P[i, j]) + rational(P[j, i])) / 2 for j in range(q.size)] for i in range(q.size)]
+    gap = exact_cost(H, [rational(v) for v in q], [rational(v) for v in x]) - best
+    return float(gap) / max(abs(float(best)), 1e-3 * float(np.abs(q) @ np.abs(x)), 1e-300)
+
+
+def solver(P, q, lb, ub, **settings_):
+    s = get("box_active_set", **settings_)
+    s.setup(Problem(P, q, lb=lb, ub=ub))
+    return s
+
+
+def residual(P, q, lb, ub, x):
+    """Largest violation of the optimality conditions, relative to the data."""
+    g = P @ x + q
+    wrong = np.where(lb == ub, 0, np.where(x <= lb, np.minimum(g, 0), np.where(x >= ub, np.maximum(g, 0), g)))
+    return np.abs(wrong).max() / max(np.abs(q).max(), np.abs(x).max())
+
+
+def spectrum_matrix(rng, d, decades):
+    """A symmetric matrix of d variables with eigenvalues from 1 down to 10^-decades."""
+    U = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    P = U * 10 ** -(decades * np.linspace(0, 1, d) if d > 1 else np.zeros(1)) @ U.T
+    return (P + P.T) / 2
+
+
+def random_bounds(rng, d):
+    """Free, lower, upper, two-sided and fixed variables in one."""
+    lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
+    ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
+    fixed = rng.random(d) < 0.1
+    return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
+
+
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=60, deadline=None)
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 12), decades=st.floats(0, 12))
+def test_the_cost_is_the_exact_optimum_to_1e_12_for_condition_numbers_up_to_1e12(seed, d, decades):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
+    x = solver(P, q, lb, ub).solve()
+    assert ((lb <= x) & (x <= ub)).all()
+    assert relative_gap(P, q, lb, ub, x) < 1e-12
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 9), decades=st.floats(0, 8))
+def test_badly_scaled_variables_do_not_change_the_exactness(seed, d, decades):
+    rng = np.random.default_rng(seed)
+    scale = 10 ** rng.uniform(-6, 6, d)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades) * np.outer(scale, scale), random_bounds(rng, d)
+    q, lb, ub = rng.normal(size=d) * scale, lb / scale, ub / scale
+    assert relative_gap(P, q, lb, ub, solver(P, q, lb, ub).solve()) < 1e-12
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 9))
+def test_ties_and_zero_multipliers_on_integer_data_end_at_the_exact_optimum(seed, d):
+    rng = np.random.default_rng(seed)
+    A = rng.integers(-2, 3, (d, d))
+    P = (A @ A.T + np.eye(d)).astype(float)
+    lb, ub = np.round(random_bounds(rng, d))
+    at = np.clip(np.round(rng.normal(size=d)), lb, ub)
+    q = -P @ at
+    x = solver(P, q, lb, ub).solve()
+    np.testing.assert_allclose(x, at, atol=1e-12)
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 20))
+def test_a_singular_problem_with_a_minimum_is_solved_to_its_cost(seed, d):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(d, int(rng.integers(0, d))))
+    P, at = A @ A.T, rng.normal(size=d)
+    lb = np.where(rng.random(d) < 0.6, at - rng.random(d), -INF)
+    ub = np.where(rng.random(d) < 0.6, at + rng.random(d), INF)
+    q = -P @ at
+    s = solver(P, q, lb, ub)
+    x = s.solve()
+    assert ((lb <= x) & (x <= ub)).all()
+    assert s.solution().extras["regularised"]
+    gap = 0.5 * (x - at) @ P @ (x - at)  # q = −P at, so at is a minimum and this is f(x) − f(at), x − at taken exactly
+    assert gap <= 1e-12 * (0.5 * at @ P @ at + 1e-3)
+
+
+@quick
+@given(seed=seeds, d=st.integers(2, 20))
+def test_a_problem_without_a_minimum_is_refused_as_unbounded(seed, d):
+    rng = np.random.default_rng(seed)
+    rank = int(rng.integers(0, d))
+    A = rng.normal(size=(d, rank))
+    v = (np.linalg.svd(A)[0][:, rank:] if rank else np.eye(d)) @ rng.normal(size=d - rank)
+    q = -A @ A.T @ rng.normal(size=d) - v / np.linalg.norm(v)
+    with pytest.raises(ValueError, match="unbounded"):
+        solver(A @ A.T, q, np.where(v > 0, -1.0, -INF), np.where(v < 0, 1.0, INF)).solve()
+
+
+def test_a_linear_program_in_a_far_box_ends_at_its_corner():
+    s = solver(np.zeros((3, 3)), np.array([-1.0, 2.0, 1e-3]), np.full(3, -1e6), np.full(3, 1e6))
+    assert s.solve().tolist() == [1e6, -1e6, -1e6]
+
+
+def test_directions_that_P_does_not_see_stay_at_the_warm_start_or_go_to_zero():
+    P = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    s = solver(P, np.array([-2.0, -2.0, 0.0]), np.full(3, -INF), np.full(3, INF))
+    np.testing.assert_allclose(s.solve(), [1.0, 1.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(s.solve(np.array([3.0, 0.0, 7.0])), [2.5, -0.5, 7.0], atol=1e-4)
+
+
+@pytest.mark.parametrize("smallest", [-1e-9, -1e-3, -1.0])
+def test_an_indefinite_P_is_refused_in_one_sentence(smallest):
+    U = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
+    P = U * np.array([smallest, 0.1, 0.2, 0.5, 1.0, 2.0]) @ U.T
+    with pytest.raises(ValueError, match=r"^box_active_set: P is indefinite beyond rounding"):
+        solver((P + P.T) / 2, np.ones(6), np.zeros(6), np.ones(6))
+
+
+@pytest.mark.parametrize("bad", [np.nan, INF, -INF])
+@pytest.mark.parametrize("where", ["P", "diagonal", "q"])
+def test_numbers_that_are_not_finite_are_refused_by_setup_and_update(bad, where):
+    P, q = np.eye(3), np.zeros(3)
+    s = solver(P.copy(), q.copy(), np.zeros(3), np.ones(3))
+    if where == "q":
+        q[1] = bad
+    else:
+        P[1, 1 if where == "diagonal" else 2] = bad
+    with pytest.raises(ValueError, match="must be finite"):
+        solver(P, q, np.zeros(3), np.ones(3))
+    with pytest.raises(ValueError, match="must be finite"):
+        s.update(P, q)
+
+
+@pytest.mark.parametrize(("lb", "ub", "message"), [(2.0, 1.0, "above"), (np.nan, 1.0, "NaN"), (0.0, np.nan, "NaN"),
+                                                   (INF, INF, "above"), (-INF, -INF, "above")])
+def test_impossible_bounds_are_refused(lb, ub, message):
+    with pytest.raises(ValueError, match=message):
+        solver(np.eye(2), np.zeros(2), np.array([0.0, lb]), np.array([1.0, ub]))
+
+
+def test_an_unsymmetric_P_and_general_rows_are_refused():
+    with pytest.raises(ValueError, match="not symmetric"):
+        solver(np.array([[1.0, 0.5], [0.0, 1.0]]), np.zeros(2), np.zeros(2), np.ones(2))
+    with pytest.raises(Unsupported, match="bounds only"):
+        get("box_active_set").setup(Problem(np.eye(2), np.zeros(2), np.ones((1, 2)), np.ones(1)))
+
+
+def test_a_warm_start_that_is_not_finite_is_refused():
+    with pytest.raises(ValueError, match="finite"):
+        solver(np.eye(2), np.zeros(2), np.zeros(2), np.ones(2)).solve(np.array([0.0, np.nan]))
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 30), decades=st.floats(0, 8))
+def test_a_warm_start_from_anywhere_finds_the_cold_answer(seed, d, decades):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d)
+    s = solver(P, q, lb, ub)
+    cold = s.solve().copy()
+    warm = s.solve(rng.normal(size=d)).copy()
+    assert 0.5 * (warm - cold) @ P @ (warm - cold) <= 1e-13 * np.abs(q) @ np.abs(cold) + 1e-300
+    again = s.solve(cold)
+    np.testing.assert_allclose(again, cold, rtol=0, atol=10 ** decades * 1e-13)
+    assert s.solution().extras["systems"] <= 3
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 30))
+def test_the_setting_warm_follows_a_drifting_problem(seed, d):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, 4), random_bounds(rng, d)
+    q = rng.normal(size=d)
+    s = solver(P, q, lb, ub, warm=True)
+    for _ in range(5):
+        row = rng.normal(size=d)
+        P, q = P + 0.1 * np.outer(row, row), q + 0.1 * rng.normal() * row
+        s.update(P, q)
+        assert residual(P, q, lb, ub, s.solve()) < 1e-13 * d
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 40))
+def test_a_cold_answer_is_the_same_to_the_last_bit_whatever_was_solved_before(seed, d):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, 6), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d)
+    s = solver(P, q, lb, ub)
+    first = s.solve().copy()
+    s.update(spectrum_matrix(rng, d, 2), rng.normal(size=d))
+    s.solve(rng.normal(size=d))
+    s.update(P, q)
+    s.solve(rng.normal(size=d))
+    assert (s.solve() == first).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, d=st.integers(30, 90), decades=st.floats(4, 12))
+def test_large_ill_conditioned_problems_end_at_the_optimality_conditions(seed, d, decades):
+    rng = np.random.default_rng(seed)
+    P = spectrum_matrix(rng, d, decades)
+    q = -P @ rng.normal(size=d) + 10 ** rng.uniform(-8, 0) * rng.normal(size=d)
+    lb = np.where(rng.random(d) < 0.8, -rng.random(d), -INF)
+    ub = np.where(rng.random(d) < 0.5, rng.random(d), INF)
+    assert residual(P, q, lb, ub, solver(P, q, lb, ub).solve()) < 100 * d * EPS
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 30))
+def test_the_dual_active_set_alone_reaches_the_optimum_from_any_sides(seed, d):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, 4), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d)
+    work, iwork = box_data.allocate(d)
+    box_data.set_hessian(work, iwork, P)
+    box_data.set_linear(work, iwork, q)
+    box_data.set_bounds(work, iwork, lb, ub)
+    box_pivoting.solve_box(work, iwork, False)
+    best = work[ANSWER, :d].copy()
+    for i in np.flatnonzero(lb < ub):
+        sides = [box_data.FREE, *([box_data.LOWER] if lb[i] > -INF else []), *([box_data.UPPER] if ub[i] < INF else [])]
+        box_step.move(work, iwork, i, int(rng.choice(sides)))
+    box_step.list_free(work, iwork)
+    assert box_step.newton(work, iwork)
+    assert box_dual.dual_active_set(work, iwork) == box_data.OK
+    x = work[X, :d] * work[box_data.SCALE, :d]
+    np.testing.assert_allclose(x, best, rtol=0, atol=1e-9)
+    assert np.isfinite(work[G, :d]).all()
+
+
+def test_the_answer_agrees_with_quadprog_and_its_duals_close_the_gap():
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        P, lb = spectrum_matrix(rng, 18, 5), np.zeros(18)
+        q = -P @ rng.normal(size=18)
+        s = solver(P, q, lb, None)
+        x = s.solve()
+        np.testing.assert_allclose(x, quadprog.solve_qp(P, -q, np.eye(18), lb)[0], rtol=1e-9, atol=1e-9)
+        solution = s.solution()
+        assert solution.found
+        assert solution.is_optimal(1e-9)
+
+
+def test_inputs_are_not_written_and_may_change_afterwards():
+    rng = np.random.default_rng(9)
+    P, q, lb, ub = spectrum_matrix(rng, 5, 2), rng.normal(size=5), -np.ones(5), np.ones(5)
+    start = rng.normal(size=5)
+    before = [a.copy() for a in (P, q, lb, ub, start)]
+    s = solver(P, q, lb, ub)
+    s.update(P, q)
+    x = s.solve(start).copy()
+    for a, b in zip((P, q, lb, ub, start), before, strict=True):
+        assert (a == b).all()
+    P[:], q[:], lb[:] = 7.0, 7.0, 7.0
+    np.testing.assert_allclose(s.solve(), x, atol=1e-12)
+
+
+def test_P_may_be_strided_or_of_single_precision():
+    P = np.array([[2.0, 0.5, 9.0], [0.5, 3.0, 9.0]])
+    s = solver(np.eye(2), np.array([-1.0, -1.0]), np.zeros(2), np.full(2, INF))
+    s.update(P[:, :2].T)
+    expected = s.solve().copy()
+    s.update(P[:, :2].astype(np.float32))
+    assert (s.solve() == expected).all()
+    np.testing.assert_allclose(P[:, :2] @ expected, [1.0, 1.0], atol=1e-14)
+
+
+def test_a_thousand_solves_allocate_nothing_that_stays():
+    rng = np.random.default_rng(10)
+    s = solver(spectrum_matrix(rng, 18, 5), rng.normal(size=18), np.zeros(18), None)
+    q = rng.normal(size=18)
+    s.solve()
+    tracemalloc.start()
+    try:
+        for _ in range(10):
+            s.solve()
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(1000):
+            s.update(q=q)
+            s.solve()
+        assert tracemalloc.get_traced_memory()[0] - before < 1024
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("source", [module, box_pivoting])
+def test_the_examples_in_the_docstrings_run(source):
+    assert doctest.testmod(source).failed == 0

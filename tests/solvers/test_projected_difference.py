@@ -1,0 +1,291 @@
+"""The paper's recursion: its stability limit, its two forms of constraints, its exact projection."""
+
+import doctest
+import tracemalloc
+
+import daqp
+import numpy as np
+import pytest
+import quadprog
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from qpsolvers import Problem
+
+from solvers import Unsupported, get
+from solvers.kernel import projected_difference as module
+from solvers.kernels import projected_step
+from solvers.kernels.cone_projection import Cone
+from solvers.kernels.projected_step import limit, trajectory
+
+INF = np.inf
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=40, deadline=None)
+
+
+def random_P(rng, d, decades=2.0):
+    U = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    P = U * 10 ** -(decades * np.linspace(0, 1, d)) @ U.T
+    return (P + P.T) / 2
+
+
+def solver(problem, **settings_):
+    s = get("projected_difference", **settings_)
+    s.setup(problem)
+    return s
+
+
+def two_sided_sums(n, m, epsilon):
+    """The bijection T from weights to slopes, and the problem's two forms of the same set.
+
+    n weights that are ≥ 0, then 2 m + 1 whose partial sums outwards from the first are ≥ epsilon: in the slopes T w a box, in
+    the weights w rows −T w ≤ −epsilon.
+    """
+    d = n + 2 * m + 1
+    T = np.eye(d)
+    for i in range(1, m + 1):
+        for side in range(2):
+            row = n + 2 * i - 1 + side
+            T[row, n] = 1
+            T[row, [n + 2 * j - 1 + side for j in range(1, i + 1)]] = 1
+    lb_slopes = np.r_[np.zeros(n), np.full(2 * m + 1, epsilon)]
+    lb_weights = np.r_[np.zeros(n), np.full(2 * m + 1, -INF)]
+    return T, lb_slopes, lb_weights, -T[n:], np.full(2 * m + 1, -epsilon)
+
+
+# --- the recursion -------------------------------------------------------------------------------------------
+
+@quick
+@given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.05, 1.5))
+def test_the_compiled_steps_are_the_equation(seed, d, ratio):
+    rng = np.random.default_rng(seed)
+    P, q, w = random_P(rng, d), rng.normal(size=d), rng.normal(size=d)
+    lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
+    eta = ratio * limit(P)
+    expected, at = [], np.clip(w, lb, ub)
+    for _ in range(5):
+        at = np.clip(at - eta * (P @ at + q), lb, ub)
+        expected.append(at)
+    np.testing.assert_allclose(trajectory(P, q, lb, ub, w, eta, range(1, 6)), expected, rtol=0, atol=1e-13)
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.1, 0.98))
+def test_below_the_limit_the_distance_to_the_optimum_never_grows_and_goes_to_zero(seed, d, ratio):
+    rng = np.random.default_rng(seed)
+    P, q = random_P(rng, d, 1.0), rng.normal(size=d)
+    lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
+    exact = get("box_active_set")
+    exact.setup(Problem(P, q, lb=lb, ub=ub))
+    best = exact.solve()
+    path = trajectory(P, q, lb, ub, rng.normal(size=d), ratio * limit(P), (0, 1, 10, 100, 15200))
+    distance = np.linalg.norm(path - best, axis=1)
+    assert (np.diff(distance) <= 1e-12 * (1 + distance[:-1])).all()
+    assert distance[-1] <= 1e-10 * (1 + np.linalg.norm(best))
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(1.02, 3.0))
+def test_above_the_limit_a_free_problem_diverges(seed, d, ratio):
+    rng = np.random.default_rng(seed)
+    P, q, free = random_P(rng, d), rng.normal(size=d), np.full(d, INF)
+    best = -np.linalg.solve(P, q)
+    start = best + 1e-3 * np.linalg.eigh(P)[1][:, -1]
+    path = trajectory(P, q, -free, free, start, ratio * limit(P), (0, 100))
+    assert np.linalg.norm(path[1] - best) > 10 * np.linalg.norm(path[0] - best)
+
+
+def test_a_step_beyond_the_limit_needs_the_explicit_setting():
+    problem = Problem(np.eye(2), np.ones(2))
+    with pytest.raises(ValueError, match="step_ratio must lie between 0 and 1"):
+        solver(problem, step_ratio=1.0)
+    with pytest.raises(ValueError, match="step_ratio"):
+        solver(problem, step_ratio=0.0, allow_divergence=True)
+    s = solver(problem, step_ratio=2.0, allow_divergence=True)
+    with np.errstate(all="ignore"):
+        assert np.abs(s.solve()).max() > 1e6 or not np.isfinite(s.solve()).all()
+        assert not s.solution().found
+
+
+def test_iterates_come_at_the_chosen_step_counts_and_agree_with_the_solver():
+    rng = np.random.default_rng(1)
+    P, q, lb, ub = random_P(rng, 18), rng.normal(size=18), np.zeros(18), np.full(18, INF)
+    counts = (1, 10, 100, 1000, 15200)
+    path = trajectory(P, q, lb, ub, np.zeros(18), 0.5 * limit(P), counts)
+    for count, w in zip(counts, path, strict=True):
+        np.testing.assert_allclose(solver(Problem(P, q, lb=lb), steps=count).solve(), w, rtol=0, atol=1e-14)
+    with pytest.raises(ValueError, match="ascend"):
+        trajectory(P, q, lb, ub, np.zeros(18), 0.1, (10, 1))
+
+
+def test_the_start_is_the_projection_of_the_warm_start_or_of_zero():
+    problem = Problem(np.eye(2), np.zeros(2), lb=np.array([1.0, -1.0]))
+    s = solver(problem, steps=0)
+    assert s.solve().tolist() == [1.0, 0.0]
+    assert s.solve(np.array([-5.0, 5.0])).tolist() == [1.0, 5.0]
+
+
+def test_a_tolerance_stops_early_and_is_off_by_default():
+    rng = np.random.default_rng(2)
+    problem = Problem(random_P(rng, 18, 2.0), rng.normal(size=18), lb=np.zeros(18))
+    default, early = solver(problem), solver(problem, tolerance=1e-6)
+    default.solve()
+    w = early.solve()
+    assert default.solution().extras["steps"] == 15200
+    assert early.solution().extras["steps"] < 15200
+    eta = early.solution().extras["eta"]
+    moved = np.linalg.norm(np.maximum(w - eta * (problem.P @ w + problem.q), 0) - w) / eta
+    assert moved <= 1e-6 * np.linalg.norm(problem.q)
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 12))
+def test_diagonal_scaling_changes_the_path_and_not_the_answer(seed, d):
+    rng = np.random.default_rng(seed)
+    scale = 10 ** rng.uniform(-2, 2, d)
+    P, q = random_P(rng, d, 1.0) * np.outer(scale, scale), rng.normal(size=d) * scale
+    lb = -rng.random(d) / scale
+    exact = get("box_active_set")
+    exact.setup(Problem(P, q, lb=lb))
+    w = solver(Problem(P, q, lb=lb), diagonal_scaling=True).solve()
+    np.testing.assert_allclose(w * scale, exact.solve() * scale, rtol=0, atol=1e-9)
+    assert (w >= lb).all()
+
+
+def test_an_update_of_P_takes_a_new_step_and_of_q_keeps_it():
+    rng = np.random.default_rng(3)
+    P, q, lb = random_P(rng, 6, 1.0), rng.normal(size=6), np.zeros(6)
+    for scaling in (False, True):
+        s = solver(Problem(P, q, lb=lb), diagonal_scaling=scaling)
+        s.update(q=2 * q)
+        np.testing.assert_array_equal(s.solve(), solver(Problem(P, 2 * q, lb=lb), diagonal_scaling=scaling).solve())
+        s.update(5 * P)
+        np.testing.assert_array_equal(s.solve(), solver(Problem(5 * P, 2 * q, lb=lb), diagonal_scaling=scaling).solve())
+
+
+# --- general rows --------------------------------------------------------------------------------------------
+
+@quick
+@given(seed=seeds, n=st.integers(0, 5), m=st.integers(1, 4), scaling=st.booleans())
+def test_slopes_in_a_box_and_weights_in_a_cone_have_one_optimum(seed, n, m, scaling):
+    rng = np.random.default_rng(seed)
+    T, lb_slopes, lb_weights, G, h = two_sided_sums(n, m, 0.1)
+    d = n + 2 * m + 1
+    P, q = random_P(rng, d, 0.5), rng.normal(size=d)
+    slopes = solver(Problem(P, q, lb=lb_slopes)).solve()
+    s = solver(Problem(T.T @ P @ T, T.T @ q, G, h, lb=lb_weights), diagonal_scaling=scaling)
+    weights = s.solve()
+    np.testing.assert_allclose(T @ weights, slopes, rtol=0, atol=1e-9)
+    solution = s.solution()
+    assert solution.is_optimal(1e-8)
+    assert (solution.z >= 0).all()
+
+
+def quadprog_projection(v, G, h, lb, ub):
+    rows = [(-G, -h), (np.eye(v.size)[lb > -INF], lb[lb > -INF]), (-np.eye(v.size)[ub < INF], -ub[ub < INF])]
+    C, b = np.vstack([r for r, _ in rows]), np.concatenate([c for _, c in rows])
+    return quadprog.solve_qp(np.eye(v.size), v, np.ascontiguousarray(C.T), b)[0]
+
+
+@quick
+@given(seed=seeds, n=st.integers(0, 4), m=st.integers(1, 5))
+def test_the_projection_onto_the_cone_is_that_of_quadprog_and_daqp(seed, n, m):
+    rng = np.random.default_rng(seed)
+    _, _, lb, G, h = two_sided_sums(n, m, 0.1)
+    d, ub = lb.size, np.full(lb.size, INF)
+    cone = Cone(G, h, lb, ub)
+    for _ in range(5):  # each but the first is warm started by the one before
+        v = 3 * rng.normal(size=d)
+        x = cone.project(v)
+        np.testing.assert_allclose(x, quadprog_projection(v, G, h, lb, ub), rtol=0, atol=1e-12)
+        bounds = np.r_[np.full(d, 1e30), h], np.r_[np.where(lb > -INF, lb, -1e30), np.full(h.size, -1e30)]
+        other, _, flag, _ = daqp.solve(np.eye(d), -v, np.ascontiguousarray(G), *bounds, np.zeros(d + h.size, np.int32))
+        assert flag == 1
+        np.testing.assert_allclose(x, other, rtol=0, atol=1e-12)
+
+
+@quick
+@given(seed=seeds, d=st.integers(2, 6), rows=st.integers(1, 8))
+def test_the_projection_onto_any_polyhedron_with_bounds_is_that_of_quadprog(seed, d, rows):
+    """More rows than variables make the dual singular, and a point inside makes the polyhedron non-empty."""
+    rng = np.random.default_rng(seed)
+    G = rng.integers(-2, 3, (rows, d)).astype(float)
+    inside = rng.normal(size=d)
+    h = G @ inside + rng.random(rows)
+    lb = np.where(rng.random(d) < 0.5, inside - rng.random(d), -INF)
+    ub = np.where(rng.random(d) < 0.5, inside + rng.random(d), INF)
+    kept = G.any(axis=1)
+    v = 3 * rng.normal(size=d)
+    x = Cone(G, h, lb, ub).project(v)
+    np.testing.assert_allclose(x, quadprog_projection(v, G[kept], h[kept], lb, ub), rtol=0, atol=1e-10)
+
+
+def test_rows_that_are_bounds_or_repeat_others_change_nothing():
+    rng = np.random.default_rng(4)
+    P, q = random_P(rng, 4, 1.0), rng.normal(size=4)
+    G, h = np.array([[1.0, 1.0, 0.0, 0.0]]), np.array([-0.5])
+    plain = solver(Problem(P, q, G, h, lb=np.array([-INF, -INF, 0.0, -1.0])))
+    more_G = np.array([[1.0, 1.0, 0, 0], [2.0, 2.0, 0, 0], [1.0, 1.0, 0, 0], [0, 0, -2.0, 0], [0, 0, 0, -1.0], [0, 0, 0, 0]])
+    more = solver(Problem(P, q, more_G, np.array([-0.5, -1.0, 3.0, 0.0, 1.0, 0.0])))
+    np.testing.assert_allclose(more.solve(), plain.solve(), rtol=0, atol=1e-12)
+    assert more.solution().is_optimal(1e-8)
+
+
+def test_an_empty_polyhedron_is_refused():
+    with pytest.raises(ValueError, match="infeasible"):
+        solver(Problem(np.eye(2), np.zeros(2), np.array([[1.0, 1.0], [-1.0, -1.0]]), np.array([-1.0, -1.0]))).solve()
+    with pytest.raises(ValueError, match="infeasible"):
+        solver(Problem(np.eye(2), np.zeros(2), np.zeros((1, 2)), np.array([-1.0])))
+    with pytest.raises(ValueError, match="cross"):
+        solver(Problem(np.eye(2), np.zeros(2), np.array([[1.0, 0.0]]), np.array([-1.0]), lb=np.zeros(2)))
+
+
+# --- manners -------------------------------------------------------------------------------------------------
+
+def test_unusable_problems_are_refused_in_one_sentence():
+    with pytest.raises(Unsupported, match="equalities"):
+        solver(Problem(np.eye(2), np.zeros(2), A=np.ones((1, 2)), b=np.ones(1)))
+    with pytest.raises(ValueError, match="P must be finite"):
+        solver(Problem(np.diag([1.0, np.nan]), np.zeros(2)))
+    with pytest.raises(ValueError, match="q must be finite"):
+        solver(Problem(np.eye(2), np.array([np.nan, 0.0])))
+    with pytest.raises(ValueError, match="NaN"):
+        solver(Problem(np.eye(2), np.zeros(2), lb=np.array([np.nan, 0.0])))
+    with pytest.raises(ValueError, match="indefinite"):
+        solver(Problem(np.diag([1.0, -1.0]), np.zeros(2)))
+    with pytest.raises(ValueError, match="steps"):
+        solver(Problem(np.eye(2), np.zeros(2)), steps=-1)
+
+
+def test_inputs_are_not_written():
+    rng = np.random.default_rng(5)
+    _, _, lb, G, h = two_sided_sums(2, 2, 0.1)
+    P, q, start = random_P(rng, 7), rng.normal(size=7), rng.normal(size=7)
+    before = [a.copy() for a in (P, q, G, h, lb, start)]
+    s = solver(Problem(P, q, G, h, lb=lb), steps=50)
+    s.update(P, q)
+    s.solve(start)
+    for a, b in zip((P, q, G, h, lb, start), before, strict=True):
+        assert (a == b).all()
+
+
+def test_many_solves_allocate_nothing_that_stays():
+    rng = np.random.default_rng(6)
+    s = solver(Problem(random_P(rng, 18), rng.normal(size=18), lb=np.zeros(18)), steps=10)
+    s.solve()
+    tracemalloc.start()
+    try:
+        for _ in range(10):
+            s.solve()
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(500):
+            s.solve()
+        assert tracemalloc.get_traced_memory()[0] - before < 1024
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("source", [module, projected_step])
+def test_the_examples_in_the_docstrings_run(source):
+    result = doctest.testmod(source)
+    assert result.attempted > 0
+    assert result.failed == 0
