@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from time import perf_counter_ns
 
 import numpy as np
-from numpy.typing import NDArray
 
-Nanoseconds = NDArray[np.int64]
+from solvers.protocol import Nanoseconds, Solver
 
 
 @dataclass(frozen=True)
@@ -58,3 +57,18 @@ def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort
             solves.append(time_call(solve))
             spent += updates[-1] + solves[-1]
     return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64)
+
+
+def time_kernel(solver: Solver, update: Callable[[], object], effort: Effort) -> tuple[Nanoseconds, Nanoseconds]:
+    """Time update and solve inside compiled code; updates that are not compiled are timed from Python."""
+    updates: list[Nanoseconds] = []
+    solves: list[Nanoseconds] = []
+    spent, done = 0, 0
+    with no_garbage_collection():
+        while done < effort.fewest or (spent < effort.budget_s * 1e9 and done < effort.most):
+            compiled, taken = solver.time_kernel(effort.fewest)
+            updates.append(np.array([time_call(update)], dtype=np.int64) if compiled is None else compiled)
+            solves.append(taken)
+            spent += int(taken.sum() + updates[-1].sum())
+            done += taken.size
+    return np.concatenate(updates), np.concatenate(solves)

@@ -36,7 +36,7 @@ def _context() -> Any:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["bench.worker"])
+    context.set_forkserver_preload(["bench.worker", "cvxpy", "solvers.kernels.vector"])  # absent ones are passed over
     return context
 
 
@@ -163,6 +163,8 @@ class Child:
         self.close()
         how = _how(code)
         said = f", after printing {last_words[0][:200]!r}" if last_words else ""
+        if code == -signal.SIGALRM:
+            return Outcome("timed_out", f"no answer within {self.time_limit_s:g} s")
         if last_words and ("bad_alloc" in last_words[0] or "MemoryError" in last_words[0]):
             return Outcome("out_of_memory", f"the process ended with {how}{said}")
         return Outcome("crashed", f"the process ended with {how}{said}")

@@ -133,9 +133,9 @@ def start(results: Path, settings: RaceSettings, name: str | None = None) -> Run
 def carry_on(run: Run, progress: Progress) -> None:
     """Do whatever is not done yet and gather the tables."""
     settings = settings_of(run)
-    warm_up()
-    chosen = checked(settings)
     with run.alone():
+        warm_up()
+        chosen = checked(settings)
         problems = list(_problems(run, settings, progress))
         _race(run, settings, chosen, problems, progress)
         progress("gathering the tables", 0, 1)

@@ -55,7 +55,7 @@ class Run:
         It is made beside its place and renamed, so that a run that is there can be resumed.
         """
         name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
-        if Path(name).name != name or name.startswith("."):
+        if not name or Path(name).name != name or name.startswith("."):
             raise RunError(f"a run has the name of one folder, without slash and leading dot, and not {name!r}")
         run = cls(results / name)
         if run.path.exists():

@@ -19,12 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
-from bench.clock import Effort, Nanoseconds, time_call, time_pairs
+from bench.clock import Effort, Nanoseconds, time_call, time_kernel, time_pairs
 from bench.task import Task
-from solvers.protocol import Solver, Unsupported
+from solvers.protocol import Lane, Solver, Unsupported
 from solvers.registry import Described, Entry, describe, from_file
 
 Vector = NDArray[np.float64]
+
+ORPHAN_S = 3.0
+"""Seconds after its time limit at which a solver that hangs ends by itself, since its parent must have been killed."""
 
 
 @dataclass
@@ -101,7 +104,11 @@ def _solve_and_time(cls: type[Solver], task: Task, problem: Problem, handed: Pro
     solution = solver.solution()
     extras = solution.extras or {}
     y, z, z_box = (_plain(dual) for dual in (solution.y, solution.z, solution.z_box))
-    updates, solves = time_pairs(lambda: solver.update(P=updated.P, q=updated.q), solver.solve, effort)
+    update = partial(solver.update, P=updated.P, q=updated.q)
+    if task.lane is Lane.KERNEL:
+        updates, solves = time_kernel(solver, update, effort)
+    else:
+        updates, solves = time_pairs(update, solver.solve, effort)
     again = np.array(solver.solve(), dtype=np.float64)
     for _ in range(2):
         if sum(setups) < effort.budget_s * 1e9:
@@ -147,8 +154,6 @@ def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int
     sink = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
     os.dup2(sink, 1)
     os.dup2(sink, 2)
-    if core is not None:
-        os.sched_setaffinity(0, {core})
     try:
         description = describe(entry)
     except Exception as error:  # whatever a library does while it loads is a reason for its absence
@@ -158,13 +163,19 @@ def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int
         return
     cls = entry.load()
     limit_memory(memory_mb)
+    if core is not None:  # after loading, for which all cores are welcome
+        os.sched_setaffinity(0, {core})
+    warm = False
     while True:
         try:
             task, fields, effort = connection.recv()
         except EOFError:
             return
         os.ftruncate(sink, 0)  # what was printed before is nobody's last word
-        signal.setitimer(signal.ITIMER_REAL, 2.0 * time_limit_s + 10.0)  # ends a solver that hangs and has no parent left
+        signal.setitimer(signal.ITIMER_REAL, time_limit_s + ORPHAN_S)
+        if not warm:  # compiles, loads and allocates what only the first call does; the same failures come again
+            run_task(cls, task, Problem(**fields), Effort(0.0, 1, 1))
+            warm = True
         outcome = run_task(cls, task, Problem(**fields), effort)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         connection.send(outcome)

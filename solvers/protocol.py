@@ -23,6 +23,7 @@ from qpsolvers import Problem, Solution
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Nanoseconds = NDArray[np.int64]
 
 
 class Lane(StrEnum):
@@ -129,6 +130,14 @@ class Solver(ABC):
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), valid until the next call."""
+
+    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
+        """Update and solve ``count`` times inside compiled code and return the nanoseconds of each, shape (count,).
+
+        Only solvers of the kernel lane have it. None stands for updates that are not compiled; they are timed from
+        Python.
+        """
+        raise Unsupported(f"{self.name} has no compiled loop to time")
 
     @abstractmethod
     def solution(self) -> Solution:

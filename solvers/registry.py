@@ -82,6 +82,8 @@ def entries() -> Iterator[Entry]:
     for lane in FOLDERS:
         for file in sorted((here / lane).glob("[a-z]*.py")):
             yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
+            if lane is Lane.KERNEL:  # what is compiled can be called from Python too, at the price of the call
+                yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
     for lane in FAMILIES:
         if importlib.util.find_spec(lane.value) is not None:
             module = f"solvers.{lane}_lane"

@@ -45,7 +45,7 @@ class Program:
         Where each kind lies in the stack.
     """
 
-    def __init__(self, problem: Problem) -> None:  # noqa: D107
+    def __init__(self, problem: Problem) -> None:
         self.P, self.q = dense(problem)
         self.d = d = self.q.size
         lb, ub = box(problem)
@@ -114,7 +114,7 @@ class Intervals:
         Shape (k,).
     """
 
-    def __init__(self, program: Program) -> None:  # noqa: D107
+    def __init__(self, program: Program) -> None:
         self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
         self.R: Matrix = program.R[self._kept]
         self.l, self.u = program.l[self._kept], program.u[self._kept]
@@ -139,7 +139,7 @@ class Cones:
         How many of the rows are equalities, which come first, and how many are not.
     """
 
-    def __init__(self, program: Program) -> None:  # noqa: D107
+    def __init__(self, program: Program) -> None:
         # A fixed variable as two inequalities would leave an interior point method no interior.
         self._equal = equal = program.l == program.u
         self._upper = upper = np.isfinite(program.u) & ~equal
@@ -180,7 +180,7 @@ class Triangle:
     [1.0, 0.0, 3.0]
     """
 
-    def __init__(self, d: int, upper: bool = True) -> None:  # noqa: D107
+    def __init__(self, d: int, upper: bool = True) -> None:
         # Row by row through one triangle is column by column through the other, and P is symmetric.
         row, column = np.tril_indices(d) if upper else np.triu_indices(d)
         self.indices: Index = column.astype(np.int32)

@@ -122,8 +122,7 @@ def _show(run: Run, report: Path) -> None:
     for sentence in figures.verdict(rows).sentences:
         console.print(sentence)
     for scaling, part in table.groupby("scaling", sort=False):
-        asked = part[(part.tier == part.tier.iloc[0]) | (part.tier == "high")]
-        best = asked.sort_values("tier", key=lambda tiers: tiers != "high").drop_duplicates(["solver", "lane", "settings"])
+        best = part.sort_values("tier", key=lambda tiers: tiers != "high").drop_duplicates(["solver", "lane", "settings"])
         console.print(f"\n{str(scaling).capitalize()} data, the most exact tier of each:")
         headings = {key: text for key, text in markdown.HEADINGS.items()
                     if key not in ("worst_primal_residual", "worst_dual_residual", "solve_us_max")}

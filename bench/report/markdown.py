@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import jinja2
@@ -25,12 +26,17 @@ def cell(row: pd.Series, column: str) -> str:
     if column == "right":
         return f"{row.right}/{row.problems}"
     if column == "settings":
-        return settings_label(str(value))
+        return plain(settings_label(str(value)))
     if isinstance(value, float):
         if pd.isna(value):
             return "–"
         return f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
-    return str(value).replace("|", "\\|")
+    return plain(value)
+
+
+def plain(value: object) -> str:
+    """Text on one line in which nothing is taken for markup, whoever wrote it."""
+    return re.sub(r"[\\`*\[\]<>&|~]", lambda found: f"&#{ord(found[0])};", " ".join(str(value).split()))
 
 
 def settings_label(text: str) -> str:
@@ -44,6 +50,7 @@ def render(run: Run) -> str:
     table = figures.summary(rows)
     environment = jinja2.Environment(loader=jinja2.PackageLoader("bench.report"), trim_blocks=True, lstrip_blocks=True,
                                      undefined=jinja2.StrictUndefined, autoescape=False)
+    environment.filters["plain"] = plain
     return environment.get_template("report.md.jinja").render(
         name=run.path.name, settings=run.settings, sentences=figures.verdict(rows).sentences, headings=HEADINGS,
         parts=[(scaling, [row for _, row in part.iterrows()]) for scaling, part in table.groupby("scaling", sort=False)],

@@ -57,13 +57,14 @@ class Proxsuite(Solver):
         self._is_fresh = True
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+        if not self._is_fresh:
+            self._qp.update(g=self.program.q)  # a solve straight after a solve can end in NaN, after millions of steps
         if warm_start is None:
             self._qp.settings.initial_guess = self._cold  # a warm solve has changed it
-            if not self._is_fresh:
-                self._qp.update(g=self.program.q)  # a cold solve straight after a solve runs into its iteration limit
             self._qp.solve()
         else:
-            self._qp.solve(warm_start, None, None)
+            results = self._qp.results
+            self._qp.solve(warm_start, results.y.copy(), results.z.copy())  # views of what the solve writes to
         self._is_fresh = False
         self._found = self._qp.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
         return self._qp.results.x.copy() if self._found else self.program.no_answer()
@@ -72,5 +73,5 @@ class Proxsuite(Solver):
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return self.program.solution(results.x, self._rows.spread(w), self._found, status=info.status.name, reported_us=info.solve_time,
-                                     iterations=info.iter)
+        return self.program.solution(results.x, self._rows.spread(w), self._found, status=info.status.name,
+                                     reported_us=info.solve_time, iterations=info.iter)

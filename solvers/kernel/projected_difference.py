@@ -10,14 +10,15 @@ and different paths. The paper runs 15 200 steps: one per sampling period of 125
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.kernels.cone_projection import Cone
 from solvers.kernels.projected_step import Recursion, limit
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, box, dense
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box, dense
 
 
 class ProjectedDifference(Solver):
@@ -55,6 +56,7 @@ class ProjectedDifference(Solver):
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
     warm_startable: ClassVar[bool] = True
+    variants: ClassVar[tuple[Mapping[str, Any], ...]] = tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
 
     def setup(self, problem: Problem) -> None:
         """Allocate, find the step and store P for it.
@@ -118,6 +120,12 @@ class ProjectedDifference(Solver):
         recursion.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
         self._taken = recursion.run(self._steps, self._threshold)
         return self._unscaled()
+
+    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
+        """Run the steps from 0, each time from the start, timed; updates are not compiled."""
+        assert self._recursion is not None, "setup comes first"
+        self._recursion.start(np.zeros(self._q.size))
+        return None, self._recursion.time(count, self._steps, self._threshold)
 
     def solution(self) -> Solution:
         """Return the last iterate with the duals of its last projection; ``extras`` say steps and step size."""

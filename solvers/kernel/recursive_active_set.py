@@ -14,7 +14,7 @@ import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.kernels import swept_gram as swept
-from solvers.protocol import Lane, Matrix, Solver, Vector, box_solution, dense, only_box
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 
 class RecursiveActiveSet(Solver):
@@ -71,62 +71,60 @@ class RecursiveActiveSet(Solver):
         self._numbers[swept.ROOT_GROWTH] = forgetting**-0.5
         self._numbers[swept.ROW_WEIGHT] = weight
         self._numbers[swept.PROXIMAL] = float(self.settings.get("proximal", 1e-10))
-        self._rows, self._answers = np.zeros(d + 1), np.zeros(d)
+        self._head = self._work.reshape(-1, self._iwork[swept.LEADING])
+        self._head[swept.LB, :d] = np.maximum(lb, -swept.NO_BOUND)
+        self._head[swept.UB, :d] = np.minimum(ub, swept.NO_BOUND)
+        self._row, self._no_answers, self._no_times = np.zeros(d + 1), np.zeros(0), np.zeros(0, dtype=np.int64)
         P, q = dense(problem)
-        self._P, self._q = P, q
         self.update(P, q)
-
-    def _vectors(self) -> Matrix:
-        ld = self._iwork[swept.LEADING]
-        return self._work.reshape(-1, ld)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Start again from other data of the same size."""
-        self._P = self._P if P is None else np.array(P, dtype=np.float64)
+        self._P = self._P if P is None else np.array(P, dtype=np.float64, order="C")
         self._q = self._q if q is None else np.array(q, dtype=np.float64)
         if not (np.all(np.isfinite(self._P)) and np.all(np.isfinite(self._q))):
             raise ValueError(f"{self.name}: P or q holds a number that is not finite")
-        d, lb, ub = self._lb.size, self._lb, self._ub
-        vectors = self._vectors()
-        vectors[:] = 0.0
-        lower, upper = np.isfinite(lb), np.isfinite(ub)
-        vectors[swept.ORIGIN, :d] = np.where(lower, lb, np.where(upper, ub, 0.0))
-        vectors[swept.SIGN, :d] = np.where(lower | ~upper, 1.0, -1.0)
-        vectors[swept.WIDTH, :] = swept.NO_BOUND
-        vectors[swept.WIDTH, :d] = np.where(lower & upper, ub - lb, swept.NO_BOUND)
-        vectors[swept.FREE, :d] = ~(lower | upper)
-        vectors[swept.SIDE, :d] = np.where((lower | upper) & (lb < ub), 1.0, 0.0)
-        self._iwork[swept.FREE_LIST:] = 0
-        G = vectors[swept.VECTORS + self._iwork[swept.LEADING]:]
-        origin, sign = vectors[swept.ORIGIN, :d], vectors[swept.SIGN, :d]
-        shifted = sign * (self._q + self._P @ origin)
-        G[:d, :d] = np.triu(sign[:, None] * self._P * sign)
-        G[:d, d] = shifted
-        self._numbers[swept.ROOT_WEIGHT] = self._numbers[swept.ROW_WEIGHT]**0.5
-        swept.count_free(self._work, self._iwork)
-        self._check(swept.refresh(self._work, self._iwork, self._numbers))
-        self._check(swept.refresh(self._work, self._iwork, self._numbers))  # the proximal term about the answer
+        self._check(swept.begin(self._work, self._iwork, self._numbers, self._P.reshape(-1), self._q))
 
     def append(self, row: Vector, target: float) -> None:
         """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)²."""
-        self._rows[:-1], self._rows[-1] = row, target
-        self._check(swept.take_rows(self._work, self._iwork, self._numbers, self._rows, self._answers))
+        self._row[:-1], self._row[-1] = row, target
+        if not np.all(np.isfinite(self._row)):
+            raise ValueError(f"{self.name}: the row holds a number that is not finite")
+        self._check(swept.take_rows(self._work, self._iwork, self._numbers, self._row, self._no_answers, self._no_times))
 
-    def append_many(self, rows: Matrix) -> Matrix:
-        """Take rows (ξ, x), shape (N, d + 1), in one compiled call; the answers after each, shape (N, d)."""
+    def append_many(self, rows: Matrix) -> tuple[Matrix, Nanoseconds]:
+        """Take rows (ξ, x), shape (N, d + 1), in one compiled call.
+
+        Returns
+        -------
+        answers : array (N, d)
+            The optimum after each row.
+        nanoseconds : array (N,)
+            What each took.
+        """
         rows = np.ascontiguousarray(rows, dtype=np.float64)
-        answers = np.empty((rows.shape[0], rows.shape[1] - 1))
-        self._check(swept.take_rows(self._work, self._iwork, self._numbers, rows.reshape(-1), answers.reshape(-1)))
-        return answers
+        if not np.all(np.isfinite(rows)):
+            raise ValueError(f"{self.name}: row {int(np.argmin(np.isfinite(rows).all(axis=1)))} holds a number that is not "
+                             f"finite")
+        answers, nanoseconds = np.empty((rows.shape[0], rows.shape[1] - 1)), np.empty(rows.shape[0], dtype=np.int64)
+        self._check(swept.take_rows(self._work, self._iwork, self._numbers, rows.reshape(-1), answers.reshape(-1),
+                                    nanoseconds))
+        return answers, nanoseconds
+
+    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
+        """Start anew from P and q, which includes finding the optimum, timed as solves; there is no update apart."""
+        nanoseconds = np.empty(count, dtype=np.int64)
+        self._check(swept.time_begin(self._work, self._iwork, self._numbers, self._P.reshape(-1), self._q, nanoseconds))
+        return np.zeros(count, dtype=np.int64), nanoseconds
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the minimiser (d,) of the data so far; a start is of no use to a method that is always at the optimum."""
-        swept.answer(self._work, self._iwork)
-        return self._work[:self._lb.size]
+        return self._head[swept.ANSWER, :self._lb.size]
 
     def problem(self) -> Problem:
         """Return the program whose optimum the answer is, proximal term included, in the user's variables."""
-        d, vectors = self._lb.size, self._vectors()
+        d, vectors = self._lb.size, self._head
         decay = self._numbers[swept.ROW_WEIGHT] / self._numbers[swept.ROOT_WEIGHT]**2
         G = vectors[swept.VECTORS + self._iwork[swept.LEADING]:][:d + 1, :d + 1]
         G = (np.triu(G) + np.triu(G, 1).T) * decay

@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from solvers.kernels.box_factor import Integers
 from solvers.kernels.product import affine
 from solvers.kernels.projected_step import distance_squared
 from solvers.kernels.vector import aligned, compiled, entry, load, store
+from solvers.nanoclock import monotonic_ns
 from solvers.protocol import Matrix, Vector
 from solvers.vector8 import padded, splat8, sum8
 
@@ -63,6 +65,16 @@ def run(work: Matrix, d: int, steps: int, tolerance: float) -> int:
     return steps
 
 
+@compiled
+def timed(work: Matrix, start: Vector, d: int, steps: int, tolerance: float, nanoseconds: Integers) -> None:
+    """Run from the same start again and again and note the time of each run."""
+    for i in range(nanoseconds.size):
+        work[W] = start
+        begin = monotonic_ns()
+        run(work, d, steps, tolerance)
+        nanoseconds[i] = monotonic_ns() - begin
+
+
 class Acceleration:
     """The method on one box problem; the vocabulary of :class:`solvers.kernels.projected_step.Recursion`."""
 
@@ -90,3 +102,9 @@ class Acceleration:
         """Step on, with momentum anew; returns the number of steps taken."""
         taken: int = self._run(self._work, self.d, steps, tolerance)
         return taken
+
+    def time(self, count: int, steps: int, tolerance: float) -> Integers:
+        """Nanoseconds of ``count`` runs from where it stands, each from there, shape (count,)."""
+        nanoseconds = np.empty(count, dtype=np.int64)
+        timed(self._work, self._work[W].copy(), self.d, steps, tolerance, nanoseconds)
+        return nanoseconds

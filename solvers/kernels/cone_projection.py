@@ -67,10 +67,11 @@ class Cone:
                 hi[j] = min(hi[j], h[i] / G[i, j])
             else:
                 lo[j] = max(lo[j], h[i] / G[i, j])
-        if (lo > hi).any():
-            raise ValueError(f"the bounds of variable {int(np.argmax(lo > hi))} cross")
-        if (h[entries == 0] < 0).any():
-            raise ValueError("a row of G is zero and its h is negative, so the problem is infeasible")
+        crossed = (lo > hi) | (lo == np.inf) | (hi == -np.inf)
+        if crossed.any():
+            raise ValueError(f"the bounds of variable {int(np.argmax(crossed))} cross")
+        if (h[entries == 0] < 0).any() or np.isneginf(h).any():
+            raise ValueError("a row of G is zero with a negative h, or an h is -inf, so the problem is infeasible")
         general = np.flatnonzero((entries > 1) & (h < np.inf))
         self.index = np.flatnonzero(G[general].any(axis=0)).astype(np.int64)
         rows = {int(i): (G[i, self.index], float(h[i])) for i in general}

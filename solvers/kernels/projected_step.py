@@ -20,6 +20,7 @@ from solvers.kernels.box_factor import Integers
 from solvers.kernels.cone_projection import Cone, project_coupled
 from solvers.kernels.product import affine
 from solvers.kernels.vector import aligned, compiled, entry, load, store
+from solvers.nanoclock import monotonic_ns
 from solvers.protocol import Matrix, Vector
 from solvers.vector8 import padded, sum8
 
@@ -77,6 +78,17 @@ def run(work: Matrix, d: int, steps: int, threshold: float, A: Matrix, b: Vector
 
 
 @compiled
+def timed(work: Matrix, start: Matrix, d: int, steps: int, threshold: float, A: Matrix, b: Vector, index: Integers,
+          dual: Matrix, idual: Integers, nanoseconds: Integers) -> None:
+    """Run from the same start again and again and note the time of each run."""
+    for i in range(nanoseconds.size):
+        work[W], work[CARRY] = start[0], start[1]
+        begin = monotonic_ns()
+        run(work, d, steps, threshold, A, b, index, dual, idual)
+        nanoseconds[i] = monotonic_ns() - begin
+
+
+@compiled
 def distance_squared(work: Matrix, i: int, j: int) -> float:
     """|work[i] − work[j]|², 2-norm."""
     square = 0.0
@@ -127,6 +139,13 @@ class Recursion:
         """Step on; returns the number of steps taken."""
         taken: int = self._run(self._work, self.d, steps, threshold, *self._arguments)
         return taken
+
+    def time(self, count: int, steps: int, threshold: float = -1.0) -> Integers:
+        """Nanoseconds of ``count`` runs from where it stands, each from there, shape (count,)."""
+        nanoseconds = np.empty(count, dtype=np.int64)
+        start = self._work[[W, CARRY]]
+        timed(self._work, start, self.d, steps, threshold, *self._arguments, nanoseconds)
+        return nanoseconds
 
 
 def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: float, steps: Sequence[int],

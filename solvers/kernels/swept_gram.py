@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled import inlined, kernel
+from solvers.nanoclock import monotonic_ns
 from solvers.vector8 import load8, padded, splat8, store8, sum8
 
 Vector = NDArray[np.float64]
@@ -45,7 +46,7 @@ Integers = NDArray[np.int64]
 REFRESH = 256
 """Rows after which M is made anew."""
 
-(ANSWER, ORIGIN, SIGN, WIDTH, SIDE, FREE, ROW, U, CENTRE, G_Z, VECTORS) = range(11)
+(ANSWER, ORIGIN, SIGN, WIDTH, SIDE, FREE, ROW, U, CENTRE, G_Z, LB, UB, VECTORS) = range(13)
 """Vectors at the head: the answer v in the user's variables; the bound that z is measured from and in which direction
 (v = ORIGIN + SIGN · z); the distance to the other bound, NO_BOUND where there is none; SIDE, the sign with which the last
 row of M must not be negative (−1 free, +1 at the bound, 0 unbounded or fixed); FREE, 1 at F and 0 at A; work space."""
@@ -300,26 +301,64 @@ def write_answer(work: Vector, iwork: Integers) -> None:
 
 
 @kernel
-def answer(work: Vector, iwork: Integers) -> None:
-    """Write the answer of the data so far to its place."""
-    write_answer(work, iwork)
-
-
-@kernel
-def count_free(work: Vector, iwork: Integers) -> None:
-    """Renew the list of free variables after FREE was written from outside."""
+def begin(work: Vector, iwork: Integers, numbers: Vector, P: Vector, q: Vector) -> int:
+    """Start from P (row by row) and q and the bounds in ``work``: every bounded variable at a bound, then exchanges."""
+    d, ld = iwork[SIZE], iwork[LEADING]
+    M, G = VECTORS * ld, (VECTORS + ld) * ld
+    for at in range(M, G + ld * ld, 8):
+        store8(work, at, splat8(0.0))
+    for j in range(d):
+        lb, ub = work[LB * ld + j], work[UB * ld + j]
+        lower, upper = lb > -NO_BOUND, ub < NO_BOUND
+        work[ORIGIN * ld + j] = lb if lower else (ub if upper else 0.0)
+        work[SIGN * ld + j] = -1.0 if upper and not lower else 1.0
+        work[WIDTH * ld + j] = ub - lb if lower and upper else NO_BOUND
+        work[FREE * ld + j] = 0.0 if lower or upper else 1.0
+        work[SIDE * ld + j] = 1.0 if (lower or upper) and lb < ub else 0.0
+    for i in range(d):
+        shifted = q[i]
+        for j in range(d):
+            shifted += P[i * d + j] * work[ORIGIN * ld + j]
+        work[G + i * ld + d] = work[SIGN * ld + i] * shifted
+        for j in range(i, d):
+            work[G + i * ld + j] = work[SIGN * ld + i] * P[i * d + j] * work[SIGN * ld + j]
+    numbers[ROOT_WEIGHT] = np.sqrt(numbers[ROW_WEIGHT])
     list_free(work, iwork)
+    status = refresh(work, iwork, numbers)
+    if status == OK:  # once more, with the proximal term about the answer
+        status = refresh(work, iwork, numbers)
+    write_answer(work, iwork)
+    return status
 
 
 @kernel
-def take_rows(work: Vector, iwork: Integers, numbers: Vector, rows: Vector, answers: Vector) -> int:
-    """Take rows (ξ, x) of d + 1 numbers one after the other; the answer after each goes to ``answers`` (d numbers each)."""
-    d = iwork[SIZE]
+def take_rows(work: Vector, iwork: Integers, numbers: Vector, rows: Vector, answers: Vector, nanoseconds: Integers) -> int:
+    """Take rows (ξ, x) of d + 1 numbers one after the other.
+
+    The answer after each goes to ``answers`` (d numbers each) and the time that it took to ``nanoseconds``, where these
+    have room for it.
+    """
+    d, ld = iwork[SIZE], iwork[LEADING]
     for k in range(rows.size // (d + 1)):
+        start = monotonic_ns() if k < nanoseconds.size else 0
         status = take(work, iwork, numbers, rows, k * (d + 1))
+        write_answer(work, iwork)
+        if k < nanoseconds.size:
+            nanoseconds[k] = monotonic_ns() - start
         if status != OK:
             return status
-        write_answer(work, iwork)
-        for j in range(d):
-            answers[k * d + j] = work[ANSWER * iwork[LEADING] + j]
+        if answers.size >= (k + 1) * d:
+            for j in range(d):
+                answers[k * d + j] = work[ANSWER * ld + j]
     return OK
+
+
+@kernel
+def time_begin(work: Vector, iwork: Integers, numbers: Vector, P: Vector, q: Vector, nanoseconds: Integers) -> int:
+    """Start from the same P and q again and again and note the time of each."""
+    status = OK
+    for k in range(nanoseconds.size):
+        start = monotonic_ns()
+        status = begin(work, iwork, numbers, P, q)
+        nanoseconds[k] = monotonic_ns() - start
+    return status

@@ -166,14 +166,14 @@ def test_the_true_weights_are_the_optimum_when_they_are_the_reference_of_a_small
 def test_a_stronger_proximal_term_moves_every_weight_less_from_the_reference() -> None:
     s = structure()
     v_ref = s.inverse_slope_map @ s.straight_line
-    distances = [np.linalg.norm(s.inverse_slope_map @ optimum(problem_of(s, full_drive(), 0.02, proximal=rho), "box_active_set") - v_ref)
-                 for rho in (1e-10, 1e-4, 1e-1, 1e6)]
+    answers = [optimum(problem_of(s, full_drive(), 0.02, proximal=rho), "box_active_set") for rho in (1e-10, 1e-4, 1e-1, 1e6)]
+    distances = [np.linalg.norm(s.inverse_slope_map @ w - v_ref) for w in answers]
     assert distances == sorted(distances, reverse=True)
     assert distances[-1] < 1e-5
 
 
 def test_directions_that_the_data_leave_open_are_named() -> None:
-    # y stays above its centre threshold's neighbour, so slope and offset of the first piece are one constant.
+    # y never comes back to the piece around zero, so what that piece adds is one more constant beside the offset.
     s = structure(creep_rates=())
     problem = problem_of(s, 0.85 + full_drive(0.1), rest=0.85)
     report = problem.excitation_report()

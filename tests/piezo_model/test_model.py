@@ -66,6 +66,15 @@ def model() -> HysteresisCreepModel:
     return HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, model.offset, {"note": "Prüfstand"})
 
 
+def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:
+    state = OperatorState.at_rest(model.structure, 0.3)
+    model.simulate([0.1, 0.7], state)
+    before = state.copy()
+    assert np.all(np.isfinite(model.simulate([math.nan], state)))
+    np.testing.assert_array_equal(state.play, before.play)
+    np.testing.assert_array_equal(state.creep, before.creep)
+
+
 def test_states_of_another_structure_are_refused(model: HysteresisCreepModel) -> None:
     other = ModelStructure.equidistant(n=5, m=0, x_range=(0, 1), y_range=(0, 1), creep_rates=(1.0,), sample_time=1.0)
     with pytest.raises(ValueError, match="8 of play and 8 of creep where 8 and 24 are needed"):
@@ -88,7 +97,7 @@ def test_a_saved_model_is_loaded_bit_for_bit(tmp_path_factory: pytest.TempPathFa
     np.testing.assert_array_equal(loaded.simulate(x), case.model.simulate(x))
 
 
-def test_saving_what_was_loaded_gives_the_same_file_and_the_report_travels_along(model: HysteresisCreepModel, tmp_path: Path) -> None:
+def test_saving_what_was_loaded_gives_the_same_file_with_its_report(model: HysteresisCreepModel, tmp_path: Path) -> None:
     model.save(tmp_path / "a.json")
     loaded = HysteresisCreepModel.load(tmp_path / "a.json")
     loaded.save(tmp_path / "b.json")

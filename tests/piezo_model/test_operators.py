@@ -1,6 +1,8 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from plain_model import one_sided_dead_zones
 
@@ -18,7 +20,7 @@ def a_state(r: np.ndarray, x: float, seed: int) -> np.ndarray:
 def resampled(x: np.ndarray, seed: int) -> np.ndarray:
     """The same path at another speed: every step in random smaller steps, with waits."""
     rng, path = np.random.default_rng(seed), [x[:1]]
-    for a, b in zip(x[:-1], x[1:], strict=True):
+    for a, b in pairwise(x):
         path.append(a + (b - a) * np.sort(np.append(rng.uniform(0, 1, rng.integers(0, 4)), 1.0)))
         path.append(np.full(rng.integers(0, 3), b))
     return np.concatenate(path)

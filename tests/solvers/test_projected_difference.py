@@ -235,6 +235,8 @@ def test_an_empty_polyhedron_is_refused():
         solver(Problem(np.eye(2), np.zeros(2), np.array([[1.0, 1.0], [-1.0, -1.0]]), np.array([-1.0, -1.0]))).solve()
     with pytest.raises(ValueError, match="infeasible"):
         solver(Problem(np.eye(2), np.zeros(2), np.zeros((1, 2)), np.array([-1.0])))
+    with pytest.raises(ValueError, match="infeasible"):
+        solver(Problem(np.eye(2), np.zeros(2), np.ones((1, 2)), np.array([-INF])))
     with pytest.raises(ValueError, match="cross"):
         solver(Problem(np.eye(2), np.zeros(2), np.array([[1.0, 0.0]]), np.array([-1.0]), lb=np.zeros(2)))
 

@@ -1,0 +1,131 @@
+"""The command line as processes of their own, without importing everything again for each of them.
+
+A server process imports the verbs once and forks: every call is a real process with its own arguments, folder, output
+and exit status, and the tests may kill it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+SERVER = """
+import json, os, resource, sys
+from bench.cli.app import run
+from bench.problems import sets
+next(sets()["paper"]().problems())  # loads whatever is loaded at first use
+for line in sys.stdin:
+    call = json.loads(line)
+    child = os.fork()
+    if not child:
+        os.setsid()
+        for number, path in enumerate((os.devnull, call["stdout"], call["stderr"])):
+            os.dup2(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND), number)
+        os.chdir(call["folder"])
+        if call["largest_file"]:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)
+        sys.exit(run(call["words"]))
+    print(child, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """How a call ended."""
+
+    status: int
+    stdout: str
+    stderr: str
+
+    @property
+    def refusal(self) -> str:
+        """The one sentence of a refused call."""
+        lines = self.stderr.splitlines()
+        assert self.status == 2, (self.status, self.stderr)
+        assert len(lines) == 1, self.stderr
+        assert lines[0].startswith("piezobench"), lines[0]
+        return lines[0]
+
+
+class Call:
+    """A call that is under way."""
+
+    def __init__(self, server: CommandLine, pid: int, stdout: Path, stderr: Path) -> None:
+        self.server, self.pid, self.stdout, self.stderr = server, pid, stdout, stderr
+
+    def kill(self) -> None:
+        """``kill -9``, if it still runs (the server has not read its end before we ask for it)."""
+        os.kill(self.pid, 9)
+
+    def wait(self) -> Finished:
+        """Wait for its end."""
+        return Finished(int(self.server.answer()), self.stdout.read_text(), self.stderr.read_text())
+
+    def running(self) -> list[int]:
+        """Processes of its session that are there, itself and children of its race."""
+        found = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = stat.read_text().rpartition(")")[2].split()
+            except (FileNotFoundError, ProcessLookupError):  # ended meanwhile
+                continue
+            if int(fields[3]) == self.pid and fields[0] != "Z":
+                found.append(int(stat.parent.name))
+        return found
+
+
+class CommandLine:
+    """``piezobench``; used as a function."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.calls = folder, 0
+        self.log = (folder / "server.log").open("w")
+        self.server = subprocess.Popen([sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                       stderr=self.log, text=True, env={**os.environ, "TMPDIR": str(folder)})
+
+    def answer(self) -> str:
+        """The next line that the server says."""
+        assert self.server.stdout is not None
+        line = self.server.stdout.readline()
+        assert line, Path(self.log.name).read_text()
+        return line
+
+    def start(self, *words: object, folder: Path | None = None, largest_file: int = 0) -> Call:
+        """Start a call; wait for its end before the next one."""
+        self.calls += 1
+        stdout, stderr = (self.folder / f"call{self.calls}.{name}" for name in ("stdout", "stderr"))
+        assert self.server.stdin is not None
+        call: Mapping[str, object] = {"words": [str(word) for word in words], "stdout": str(stdout), "stderr": str(stderr),
+                                      "folder": str(folder or self.folder), "largest_file": largest_file}
+        self.server.stdin.write(json.dumps(call) + "\n")
+        self.server.stdin.flush()
+        return Call(self, int(self.answer()), stdout, stderr)
+
+    def __call__(self, *words: object, folder: Path | None = None, largest_file: int = 0) -> Finished:
+        """Call and wait."""
+        return self.start(*words, folder=folder, largest_file=largest_file).wait()
+
+    def close(self) -> None:
+        """End the server."""
+        assert self.server.stdin is not None
+        assert self.server.stdout is not None
+        self.server.stdin.close()
+        self.server.wait()
+        self.server.stdout.close()
+        self.log.close()
+
+
+def wait_until_gone(call: Call) -> None:
+    """Wait for every process of a call to end; one that never does fails the test."""
+    for _ in range(600):
+        if not call.running():
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"processes {call.running()} outlive the race that started them")

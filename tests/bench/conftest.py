@@ -1,0 +1,54 @@
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import faulty_solvers
+import pandas as pd
+import pytest
+from command_line import CommandLine, Finished
+
+from bench.store import Run
+
+
+@pytest.fixture(scope="session")
+def piezobench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CommandLine]:
+    command = CommandLine(tmp_path_factory.mktemp("calls"))
+    yield command
+    command.close()
+
+
+@dataclass(frozen=True)
+class Race:
+    run: Run
+    rows: pd.DataFrame
+    call: Finished
+
+
+SMALL = ("--limit", 1, "--budget", 0.002, "--tier", "high", "--lane", "direct", "--solver", "daqp", "--solver", "osqp",
+         "--time-limit", 4, "--memory", 512)
+THIRD = ("--tier", "default", "--solver", "clarabel")
+TASKS = 12
+"""Three solvers at two tiers on the data in two scalings."""
+
+
+def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
+    call = piezobench("race", *SMALL, "--out", out, "--name", name, *words)
+    assert call.status == 0, call.stderr
+    run = Run.open(out / name)
+    return Race(run, run.rows(), call)
+
+
+@pytest.fixture(scope="session")
+def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    """Three honest solvers on one problem."""
+    race = raced(piezobench, tmp_path_factory.mktemp("clean"), "clean", *THIRD)
+    assert len(race.rows) == TASKS
+    return race
+
+
+@pytest.fixture(scope="session")
+def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    """Two of them at one tier among solvers that are faulty in every way."""
+    folder = tmp_path_factory.mktemp("faulty")
+    files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
+    return raced(piezobench, folder, "faulty", *files)

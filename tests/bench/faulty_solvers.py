@@ -1,0 +1,89 @@
+"""Solver files of users, right on raw data and each with a fault of its own on scaled data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+FILE = '''
+import ctypes, os, sys, time
+import numpy as np
+from qpsolvers import Solution, solve_problem
+from solvers.protocol import Lane, Solver, Unsupported, box_solution
+
+
+class Mine(Solver):
+    name = "{name}"
+    lane = Lane.DIRECT
+    algorithm = "dual active set"
+    licence = "MIT"
+    distribution = "nobody's"
+    found, calls = True, 0
+    hoard = []
+
+    def setup(self, problem):
+        self.problem = problem
+        self.scaled = bool(np.allclose(np.diag(problem.P), 1.0))
+        self.answer = solve_problem(problem, solver="daqp").x
+        if self.scaled:
+            self.faulty_setup()
+
+    def update(self, P=None, q=None):
+        if self.scaled:
+            self.faulty_update(P)
+
+    def solve(self, warm_start=None):
+        self.calls += 1
+        self.x = self.answer.copy()
+        if self.scaled:
+            self.faulty_solve()
+        return self.x
+
+    def solution(self):
+        answer = box_solution(self.problem, self.answer, self.found, status="as I say")
+        if self.scaled:
+            self.faulty_solution(answer)
+        return answer
+
+    def faulty_setup(self): pass
+    def faulty_update(self, P): pass
+    def faulty_solve(self): pass
+    def faulty_solution(self, answer): pass
+
+    def faulty_{verb}: {fault}
+'''
+
+MARKUP = "a | b \\\\| `c` <script>d</script> [e](f) &amp;\\n| g |"
+FAULTS = {
+    "segfaults": ("solve(self)", "ctypes.string_at(0)"),
+    "aborts": ("solve(self)", "os.write(2, b'about to fall\\n'); os.abort()"),
+    "exits": ("solve(self)", "os._exit(3)"),
+    # In C and with the interpreter's lock held: nothing in the process itself can end it but a signal.
+    "hangs": ("solve(self)", "ctypes.PyDLL(None).pause()"),
+    "hoards": ("solve(self)", "[self.hoard.append(np.ones(2**22)) for _ in range(10**6)]"),
+    "raises": ("solve(self)", f"raise RuntimeError('{MARKUP}')"),
+    "raises_in_setup": ("setup(self)", "raise KeyError('no such setting')"),
+    "raises_in_update": ("update(self, P)", "raise ValueError('cannot update')"),
+    "nan": ("solve(self)", "self.x[3] = np.nan"),
+    "lies": ("solve(self)", "self.x = np.maximum(self.problem.lb, 1.0)"),
+    "infeasible": ("solve(self)", "self.x = self.x - 0.1"),
+    "short": ("solve(self)", "self.x = self.x[:-1]"),
+    "nothing": ("solution(self, answer)", "answer.found = False"),
+    "odd_duals": ("solution(self, answer)", "answer.z_box = np.zeros(3)"),
+    "writes": ("setup(self)", "self.problem.P[0, 0] += 1.0"),
+    "writes_later": ("update(self, P)", "P[0, 0] += 1.0"),
+    "unrepeatable": ("solve(self)", "self.x[0] += 1e-15 * self.calls"),
+    "noisy": ("solve(self)", "print('noise ' * 100); os.write(2, b'noise\\n'); sys.stderr.write('noise')"),
+    "unsupported": ("setup(self)", "raise Unsupported('takes no | scaled data')"),
+}
+
+
+def write_all(folder: Path) -> list[Path]:
+    """One file a fault."""
+    return [written(folder, name, *FAULTS[name]) for name in FAULTS]
+
+
+def written(folder: Path, name: str, verb: str = "solve(self)", fault: str = "pass") -> Path:
+    """The file of one solver, by default a faultless one."""
+    path = folder / f"{name}.py"
+    path.write_text(FILE.format(name=name, verb=verb, fault=fault))
+    return path

@@ -1,0 +1,137 @@
+"""What a faulty solver does to its own rows, and that it does nothing to those of others.
+
+Every faulty solver is right on raw data, so its second row shows that the next task got a working process.
+"""
+
+import time
+from pathlib import Path
+
+import faulty_solvers
+import numpy as np
+import pytest
+from command_line import CommandLine, wait_until_gone
+from conftest import Race
+from qpsolvers import Problem
+
+from bench.clock import Effort
+from bench.isolation import Child, entry_of_file
+from bench.race import RaceError, RaceSettings, entries_of
+from bench.task import Task
+from solvers import Status, Tier
+
+STATUS = {
+    "segfaults": Status.CRASHED, "aborts": Status.CRASHED, "exits": Status.CRASHED, "hangs": Status.TIMED_OUT,
+    "hoards": Status.OUT_OF_MEMORY, "raises": Status.ADAPTER_FAILED, "raises_in_setup": Status.ADAPTER_FAILED,
+    "raises_in_update": Status.ADAPTER_FAILED, "nan": Status.INACCURATE, "lies": Status.INACCURATE,
+    "infeasible": Status.INACCURATE, "short": Status.INACCURATE, "nothing": Status.SOLVER_FAILED,
+    "odd_duals": Status.ADAPTER_FAILED, "writes": Status.OK, "writes_later": Status.OK, "unrepeatable": Status.OK,
+    "noisy": Status.OK, "unsupported": Status.UNSUPPORTED}
+SAID = {
+    "segfaults": "SIGSEGV", "aborts": "SIGABRT, after printing 'about to fall'", "exits": "exit status 3",
+    "hangs": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
+    "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
+    "nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation 1.0e-01",
+    "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
+    "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data"}
+
+
+def test_every_fault_is_tried() -> None:
+    assert STATUS.keys() == faulty_solvers.FAULTS.keys()
+
+
+@pytest.mark.parametrize("name", STATUS)
+def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: str) -> None:
+    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].itertuples()
+    assert row.status == STATUS[name]
+    assert SAID.get(name, "") in row.message
+    assert (row.message == "") == (row.status == Status.OK)
+    assert "\n" not in row.message
+
+
+@pytest.mark.parametrize("name", STATUS)
+def test_the_task_after_a_fault_gets_a_process_that_works(faulty_race: Race, name: str) -> None:
+    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "raw")].itertuples()
+    assert (row.status, row.mutates_input, row.repeatable) == (Status.OK, False, True)
+
+
+def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race: Race, faulty_race: Race) -> None:
+    columns = ["task", "status", "message", "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap",
+               "weight_error", "model_error_percent", "iterations", "mutates_input", "repeatable"]
+    others = faulty_race.rows[faulty_race.rows.solver.isin(["daqp", "osqp"])]
+    assert len(others) == 4
+    clean = clean_race.rows[clean_race.rows.task.isin(others.task)]
+    assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
+
+
+def test_a_solver_that_writes_into_its_input_is_marked_and_no_other(faulty_race: Race) -> None:
+    marked = faulty_race.rows[faulty_race.rows.mutates_input]
+    assert sorted(zip(marked.solver, marked.scaling, strict=True)) == [("writes", "scaled"), ("writes_later", "scaled")]
+
+
+def test_of_the_users_solvers_only_the_one_that_gives_other_bits_again_is_marked(faulty_race: Race) -> None:
+    marked = faulty_race.rows[~faulty_race.rows.repeatable & faulty_race.rows.solver.isin(STATUS)]
+    assert sorted(zip(marked.solver, marked.scaling, strict=True)) == [("unrepeatable", "scaled")]
+
+
+def test_a_solver_that_ran_has_times_and_one_that_failed_has_none(faulty_race: Race) -> None:
+    rows = faulty_race.rows
+    answered = ~rows.status.isin([Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY, Status.UNSUPPORTED])
+    answered &= ~(rows.solver.str.startswith("raises") & (rows.scaling == "scaled"))
+    assert rows.solve_us_p50.notna().equals(answered)
+
+
+def test_nothing_that_solvers_print_reaches_the_terminal(faulty_race: Race) -> None:
+    assert "noise noise" not in faulty_race.call.stdout
+    assert faulty_race.call.stderr == ""
+
+
+def test_a_solver_that_hangs_does_not_outlive_a_killed_race(piezobench: CommandLine, tmp_path: Path) -> None:
+    file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)",
+                                  "open(__file__ + '.asleep', 'w').close(); ctypes.PyDLL(None).pause()")
+    call = piezobench.start("race", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--solver", file,
+                            "--time-limit", 2, "--out", tmp_path)
+    while not (tmp_path / "sleeper.py.asleep").exists():
+        assert call.running(), call.stderr.read_text()
+        time.sleep(0.02)
+    call.kill()
+    call.wait()
+    wait_until_gone(call)
+
+
+LOADED = {
+    "raises": ("raise OSError('no licence here')", "cannot be loaded, OSError: no licence here"),
+    "segfaults": ("import ctypes; ctypes.string_at(0)", "ended the process that loaded it with SIGSEGV"),
+    "no_python": ("def (", "cannot be loaded, SyntaxError"),
+    "imports": ("import a_module_that_is_not_there", "No module named 'a_module_that_is_not_there'"),
+    "empty": ("", "must define exactly one Solver class, not 0"),
+}
+
+
+@pytest.mark.parametrize("name", LOADED)
+def test_a_file_that_cannot_be_loaded_is_refused_with_its_name(tmp_path: Path, name: str) -> None:
+    (tmp_path / f"{name}.py").write_text(LOADED[name][0])
+    with pytest.raises(RaceError) as caught:
+        entries_of(RaceSettings(solvers=("daqp",), solver_files=(str(tmp_path / f"{name}.py"),)))
+    assert name in str(caught.value)
+    assert LOADED[name][1] in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "said"), [("daqp", "there is a solver daqp in the lane direct already"),
+                                            ("../daqp", "a solver is named with letters")])
+def test_a_name_that_is_taken_or_no_file_name_is_refused(tmp_path: Path, name: str, said: str) -> None:
+    path = faulty_solvers.written(tmp_path, "mine")
+    path.write_text(path.read_text().replace('name = "mine"', f'name = "{name}"'))
+    with pytest.raises(RaceError, match=said):
+        entries_of(RaceSettings(solver_files=(str(path),)))
+
+
+def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
+    entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]))
+    with Child(entry) as child:
+        before = child.describe()
+        assert before.absent == ""
+        task = Task("none", "none", "scaled", entry.name, entry.lane, Tier.DEFAULT)
+        lost = child.run(task, Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)), Effort())
+        assert lost.failure == Status.CRASHED
+        assert child.describe() == before

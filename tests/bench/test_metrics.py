@@ -1,0 +1,157 @@
+"""The judge: residuals as the ecosystem defines them, and statuses that follow from the problem's data alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import qpsolvers
+from qpsolvers import Problem
+
+from bench.metrics import TOLERANCE, Judgement, judge
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.worker import Outcome
+from solvers import Status, Tier
+from solvers.certificate import certify
+
+C = 40.0
+"""Constant term, which makes the relative gap finite."""
+
+
+def race_problem(qp: Problem) -> RaceProblem:
+    start = qpsolvers.solve_problem(qp, solver="daqp").x
+    form = CertifiedForm(qp, C, np.eye(qp.q.size), certify(qp, start))
+    return RaceProblem("tests", "one", {"scaled": form})
+
+
+def drawn(seed: int, d: int = 6, rows: bool = False) -> Problem:
+    rng = np.random.default_rng(seed)
+    M = rng.normal(size=(2 * d, d))
+    general = {"G": rng.normal(size=(3, d)), "h": np.full(3, 0.1), "A": rng.normal(size=(1, d)), "b": np.array([0.2])}
+    return Problem(M.T @ M, rng.normal(size=d) * 5.0, lb=np.full(d, -0.5), ub=np.full(d, 0.7),
+                   **(general if rows else {}))
+
+
+BOX = race_problem(drawn(0))
+BEST = np.array(BOX.forms["scaled"].certificate.x)
+
+
+def judged(outcome: Outcome, tier: Tier = Tier.HIGH, problem: RaceProblem = BOX) -> Judgement:
+    return judge(problem, "scaled", tier, outcome)
+
+
+def answered(x: np.ndarray, **more: object) -> Outcome:
+    return replace(Outcome(found=True, x=x, solver_status="solved"), **more)
+
+
+@pytest.mark.parametrize("rows", [False, True])
+@pytest.mark.parametrize("solver", ["daqp", "clarabel", "osqp", "piqp", "scs"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_residuals_equal_those_of_qpsolvers(solver: str, rows: bool, seed: int) -> None:
+    qp = drawn(seed, rows=rows)
+    # The rows of G and A are sparse matrices to no solver here, and scs says so.
+    dressed = qp if solver in ("daqp", "piqp") else sparse(qp)
+    theirs = qpsolvers.solve_problem(dressed, solver=solver)
+    ours = judged(Outcome(found=True, x=theirs.x, y=theirs.y, z=theirs.z, z_box=theirs.z_box), problem=race_problem(qp))
+    theirs.problem = qp
+    assert (ours.primal_residual, ours.dual_residual, ours.duality_gap) == (
+        theirs.primal_residual(), theirs.dual_residual(), theirs.duality_gap())
+
+
+def sparse(qp: Problem) -> Problem:
+    from scipy.sparse import csc_matrix
+
+    G, A = (None if value is None else csc_matrix(value) for value in (qp.G, qp.A))
+    return Problem(csc_matrix(qp.P), qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub)
+
+
+def test_residuals_are_missing_and_not_zero_without_duals() -> None:
+    ours = judged(answered(BEST))
+    assert ours.primal_residual == 0.0
+    assert np.isnan([ours.dual_residual, ours.duality_gap]).all()
+
+
+@pytest.mark.parametrize("tier", Tier)
+def test_the_certified_optimum_is_right_at_every_tier(tier: Tier) -> None:
+    ours = judged(answered(BEST), tier)
+    assert (ours.status, ours.message, ours.weight_error) == (Status.OK, "", 0.0)
+    assert 0.0 <= ours.cost_gap < 1e-15
+
+
+@pytest.mark.parametrize("tier", Tier)
+@pytest.mark.parametrize(("factor", "status"), [(0.5, Status.OK), (2.0, Status.INACCURATE)])
+def test_a_cost_gap_on_either_side_of_the_tolerance_is_told(tier: Tier, factor: float, status: Status) -> None:
+    qp, c = BOX.forms["scaled"].qp, BOX.forms["scaled"].c
+    free = int(np.flatnonzero((BEST > qp.lb) & (BEST < qp.ub))[0])
+    value = 0.5 * BEST @ qp.P @ BEST + qp.q @ BEST
+    asked = factor * TOLERANCE[tier] * abs(value + c)  # V(x* + t e) − V* = ½ P_ee t², since e is free
+    x = BEST.copy()
+    x[free] += np.sqrt(2.0 * asked / qp.P[free, free])
+    ours = judged(answered(x), tier)
+    assert ours.status == status
+    assert ours.cost_gap == pytest.approx(factor * TOLERANCE[tier], rel=1e-4)
+    assert ours.weight_error == pytest.approx(abs(x - BEST).max() / abs(BEST).max())
+    assert (ours.message == "") == (status == Status.OK)
+
+
+@pytest.mark.parametrize("tier", Tier)
+@pytest.mark.parametrize(("factor", "status"), [(0.5, Status.OK), (2.0, Status.INACCURATE)])
+def test_a_violation_on_either_side_of_the_tolerance_is_told(tier: Tier, factor: float, status: Status) -> None:
+    qp = BOX.forms["scaled"].qp
+    bound = int(np.flatnonzero(BEST == qp.lb)[0])
+    x = BEST.copy()
+    x[bound] -= factor * TOLERANCE[tier]
+    ours = judged(answered(x), tier)
+    assert ours.status == status
+    assert ours.violation == pytest.approx(factor * TOLERANCE[tier], rel=1e-6)
+    assert ours.primal_residual == pytest.approx(ours.violation)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_answer_that_is_not_finite_is_inaccurate_if_called_found_and_failed_if_not(bad: float) -> None:
+    x = BEST.copy()
+    x[2] = bad
+    for found, status in ((True, Status.INACCURATE), (False, Status.SOLVER_FAILED)):
+        ours = judged(answered(x, found=found))
+        assert ours.status == status
+        assert "NaN or infinity" in ours.message
+        assert np.isnan(ours.cost_gap)
+
+
+@pytest.mark.parametrize("x", [None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.nan)])
+def test_an_answer_of_another_shape_is_inaccurate_if_called_found(x: np.ndarray | None) -> None:
+    ours = judged(answered(x))
+    assert (ours.status, ours.message) == (Status.INACCURATE, "says solved and returned no answer of the right shape")
+
+
+@pytest.mark.parametrize("size", [1e30, 1e150, 1e300, -1e308])
+def test_an_answer_that_is_finite_and_absurd_is_inaccurate(size: float) -> None:
+    ours = judged(answered(np.full(6, size)))
+    assert ours.status == Status.INACCURATE
+    assert ours.violation > 1e29
+
+
+def test_a_right_answer_that_the_solver_does_not_claim_is_its_failure() -> None:
+    ours = judged(answered(BEST, found=False, solver_status="gave up"))
+    assert (ours.status, ours.message) == (Status.SOLVER_FAILED, "gave up")
+
+
+@pytest.mark.parametrize("status", [Status.UNSUPPORTED, Status.ADAPTER_FAILED, Status.CRASHED, Status.TIMED_OUT,
+                                    Status.OUT_OF_MEMORY])
+def test_what_happened_to_the_process_is_handed_through(status: Status) -> None:
+    ours = judged(Outcome(str(status), "said why"))
+    assert (ours.status, ours.message) == (status, "said why")
+
+
+@pytest.mark.parametrize("name", ["y", "z", "z_box"])
+def test_duals_of_another_shape_are_the_adapters_failure(name: str) -> None:
+    problem = race_problem(drawn(1, rows=True))
+    x = np.array(problem.forms["scaled"].certificate.x)
+    ours = judged(answered(x, **{name: np.zeros(7)}), problem=problem)
+    assert ours.status == Status.ADAPTER_FAILED
+    assert f"duals {name} are of shape (7,)" in ours.message
+
+
+def test_duals_that_are_not_finite_leave_the_residuals_missing_and_the_answer_right() -> None:
+    ours = judged(answered(BEST, z_box=np.full(6, np.nan)))
+    assert ours.status == Status.OK
+    assert np.isnan([ours.dual_residual, ours.duality_gap]).all()

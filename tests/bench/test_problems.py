@@ -1,0 +1,109 @@
+"""Every problem that is raced carries the proof of its optimum."""
+
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from qpsolvers import Problem
+
+from bench.problems import RaceProblem, find, sets
+from bench.problems.protocol import QP_FIELDS, SCALINGS
+from solvers.certificate import NotCertified, verify
+
+
+@pytest.fixture(scope="module")
+def paper() -> list[RaceProblem]:
+    return list(islice(find("paper")(seed=0).problems(), 2))
+
+
+@pytest.fixture(scope="module", params=sorted(sets()))
+def first(request: pytest.FixtureRequest, paper: list[RaceProblem]) -> RaceProblem:
+    return paper[0] if request.param == "paper" else next(find(request.param)().problems())
+
+
+def same_bits(a: RaceProblem, b: RaceProblem) -> bool:
+    def arrays(problem: RaceProblem) -> list[np.ndarray]:
+        found = [getattr(form.qp, name) for form in problem.forms.values() for name in QP_FIELDS]
+        found += [form.to_weights for form in problem.forms.values()]
+        v = problem.validation
+        found += [] if v is None else [v.state.play, v.state.creep, v.x, v.y]
+        return [value for value in found if value is not None]
+
+    pairs = zip(arrays(a), arrays(b), strict=True)
+    return all(x.dtype == y.dtype and x.tobytes() == y.tobytes() for x, y in pairs) and all(
+        a.forms[s].certificate == b.forms[s].certificate and a.forms[s].c == b.forms[s].c for s in a.forms)
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_the_certificate_of_a_problem_is_accepted(first: RaceProblem, paper: list[RaceProblem], scaling: str) -> None:
+    for problem in (first, paper[1]):
+        verify(problem.forms[scaling].qp, problem.forms[scaling].certificate)
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_a_certificate_is_rejected_for_data_that_differ_in_one_bit(paper: list[RaceProblem], scaling: str) -> None:
+    form = paper[0].forms[scaling]
+    P, q = form.qp.P.copy(), form.qp.q.copy()
+    q[4] = np.nextafter(q[4], np.inf)
+    P[3, 3] = np.nextafter(P[3, 3], np.inf)
+    for changed in (Problem(form.qp.P, q, lb=form.qp.lb, ub=form.qp.ub), Problem(P, form.qp.q, lb=form.qp.lb, ub=form.qp.ub)):
+        with pytest.raises(NotCertified, match="line 1"):
+            verify(changed, form.certificate)
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_a_certificate_that_says_another_answer_value_or_active_set_is_rejected(paper: list[RaceProblem],
+                                                                               scaling: str) -> None:
+    form = paper[0].forms[scaling]
+    proof = form.certificate
+    other = (np.nextafter(proof.x[0], np.inf), *proof.x[1:])
+    active = proof.lower[1:] if proof.lower else (0,)
+    for changed in (replace(proof, x=tuple(float(value) for value in other)), replace(proof, lower=active),
+                    replace(proof, value=f"{proof.value}1"), replace(proof, value_rounded=0.0)):
+        with pytest.raises(NotCertified):
+            verify(form.qp, changed)
+
+
+def test_both_scalings_have_the_same_optimal_weights(first: RaceProblem) -> None:
+    scaled, raw = (first.forms[s].to_weights @ np.array(first.forms[s].certificate.x) for s in SCALINGS)
+    np.testing.assert_allclose(raw, scaled, rtol=0.0, atol=1e-6 * abs(scaled).max())
+
+
+def test_a_problem_is_saved_and_loaded_to_the_last_bit(first: RaceProblem, tmp_path: Path) -> None:
+    first.save(tmp_path / "problem.npz")
+    loaded = RaceProblem.load(tmp_path / "problem.npz")
+    assert (loaded.set_name, loaded.name, loaded.d) == (first.set_name, first.name, first.d)
+    assert same_bits(loaded, first)
+    if first.validation is not None:
+        assert loaded.validation is not None
+        w = first.optimal_weights
+        assert loaded.validation.error_percent(w) == first.validation.error_percent(w)
+    assert [path.name for path in tmp_path.iterdir()] == ["problem.npz"]
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_another_problem(paper: list[RaceProblem]) -> None:
+    again, other = (next(find("paper")(seed=seed).problems()) for seed in (0, 1))
+    assert same_bits(again, paper[0])
+    assert not same_bits(other, paper[0])
+
+
+def test_the_optimum_fits_unseen_data_better_than_no_hysteresis_and_creep(paper: list[RaceProblem]) -> None:
+    problem = paper[0]
+    assert problem.validation is not None
+    n = problem.validation.structure.play_thresholds
+    straight = problem.optimal_weights.copy()
+    straight[:len(n)] = 0.0
+    straight[-len(n) - 1:] = 0.0
+    assert problem.validation.error_percent(problem.optimal_weights) < 0.5 * problem.validation.error_percent(straight)
+
+
+def test_names_within_a_set_are_unique_and_as_many_as_the_set_says() -> None:
+    problems = list(find("noise")().problems())
+    assert len({problem.name for problem in problems}) == len(problems) == len(find("noise")())
+
+
+def test_a_set_that_is_not_there_is_named_beside_those_that_are() -> None:
+    with pytest.raises(KeyError, match=r"no problem set 'papers'; known are .*paper"):
+        find("papers")

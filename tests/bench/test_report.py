@@ -1,0 +1,93 @@
+"""Reports of a race in which everything goes wrong that can."""
+
+import re
+from html import unescape
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from conftest import Race
+from faulty_solvers import MARKUP
+
+from bench.report import figures, markdown
+from bench.store import Run
+from solvers import Status
+
+
+def tables(text: str) -> list[list[list[str]]]:
+    """The tables of a Markdown text as rows of cells, headings first; a backslash does not hide a bar here."""
+    found = []
+    for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        found.append([[cell.strip() for cell in line.strip("|").split("|")] for line in block.splitlines()])
+    return found
+
+
+@pytest.fixture(scope="module")
+def report(faulty_race: Race) -> str:
+    return (faulty_race.run.path / "report.md").read_text(encoding="utf-8")
+
+
+def test_every_table_has_as_many_cells_in_each_line_as_headings(report: str) -> None:
+    for table in tables(report):
+        assert {len(line) for line in table} == {len(table[0])}
+
+
+def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: Race) -> None:
+    scaled, raw, *_ = ({tuple(line[:3]) for line in table[2:]} for table in tables(report))
+    rows = faulty_race.rows
+    for shown, scaling in ((scaled, "scaled"), (raw, "raw")):
+        raced = rows[rows.scaling == scaling]
+        assert shown == {(markdown.plain(row.solver), row.lane, row.tier) for row in raced.itertuples()}
+
+
+def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_race: Race) -> None:
+    said = {unescape(line[-1]) for line in tables(report)[-1][2:]}
+    assert said == {" ".join(message.split()) for message in faulty_race.rows.message if message}
+    assert any(message.endswith("| g |") for message in said)
+    assert "<script>" not in report
+    assert "`c`" not in report
+    assert "[e](f)" not in report
+
+
+def test_the_csv_holds_every_row_of_the_race(faulty_race: Race) -> None:
+    summary = pd.read_csv(faulty_race.run.path / "summary.csv")
+    assert summary.problems.sum() == len(faulty_race.rows)
+    assert summary.right.sum() == (faulty_race.rows.status == Status.OK).sum()
+    keys = ["scaling", "solver", "lane", "tier"]
+    assert set(summary[keys].itertuples(index=False)) == set(faulty_race.rows[keys].itertuples(index=False))
+    messages = {" ".join(str(message).split()) for message in summary.message.dropna()}
+    assert any("</script>" in message for message in messages)
+
+
+def test_right_answers_come_first_and_the_fastest_of_them_first(clean_race: Race) -> None:
+    for _, part in figures.summary(clean_race.rows).groupby("scaling"):
+        assert part.all_right.is_monotonic_decreasing
+        assert part.total_us[part.all_right].is_monotonic_increasing
+
+
+def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
+    rows = clean_race.rows
+    asked = rows[(rows.tier == "high") & (rows.scaling == "scaled")]
+    sentence = figures.verdict(rows).sentences[0]
+    assert f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes answer every problem right" in sentence
+
+
+def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
+    names = ("report.md", "summary.csv", "accuracy.svg")
+    before = [(clean_race.run.path / name).read_bytes() for name in names]
+    markdown.write(clean_race.run)
+    assert [(clean_race.run.path / name).read_bytes() for name in names] == before
+
+
+def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path: Path) -> None:
+    run = Run.create(tmp_path, faulty_race.run.settings, "run")
+    lost = faulty_race.rows[faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")]
+    lost.to_parquet(run.path / "rows.parquet")
+    assert "0 of 2 solver lanes answer every problem right" in markdown.write(run).read_text()
+
+
+@pytest.mark.parametrize("text", [MARKUP, "a\r\nb", "|", "\\|", "`|`", "<!--", "&#124;", "~~x~~ *y*"])
+def test_plain_text_reads_as_it_was_and_holds_no_markup(text: str) -> None:
+    plain = markdown.plain(text)
+    assert unescape(plain) == " ".join(text.split())
+    assert not re.search(r"[|<>`*\[\]\\~\n]|&(?!#\d+;)", plain)

@@ -1,0 +1,142 @@
+"""A run on disk is whole or can be made whole, whatever kills the process that writes it.
+
+``PIEZOBENCH_KILLS`` sets how often the race is killed (5), ``PIEZOBENCH_KILL_SEED`` when.
+"""
+
+import json
+import os
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command_line import CommandLine, wait_until_gone
+from conftest import SMALL, TASKS, THIRD, Race
+
+from bench.store import Run, RunError
+
+KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
+SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
+TIMES = ["setup_us", "update_us", "solve_us_p50", "solve_us_p99", "solve_us_max", "samples", "periods", "reported_us"]
+
+
+def assert_same(rows: pd.DataFrame, clean_race: Race) -> None:
+    assert rows.task.is_unique
+    assert sorted(rows.task) == sorted(clean_race.rows.task)
+    pd.testing.assert_frame_equal(rows.drop(columns=TIMES), clean_race.rows.drop(columns=TIMES))
+
+
+def test_a_race_killed_at_random_moments_ends_as_an_unbroken_one(piezobench: CommandLine, tmp_path: Path,
+                                                                 clean_race: Race) -> None:
+    chance, run = random.Random(SEED), Run(tmp_path / "run")
+    for after in sorted(chance.choices(range(TASKS + 1), k=KILLS)):
+        if (run.path / "run.json").is_file():
+            call = piezobench.start("resume", run.path)
+        else:
+            call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
+        while call.running() and not run.is_finished() and len(list((run.path / "tasks").glob("[!.]*"))) < after:
+            time.sleep(0.002)
+        time.sleep(chance.choice([0.0, chance.uniform(0.0, 0.05), chance.uniform(0.0, 1.0)]))
+        call.kill()
+        call.wait()
+        wait_until_gone(call)
+    last = piezobench("resume", run.path)
+    assert last.status == 0, last.stderr
+    assert_same(run.rows(), clean_race)
+    for name in ("report.md", "summary.csv"):
+        assert (run.path / name).is_file()
+
+
+def test_a_run_killed_at_any_step_on_disk_is_carried_on_with_nothing_lost_or_twice(tmp_path: Path) -> None:
+    script = Path(__file__).with_name("killed_run.py")
+    done = subprocess.run([sys.executable, str(script), str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    ends = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(ends) > 30  # steps at which it was killed
+    assert len(set(ends[-1]["tasks"])) == 2
+    for n, end in enumerate(ends):
+        assert end == ends[-1], f"killed at step {n}"
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk that holds the problem and a few tasks; where none may be mounted, an ordinary folder."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = os.geteuid() == 0 and subprocess.run(["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(disk)],
+                                                   check=False, capture_output=True).returncode == 0
+    yield disk
+    if mounted:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_full_disk_is_one_sentence_and_the_race_carries_on_when_there_is_room(piezobench: CommandLine, small_disk: Path,
+                                                                                clean_race: Race) -> None:
+    run, full = Run(small_disk / "run"), small_disk.is_mount()
+    call = piezobench("race", *SMALL, *THIRD, "--out", small_disk, "--name", "run", largest_file=0 if full else 100_000)
+    assert ("No space left on device" if full else "File too large") in call.refusal
+    assert f"piezobench resume {run.path}" in call.refusal
+    assert not [path for path in run.path.rglob("*") if path.is_file() and path.name.startswith(".")]
+    with pytest.raises(RunError, match="was not finished"):
+        run.rows()
+    if full:
+        subprocess.run(["mount", "-o", "remount,size=10m", str(small_disk)], check=True)
+    assert piezobench("resume", run.path).status == 0
+    assert_same(run.rows(), clean_race)
+
+
+def test_two_processes_are_kept_from_one_run(clean_race: Race, piezobench: CommandLine, tmp_path: Path) -> None:
+    run = Run.create(tmp_path, clean_race.run.settings, "run")
+    with run.alone():
+        assert "another process is at work on this run" in piezobench("resume", run.path).refusal
+        assert not run.is_finished()
+    with run.alone():
+        pass
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/tmp/a", ".hidden"])
+def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RunError, match="the name of one folder"):
+        Run.create(tmp_path / "results", {}, name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_is_there_is_not_written_over(tmp_path: Path) -> None:
+    Run.create(tmp_path, {"first": True}, "run")
+    with pytest.raises(RunError, match="is there already; give another name or resume it"):
+        Run.create(tmp_path, {"first": False}, "run")
+    assert Run.open(tmp_path / "run").settings == {"first": True}
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize(("text", "said"), [("{", "is not a whole JSON file"), ("[]", "does not hold settings")])
+def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, text: str, said: str) -> None:
+    run = Run.create(tmp_path, {}, "run")
+    (run.path / "run.json").write_text(text)
+    with pytest.raises(RunError, match=rf"run\.json: {said}"):
+        _ = run.settings
+
+
+def test_tables_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, clean_race: Race) -> None:
+    run = Run.create(tmp_path, {}, "run")
+    table = (clean_race.run.path / "rows.parquet").read_bytes()
+    (run.path / "rows.parquet").write_bytes(table[:len(table) // 2])
+    with pytest.raises(RunError, match=r"rows\.parquet: cannot be read"):
+        run.rows()
+    clean_race.rows.drop(columns="status").to_parquet(run.path / "rows.parquet")
+    with pytest.raises(RunError, match=r"rows\.parquet: has no column 'status'"):
+        run.rows()
+
+
+def test_raw_times_of_every_task_are_kept(clean_race: Race) -> None:
+    times = pd.read_parquet(clean_race.run.path / "times.parquet")
+    assert set(times.task) == set(clean_race.rows.task)
+    solves = times[times.what == "solve"].set_index("task").ns
+    rows = clean_race.rows.set_index("task")
+    for task, ns in solves.items():
+        assert ns.size == rows.samples[task]
+        assert ns.max() / 1e3 == rows.solve_us_max[task]
