@@ -69,9 +69,20 @@ def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) 
     return Judgement(
         Status.OK if right else Status.INACCURATE,
         "" if right else f"cost gap {gap.relative:.1e}, violation {gap.violation:.1e}", gap.relative, gap.violation,
-        _number(solution.primal_residual()), _number(solution.dual_residual()), _number(solution.duality_gap()),
+        *_residuals(solution),
         float(np.max(np.abs(w - best)) / np.max(np.abs(best))),
         NAN if problem.validation is None else problem.validation.error_percent(feasible))
+
+
+def _residuals(solution: Solution) -> tuple[float, float, float]:
+    """Primal and dual residual and duality gap as qpsolvers defines them; NaN where the solver gave no duals for it."""
+    problem = solution.problem
+    bounded = problem.lb is not None or problem.ub is not None
+    with np.errstate(over="ignore", invalid="ignore"):  # of an answer near the largest float
+        primal, dual, gap = solution.primal_residual(), solution.dual_residual(), solution.duality_gap()
+    if bounded and solution.z_box is None:  # where qpsolvers leaves the bounds out of the gap
+        gap = math.inf
+    return _number(primal), _number(dual), _number(gap)
 
 
 def _number(value: object) -> float:

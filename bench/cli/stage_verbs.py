@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from bench.cli.console import console
-from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
+from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from solvers import find
 
@@ -56,7 +56,10 @@ def identify_verb(
     opened = Recording.open(recording, time=time, input=input, output=output)
     console.print(opened.describe())
     model = identify(opened, n=n, m=m, creep_rates=_rates(creep_rates), skip=skip, lag=lag.value, solver=solver)
-    model.save(out)
+    try:
+        model.save(out)
+    except OSError as error:
+        raise ModelError(f"{out}: cannot be written: {error.strerror or error}") from None
     for sentence in model.report["sentences"]:
         console.print(sentence)
     console.print(f"Model: {out}")

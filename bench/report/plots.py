@@ -45,6 +45,7 @@ def accuracy_against_time(rows: pd.DataFrame, path: Path) -> None:
     axes.set(xscale="log", yscale="log", xlabel="time for one answer, µs (update and solve)",
              ylabel="worst relative cost gap to the certified optimum")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    if axes.get_legend_handles_labels()[0]:  # somebody answered
+        axes.legend(fontsize=8)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="svg", metadata={"Date": None})

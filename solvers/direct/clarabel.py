@@ -7,7 +7,8 @@ arXiv 2405.12762 (2024).
 
 Timed: ``setup`` equilibrates and orders the KKT system; ``update`` copies the upper triangle of P and q into the
 library; ``solve`` iterates, one factorisation a step, and makes an array of the library's list. There is no warm start.
-Presolve is off in every tier, since the library refuses new data when it is on.
+The time that the library reports counts its set-up too. Presolve is off in every tier, since the library refuses new
+data when it is on.
 """
 
 from __future__ import annotations

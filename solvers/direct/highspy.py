@@ -9,8 +9,9 @@ Timed: ``setup`` passes the model; ``update`` passes the triangle of P and q; ``
 since the quadratic solver takes no starting point, and makes an array of the library's answer.
 
 The regularisation δ, 1e-7 by default, is never taken back and moves the answer: the tiers lower it, and none sets it to
-0, with which the library can hang. ``time_limit`` is ours, seconds for each solve: the library's own counts over all
-solves from the making of its object.
+0, with which the library can hang. Some answers are then still off by 1e-4 under the status optimal, and some solves
+end in "Solve error", the library's own check of its answer. ``time_limit`` is ours, seconds for each solve: the
+library's own counts over all solves from the making of its object.
 """
 
 from __future__ import annotations

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SERVER = """
-import json, os, resource, sys
+import gc, json, os, resource, sys
 from bench.cli.app import run
 from bench.problems import sets
 next(sets()["paper"]().problems())  # loads whatever is loaded at first use
-for line in sys.stdin:
+gc.freeze()
+while line := sys.stdin.readline():
     call = json.loads(line)
     child = os.fork()
     if not child:
@@ -30,8 +31,11 @@ for line in sys.stdin:
         os.chdir(call["folder"])
         if call["largest_file"]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)
-        sys.exit(run(call["words"]))
+        status = run(call["words"])
+        sys.stdout.flush()
+        os._exit(status)  # to take everything down in order costs a second
     print(child, flush=True)
+    sys.stdin.readline()  # until then its number is its own, though it may have ended
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
@@ -61,11 +65,12 @@ class Call:
         self.server, self.pid, self.stdout, self.stderr = server, pid, stdout, stderr
 
     def kill(self) -> None:
-        """``kill -9``, if it still runs (the server has not read its end before we ask for it)."""
+        """``kill -9``; no harm to a call that has ended, whose process stays a zombie until :meth:`wait`."""
         os.kill(self.pid, 9)
 
     def wait(self) -> Finished:
         """Wait for its end."""
+        self.server.ask("")
         return Finished(int(self.server.answer()), self.stdout.read_text(), self.stderr.read_text())
 
     def running(self) -> list[int]:
@@ -90,6 +95,12 @@ class CommandLine:
         self.server = subprocess.Popen([sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                        stderr=self.log, text=True, env={**os.environ, "TMPDIR": str(folder)})
 
+    def ask(self, line: str) -> None:
+        """Say a line to the server."""
+        assert self.server.stdin is not None
+        self.server.stdin.write(line + "\n")
+        self.server.stdin.flush()
+
     def answer(self) -> str:
         """The next line that the server says."""
         assert self.server.stdout is not None
@@ -101,11 +112,11 @@ class CommandLine:
         """Start a call; wait for its end before the next one."""
         self.calls += 1
         stdout, stderr = (self.folder / f"call{self.calls}.{name}" for name in ("stdout", "stderr"))
-        assert self.server.stdin is not None
+        for path in (stdout, stderr):
+            path.touch()  # a process may be killed before it opens them
         call: Mapping[str, object] = {"words": [str(word) for word in words], "stdout": str(stdout), "stderr": str(stderr),
                                       "folder": str(folder or self.folder), "largest_file": largest_file}
-        self.server.stdin.write(json.dumps(call) + "\n")
-        self.server.stdin.flush()
+        self.ask(json.dumps(call))
         return Call(self, int(self.answer()), stdout, stderr)
 
     def __call__(self, *words: object, folder: Path | None = None, largest_file: int = 0) -> Finished:

@@ -63,7 +63,7 @@ FAULTS = {
     "raises": ("solve(self)", f"raise RuntimeError('{MARKUP}')"),
     "raises_in_setup": ("setup(self)", "raise KeyError('no such setting')"),
     "raises_in_update": ("update(self, P)", "raise ValueError('cannot update')"),
-    "nan": ("solve(self)", "self.x[3] = np.nan"),
+    "answers_nan": ("solve(self)", "self.x[3] = np.nan"),
     "lies": ("solve(self)", "self.x = np.maximum(self.problem.lb, 1.0)"),
     "infeasible": ("solve(self)", "self.x = self.x - 0.1"),
     "short": ("solve(self)", "self.x = self.x[:-1]"),

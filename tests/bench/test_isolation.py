@@ -22,7 +22,7 @@ from solvers import Status, Tier
 STATUS = {
     "segfaults": Status.CRASHED, "aborts": Status.CRASHED, "exits": Status.CRASHED, "hangs": Status.TIMED_OUT,
     "hoards": Status.OUT_OF_MEMORY, "raises": Status.ADAPTER_FAILED, "raises_in_setup": Status.ADAPTER_FAILED,
-    "raises_in_update": Status.ADAPTER_FAILED, "nan": Status.INACCURATE, "lies": Status.INACCURATE,
+    "raises_in_update": Status.ADAPTER_FAILED, "answers_nan": Status.INACCURATE, "lies": Status.INACCURATE,
     "infeasible": Status.INACCURATE, "short": Status.INACCURATE, "nothing": Status.SOLVER_FAILED,
     "odd_duals": Status.ADAPTER_FAILED, "writes": Status.OK, "writes_later": Status.OK, "unrepeatable": Status.OK,
     "noisy": Status.OK, "unsupported": Status.UNSUPPORTED}
@@ -30,7 +30,7 @@ SAID = {
     "segfaults": "SIGSEGV", "aborts": "SIGABRT, after printing 'about to fall'", "exits": "exit status 3",
     "hangs": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
-    "nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation 1.0e-01",
+    "answers_nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation 1.0e-01",
     "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
     "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data"}
 

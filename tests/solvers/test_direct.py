@@ -27,7 +27,8 @@ WARM = ("daqp", "osqp", "proxsuite", "scs")
 # What the tier HIGH reaches here: error of x in the unit of each variable, and residuals relative to q. Active set methods
 # end at rounding. Splitting methods stop at residuals of 1e-9, from which an error of x follows that is larger by the
 # condition of the problem. Interior point methods stop at a gap of 1e-9 of the cost, and the error of x is its square root.
-# HiGHS drops small numbers on the way. Measured over 20 seeds: at most a fifth of each of these.
+# Measured over 20 seeds of these problems: at most a fifth of each number, but for HiGHS, whose number holds on the seeds used
+# here: of 1 920 others it ended 12 in "Solve error" and was off by up to 2e-4 on 3 that it called optimal.
 ERROR = {"daqp": 1e-11, "pyqpmad": 1e-11, "quadprog": 1e-11, "scs": 1e-5, "proxsuite": 1e-5, "osqp": 1e-5,
          "highspy": 2e-5, "clarabel": 1e-3, "piqp": 1e-3}
 RESIDUAL = {"daqp": 1e-11, "pyqpmad": 1e-11, "quadprog": 1e-11}
@@ -182,14 +183,23 @@ def test_update_gives_what_a_fresh_setup_gives(name: str, rows: bool, what: str)
     assert solution.dual_residual() < RESIDUAL.get(name, RESIDUAL_OTHERS) * np.abs(q).max()
 
 
+@pytest.mark.parametrize(("kind", "rows"), [("one-sided", False), ("mixed", True)])
 @pytest.mark.parametrize("name", NAMES)
-def test_many_updates_leave_no_trace(name: str) -> None:
-    pair = twins(9, "one-sided")
+def test_what_was_solved_before_leaves_no_trace(name: str, kind: str, rows: bool) -> None:
+    pair = twins(9, kind, rows)
     solver = ready(name, pair.problems[0])
-    for k in (1, 0, 1, 1, 0, 0):
-        solver.update(pair.problems[k].P, pair.problems[k].q)
-        assert pair.error(solver.solve(), k) < ERROR[name]
-        assert pair.error(solver.solve(), k) < ERROR[name]
+    which = 0
+    for step in ["solve", "other", "solve", "solve", "warm", "warm", "q", "solve", "other", "warm", "solve", "other", "other",
+                 "warm", "q", "warm"]:
+        if step == "other":
+            which = 1 - which
+            solver.update(pair.problems[which].P, pair.problems[which].q)
+        elif step == "q":
+            solver.update(q=pair.problems[which].q)
+        else:
+            start = pair.answers[1 - which] if step == "warm" and name in WARM else None
+            assert pair.error(solver.solve(start), which) < ERROR[name]
+            assert solver.solution().dual_residual() < 1e-6 * np.abs(pair.problems[which].q).max()
 
 
 @pytest.mark.parametrize("rows", [False, True])
@@ -314,11 +324,11 @@ def test_infeasible_rows_are_reported_and_give_no_number(name: str) -> None:
 def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
     problem = Problem(np.eye(3), np.ones(3), lb=np.array([0.0, 2.0, 0.0]), ub=np.ones(3))
     solver = make(name)
-    try:
-        solver.setup(problem)
-    except Unsupported as refusal:
-        assert "cross" in str(refusal)
+    if name in ("daqp", "osqp"):
+        with pytest.raises(Unsupported, match="cross"):
+            solver.setup(problem)
         return
+    solver.setup(problem)
     assert np.all(np.isnan(solver.solve()))
     assert solver.solution().found is False
 

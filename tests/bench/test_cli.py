@@ -1,0 +1,353 @@
+"""The command line as a new user meets it: what it refuses, and that it then leaves nothing behind."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from command_line import CommandLine
+from conftest import Race
+
+from bench.cli.app import app
+from bench.problems import sets
+from piezo_model import HysteresisCreepModel, plants
+from piezo_model.recordings import write_table
+from piezo_model.signals import multi_sine
+
+SAMPLE_TIME = 1e-3
+VERBS = [command.name or "" for command in app.registered_commands]
+HEADER = "time_s,voltage_V,displacement_um"
+
+
+def actuator() -> plants.Actuator:
+    return plants.get("dense_prandtl_ishlinskii", sample_time=SAMPLE_TIME)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a good recording, a good reference and the model of the recording."""
+    folder = tmp_path_factory.mktemp("desk")
+    plant = actuator()
+    low, high = plant.x_range
+    x = multi_sine(duration_s=8.0, sample_time=SAMPLE_TIME, low=low, high=high, seed=1)
+    y = plant.run(x)
+    t = np.arange(x.size) * SAMPLE_TIME
+    write_table(folder / "stage.csv", {"time_s": t, "voltage_V": x, "displacement_um": y})
+    slow = np.interp(t, [0.0, 1.0], [0.0, 1.0]) * (0.5 + 0.35 * np.sin(2 * np.pi * 0.5 * t))
+    write_table(folder / "path.csv", {"time_s": t, "reference_um": y.min() + np.ptp(y) * slow})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def identified(piezobench: CommandLine, desk: Path) -> str:
+    """What identify says; the model is on the desk afterwards."""
+    call = piezobench("identify", "stage.csv", "--time", "time_s", "--input", "voltage_V", "--output", "displacement_um",
+                      "--out", "model.json", folder=desk)
+    assert (call.status, call.stderr) == (0, "")
+    return call.stdout
+
+
+def listing(folder: Path) -> list[tuple[str, int]]:
+    return sorted((str(path.relative_to(folder)), path.stat().st_size) for path in folder.rglob("*"))
+
+
+def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file: int = 0) -> str:
+    """The sentence of a call that is refused and leaves the folder as it was."""
+    before = listing(folder)
+    sentence = piezobench(*words, folder=folder, largest_file=largest_file).refusal
+    assert listing(folder) == before
+    return sentence
+
+
+# Help and usage.
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_that_says_what_it_does_and_what_its_options_are(piezobench: CommandLine, verb: str) -> None:
+    call = piezobench(verb, "--help")
+    assert (call.status, call.stderr) == (0, "")
+    assert call.stdout.startswith(f"Usage: piezobench {verb}")
+    for line in call.stdout.split("Options:")[1].splitlines():
+        assert not line.strip().startswith("--") or len(line.split()) > 1
+
+
+@pytest.mark.parametrize("words", [(), ("--help",)])
+def test_the_command_alone_lists_its_verbs(piezobench: CommandLine, words: tuple[str, ...]) -> None:
+    call = piezobench(*words)
+    assert call.status == 0
+    assert all(f"  {verb} " in call.stdout for verb in VERBS)
+
+
+def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> None:
+    calls = [[sys.executable, "-m", "bench", "report", "nowhere"]]
+    script = Path(sys.executable).with_name("piezobench")
+    if script.exists():
+        calls.append([str(script), "report", "nowhere"])
+    for call in calls:
+        done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == "piezobench report: nowhere: is not a run, there is no run.json in it\n"
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["compensat"], "piezobench: No such command 'compensat'. Did you mean 'compensate'?; see piezobench --help"),
+    (["--fast"], "piezobench: No such option: --fast; see piezobench --help"),
+    (["race", "--quick"], "piezobench race: No such option: --quick; see piezobench race --help"),
+    (["race", "--limit", "some"], "--limit"), (["race", "--limit", "0"], "--limit"), (["race", "--tier", "best"], "'default', "),
+    (["race", "--lane", "fast"], "'kernel', 'direct'"), (["resume"], "Missing argument 'run'"),
+    (["report"], "Missing argument 'run'"), (["identify"], "Missing argument 'recording'"),
+    (["identify", "stage.csv"], "Missing option '--out'"), (["compensate", "model.json"], "Missing argument 'reference'"),
+    (["problems", "more"], "more"),
+])
+def test_wrong_usage_is_one_sentence_that_names_the_verb(piezobench: CommandLine, desk: Path, words: list[str],
+                                                         said: str) -> None:
+    assert said in refused(piezobench, desk, *words)
+
+
+# Identify.
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--input", "volts"], ["stage.csv", "volts", "voltage_V"]),
+    (["--time", "seconds"], ["stage.csv", "seconds", "time_s"]),
+    (["--output", "voltage_V", "--input", "voltage_V"], ["stage.csv", "voltage_V"]),
+    (["--solver", "best"], ["no solver 'best'", "box_active_set"]),
+    (["--creep-rates", "1,fast"], ["'1,fast'", "--creep-rates"]),
+    (["--n", "-1"], ["--n"]),
+    (["--n", "many"], ["--n"]),
+    (["--skip", "8000"], ["skip"]),
+    (["--lag", "later"], ["--lag"]),
+])
+def test_identify_refuses_an_option_that_the_recording_cannot_meet(piezobench: CommandLine, desk: Path, options: list[str],
+                                                                   said: list[str]) -> None:
+    sentence = refused(piezobench, desk, "identify", "stage.csv", "--out", "other.json", *options)
+    assert all(word in sentence for word in said), sentence
+
+
+def changed(rows: list[str], row: int, column: int, value: str) -> list[str]:
+    cells = rows[row].split(",")
+    cells[column] = value
+    return [*rows[:row], ",".join(cells), *rows[row + 1:]]
+
+
+BAD_RECORDINGS: dict[str, tuple[Callable[[list[str]], list[str]], list[str]]] = {
+    "text": (lambda rows: changed(rows, 70, 1, "high"), ["voltage_V", "high"]),
+    "nan": (lambda rows: changed(rows, 5000, 2, "NaN"), ["displacement_um", "data row 5000"]),
+    "gap": (lambda rows: changed(rows, 5000, 2, ""), ["displacement_um", "data row 5000"]),
+    "infinite": (lambda rows: changed(rows, 40, 1, "inf"), ["voltage_V", "data row 40"]),
+    "two": (lambda rows: rows[:3], ["2 "]),
+    "backwards": (lambda rows: [rows[0], *rows[:0:-1]], ["time_s", "backwards"]),
+    "leap": (lambda rows: rows[:4000] + rows[4100:], ["time_s"]),
+    "constant": (lambda rows: [rows[0], *(f"{row.split(',')[0]},3,{row.split(',')[2]}" for row in rows[1:])],
+                 ["voltage_V", "constant"]),
+    "heading": (lambda rows: rows[:1], ["0 data rows"]),
+    "nothing": (lambda rows: [], []),
+    "ragged": (lambda rows: [*rows[:50], rows[50] + ",1", *rows[51:]], ["5"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD_RECORDINGS)
+def test_identify_refuses_a_bad_recording_and_says_where_it_is_bad(piezobench: CommandLine, desk: Path, tmp_path: Path,
+                                                                   name: str) -> None:
+    spoil, said = BAD_RECORDINGS[name]
+    rows = spoil((desk / "stage.csv").read_text().splitlines())
+    (tmp_path / f"{name}.csv").write_text("".join(row + "\n" for row in rows))
+    sentence = refused(piezobench, tmp_path, "identify", f"{name}.csv", "--out", "model.json")
+    assert all(word in sentence for word in (f"{name}.csv", *said)), sentence
+
+
+def test_identify_refuses_what_is_no_recording_at_all(piezobench: CommandLine, tmp_path: Path) -> None:
+    def identify(name: str) -> str:
+        sentence = refused(piezobench, tmp_path, "identify", name, "--out", "model.json")
+        assert name in sentence
+        return sentence
+
+    pq.write_table(pa.table({name: pa.array([], pa.float64()) for name in HEADER.split(",")}), tmp_path / "empty.parquet")
+    (tmp_path / "blank.parquet").write_bytes(b"")
+    (tmp_path / "picture.csv").write_bytes(bytes(range(256)) * 20)
+    (tmp_path / "stage.xlsx").write_bytes(b"PK")
+    (tmp_path / "folder.csv").mkdir()
+    for name in ("missing.csv", "missing.parquet", "empty.parquet", "blank.parquet", "picture.csv", "stage.xlsx", "folder.csv"):
+        identify(name)
+
+
+# Compensate.
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", "half", "nan"])
+def test_compensate_refuses_a_damaged_model(piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path,
+                                            text: str) -> None:
+    whole = (desk / "model.json").read_text()
+    (tmp_path / "model.json").write_text(
+        {"half": whole[:len(whole) // 2], "nan": whole.replace('"w_H": [', '"w_H": [NaN, ')}.get(text, text))
+    assert "model.json" in refused(piezobench, tmp_path, "compensate", "model.json", desk / "path.csv", "--out", "drive.csv")
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--reference", "path"], ["path.csv", "path", "reference_um"]),
+    (["--time", "seconds"], ["path.csv", "seconds"]),
+    (["--low", "100", "--high", "50"], ["100", "50"]),
+    (["--low", "nan"], ["nan"]),
+    (["--rate-limit", "0"], ["--rate-limit", "positive"]),
+    (["--rate-limit", "nan"], ["--rate-limit"]),
+])
+def test_compensate_refuses_an_option_that_makes_no_sense(piezobench: CommandLine, desk: Path, identified: str,
+                                                          options: list[str], said: list[str]) -> None:
+    sentence = refused(piezobench, desk, "compensate", "model.json", "path.csv", "--out", "drive.csv", *options)
+    assert all(word in sentence for word in said), sentence
+
+
+def test_compensate_refuses_a_reference_that_does_not_go_with_the_model(piezobench: CommandLine, desk: Path,
+                                                                        identified: str, tmp_path: Path) -> None:
+    t = np.arange(100) * SAMPLE_TIME
+    write_table(tmp_path / "slow.csv", {"time_s": 2 * t, "reference_um": t})
+    write_table(tmp_path / "nm.csv", {"time_s": t, "reference_nm": t})
+    (tmp_path / "nan.csv").write_text("time_s,reference_um\n0,1\n0.001,NaN\n0.002,1\n")
+    for name, said in (("slow.csv", "every 0.002 s"), ("nm.csv", "in nm"), ("nan.csv", "data row 2"),
+                       ("missing.csv", "no such file")):
+        sentence = refused(piezobench, tmp_path, "compensate", desk / "model.json", name, "--out", "drive.csv")
+        assert name in sentence
+        assert said in sentence
+
+
+# Where results go.
+
+
+@pytest.mark.parametrize("verb", ["identify", "compensate"])
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(piezobench: CommandLine, desk: Path, identified: str,
+                                                                     verb: str) -> None:
+    arguments = {"identify": ["stage.csv"], "compensate": ["model.json", "path.csv"]}[verb]
+    for out, said in (("nowhere/out.csv", "the folder nowhere does not exist"), (".", "is a folder"),
+                      ("/dev/null", "is no ordinary file"), ("stage.csv/out.csv", "the folder stage.csv does not exist")):
+        assert said in refused(piezobench, desk, verb, *arguments, "--out", out)
+    assert Path("/dev/null").is_char_device()
+
+
+@pytest.mark.parametrize("verb", ["identify", "compensate"])
+def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(piezobench: CommandLine, desk: Path, identified: str,
+                                                             tmp_path: Path, verb: str) -> None:
+    for name in ("stage.csv", "path.csv", "model.json"):
+        shutil.copy(desk / name, tmp_path)
+    (tmp_path / "out.csv").write_text("old")
+    arguments = {"identify": ["stage.csv"], "compensate": ["model.json", "path.csv"]}[verb]
+    sentence = refused(piezobench, tmp_path, verb, *arguments, "--out", "out.csv", largest_file=1000)
+    assert "File too large" in sentence
+    assert "out.csv" in sentence
+    assert (tmp_path / "out.csv").read_text() == "old"
+
+
+def test_compensate_refuses_a_format_that_it_does_not_write(piezobench: CommandLine, desk: Path, identified: str) -> None:
+    assert "drive.xlsx" in refused(piezobench, desk, "compensate", "model.json", "path.csv", "--out", "drive.xlsx")
+
+
+# Races.
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--solver", "best"], ["no solver 'best'", "daqp"]),
+    (["--solver", "best.py"], ["best.py", "not a file"]),
+    (["--set", "hard"], ["no problem set 'hard'", "paper"]),
+    (["--name", "a/b"], ["a/b"]),
+    (["--out", "file"], ["file"]),
+    (["--out", "/proc/results"], ["/proc/results"]),
+    (["--out", "done/..", "--name", "done"], ["done", "is there already"]),
+])
+def test_race_refuses_what_it_cannot_race(piezobench: CommandLine, tmp_path: Path, options: list[str],
+                                          said: list[str]) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "done").mkdir()
+    sentence = refused(piezobench, tmp_path, "race", "--limit", 1, "--lane", "direct", "--solver", "daqp", *options)
+    assert all(word in sentence for word in said), sentence
+
+
+def test_race_refuses_a_solver_in_a_lane_that_it_is_not_in(piezobench: CommandLine, tmp_path: Path) -> None:
+    assert "no solver of those asked for is in the lane kernel" in refused(piezobench, tmp_path, "race", "--lane", "kernel",
+                                                                          "--solver", "daqp")
+
+
+@pytest.mark.parametrize("verb", ["report", "resume"])
+def test_report_and_resume_refuse_a_folder_that_is_no_run(piezobench: CommandLine, tmp_path: Path, verb: str) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_text("")
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "run.json").write_text("{}")
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "run.json").write_text('{"settings": {')
+    for name in ("missing", "empty", "file", "foreign", "broken"):
+        assert name in refused(piezobench, tmp_path, verb, name)
+
+
+def test_report_on_a_race_that_was_not_finished_says_to_resume_it(piezobench: CommandLine, clean_race: Race,
+                                                                 tmp_path: Path) -> None:
+    shutil.copytree(clean_race.run.path, tmp_path / "run")
+    (tmp_path / "run" / "rows.parquet").unlink()
+    assert "resume it" in refused(piezobench, tmp_path, "report", "run")
+
+
+def test_resume_names_a_solver_file_that_has_gone(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
+    settings = clean_race.run.settings
+    settings["settings"]["solver_files"] = [str(tmp_path / "gone.py")]
+    for folder in ("run/tasks", "run/problems"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "run" / "run.json").write_text(json.dumps(settings))
+    assert "gone.py" in refused(piezobench, tmp_path, "resume", "run")
+
+
+def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: CommandLine, clean_race: Race) -> None:
+    for verb in ("report", "resume"):
+        call = piezobench(verb, clean_race.run.path)
+        assert (call.status, call.stderr) == (0, "")
+        assert "answer every problem right" in call.stdout
+        assert str(clean_race.run.path / "report.md") in call.stdout
+
+
+def test_a_race_says_first_who_is_right_and_last_where_the_report_is(clean_race: Race) -> None:
+    said = clean_race.call.stdout.splitlines()
+    assert said[0].startswith("With scaled data, ")
+    assert said[-1] == f"Report: {clean_race.run.path / 'report.md'}"
+    assert clean_race.call.stderr == ""
+
+
+def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: CommandLine) -> None:
+    said = piezobench("problems").stdout
+    for name, made in sets().items():
+        assert re.search(rf"^{name} +{len(made())} +{re.escape(made.description)}", said, re.MULTILINE)
+
+
+# The way through.
+
+
+def test_identify_says_what_it_found_and_writes_a_model(identified: str, desk: Path) -> None:
+    assert "stage.csv: 8000 samples over 7.999 s" in identified
+    assert identified.splitlines()[-1] == "Model: model.json"
+    model = HysteresisCreepModel.load(desk / "model.json")
+    assert (model.structure.input_unit, model.structure.output_unit) == ("V", "um")
+
+
+def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line(piezobench: CommandLine, desk: Path,
+                                                                               identified: str) -> None:
+    call = piezobench("compensate", "model.json", "path.csv", "--out", "drive.csv", folder=desk)
+    assert (call.status, call.stderr) == (0, "")
+    assert call.stdout.splitlines()[-1] == "Drive: drive.csv"
+    assert (desk / "drive.csv").read_text().startswith("time_s,drive_V\n")
+    time, drive = np.loadtxt(desk / "drive.csv", delimiter=",", skiprows=1, unpack=True)
+    wanted = np.loadtxt(desk / "path.csv", delimiter=",", skiprows=1)[:, 1]
+    np.testing.assert_allclose(np.diff(time), SAMPLE_TIME)
+    plant = actuator()
+    low, high = plant.x_range
+    assert drive.min() >= low
+    assert drive.max() <= high
+    recorded = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1)
+    slope, offset = np.polyfit(recorded[:, 1], recorded[:, 2], 1)
+    errors = []
+    for x in (drive, np.clip((wanted - offset) / slope, low, high)):
+        error = (actuator().run(x) - wanted)[2000:]  # after the way from where each of them rests
+        errors.append(np.sqrt(np.mean(error**2)))
+    assert errors[0] < 0.3 * errors[1], errors
