@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
-from bench.clock import Effort, Nanoseconds, time_call, time_kernel, time_pairs
+from bench.clock import Effort, time_call, time_kernel, time_pairs
 from bench.task import Task
-from solvers.protocol import Lane, Solver, Unsupported
+from solvers.protocol import Lane, Nanoseconds, Solver, Unsupported
 from solvers.registry import Described, Entry, describe, from_file
 
 Vector = NDArray[np.float64]

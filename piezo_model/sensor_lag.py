@@ -141,39 +141,6 @@ def shift_output(y: Vector, lag: float) -> Shifted:
     return Shifted(values, slice(start, stop))
 
 
-def estimate_lag(x: Vector, y: Vector, residual: Callable[[Vector, Vector], float], max_lag: float) -> float:
-    """Lag of the output, in samples, at which a model of it leaves the smallest residual.
-
-    :func:`minimise_over_lag` tells more: the residuals, and whether the lag may be larger than ``max_lag``.
-
-    Parameters
-    ----------
-    x, y : array, shape (samples,)
-        Input and output as recorded.
-    residual : callable
-        Fits a model to an input and an output of equal length and returns what it leaves, such as the RMS error. It
-        is called with the same samples of x at every lag.
-    max_lag : float
-        Largest lag looked at, in samples.
-
-    Raises
-    ------
-    ValueError
-        Unequal lengths, or too few samples.
-    """
-    if x.shape != y.shape:
-        raise ValueError(f"input and output must be of one length, not {x.shape} and {y.shape}")
-    start, stop = HALF_WIDTH, y.size - HALF_WIDTH - math.ceil(max_lag)
-    if stop <= start:
-        raise ValueError(f"{y.size} samples are too few to look for a lag of up to {max_lag:g} samples")
-
-    def cost(lag: float) -> float:
-        values, kept = shift_output(y, lag)
-        return residual(x[start:stop], values[start - kept.start:stop - kept.start])
-
-    return minimise_over_lag(cost, max_lag).lag
-
-
 def _kernel(fraction: float) -> Vector:
     """Weights of the neighbours −HALF_WIDTH + 1 … HALF_WIDTH for the value at ``fraction``, with sum 1."""
     distance = np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - fraction

@@ -26,6 +26,7 @@ while line := sys.stdin.readline():
     child = os.fork()
     if not child:
         os.setsid()
+        print(os.getpid(), flush=True)
         for number, path in enumerate((os.devnull, call["stdout"], call["stderr"])):
             os.dup2(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND), number)
         os.chdir(call["folder"])
@@ -34,7 +35,6 @@ while line := sys.stdin.readline():
         status = run(call["words"])
         sys.stdout.flush()
         os._exit(status)  # to take everything down in order costs a second
-    print(child, flush=True)
     sys.stdin.readline()  # until then its number is its own, though it may have ended
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
