@@ -114,6 +114,10 @@ class Solver(ABC):
     """The settings that each tier maps to."""
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
     """Settings that a race shows beside each other, such as numbers of steps."""
+    takes_rows: ClassVar[bool] = False
+    """Whether the solver follows data that come row by row by ``append``; it then has the setting ``forgetting``."""
+    iteration_setting: ClassVar[str | None] = None
+    """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
 
     def __init__(self, tier: Tier | str = Tier.DEFAULT, **settings: Any) -> None:
         self.tier = Tier(tier)
@@ -130,6 +134,26 @@ class Solver(ABC):
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), valid until the next call."""
+
+    def append(self, row: Vector, target: float) -> None:
+        """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)² more, in place of ``update``."""
+        raise Unsupported(f"{self.name} takes no rows")
+
+    def iterate(self) -> Vector | None:
+        """Return where the last solve stood when its iteration limit ended it, shape (d,); None after any other end."""
+        return None
+
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows (ξ, x), shape (N, d + 1), one after the other inside compiled code and answer after each.
+
+        Returns
+        -------
+        answers : array (N, d)
+        nanoseconds : array (N,)
+            What the solver's part of each row took: everything but :func:`solvers.kernels.forgetting.absorb`, unless
+            that is the solver's own work.
+        """
+        raise Unsupported(f"{self.name} has no compiled loop over rows")
 
     def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Update and solve ``count`` times inside compiled code and return the nanoseconds of each, shape (count,).

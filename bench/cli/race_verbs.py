@@ -121,9 +121,9 @@ def _show(run: Run, report: Path) -> None:
     table = figures.summary(rows)
     for sentence in figures.verdict(rows).sentences:
         console.print(sentence)
-    for scaling, part in table.groupby("scaling", sort=False):
+    for (problem_set, scaling), part in table.groupby(["problem_set", "scaling"], sort=False):
         best = part.sort_values("tier", key=lambda tiers: tiers != "high").drop_duplicates(["solver", "lane", "settings"])
-        console.print(f"\n{str(scaling).capitalize()} data, the most exact tier of each:")
+        console.print(f"\n{problem_set}, {scaling} data, the most exact tier of each:")
         headings = {key: text for key, text in markdown.HEADINGS.items()
                     if key not in ("worst_primal_residual", "worst_dual_residual", "solve_us_max")}
         print_table(list(headings.values()), [[markdown.cell(row, key) for key in headings]

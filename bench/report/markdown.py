@@ -53,7 +53,8 @@ def render(run: Run) -> str:
     environment.filters["plain"] = plain
     return environment.get_template("report.md.jinja").render(
         name=run.path.name, settings=run.settings, sentences=figures.verdict(rows).sentences, headings=HEADINGS,
-        parts=[(scaling, [row for _, row in part.iterrows()]) for scaling, part in table.groupby("scaling", sort=False)],
+        parts=[(*names, [row for _, row in part.iterrows()])
+               for names, part in table.groupby(["problem_set", "scaling"], sort=False)],
         problems=rows.drop_duplicates(["problem_set", "problem"])[["problem_set", "problem", "d"]].values.tolist(),
         failures=rows[rows.message != ""].drop_duplicates(["solver", "lane", "message"])[
             ["solver", "lane", "tier", "scaling", "problem", "status", "message"]].values.tolist(), cell=cell)

@@ -32,6 +32,7 @@ class Clarabel(Solver):
     algorithm = "interior point"
     licence = "Apache-2.0"
     distribution = "clarabel"
+    iteration_setting = "max_iter"
     tiers = MappingProxyType({
         tier: {"tol_feas": tier.tolerance, "tol_gap_abs": tier.tolerance, "tol_gap_rel": tier.tolerance,
                "max_iter": 1000}
@@ -61,6 +62,10 @@ class Clarabel(Solver):
         self._answer = self._solver.solve()
         self._found = self._answer.status == clarabel.SolverStatus.Solved
         return np.array(self._answer.x) if self._found else self.program.no_answer()
+
+    def iterate(self) -> Vector | None:  # noqa: D102
+        limit_met = self._answer.status == clarabel.SolverStatus.MaxIterations
+        return np.array(self._answer.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102
         a = self._answer

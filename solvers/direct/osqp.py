@@ -35,6 +35,7 @@ class Osqp(Solver):
     licence = "Apache-2.0"
     distribution = "osqp"
     warm_startable = True
+    iteration_setting = "max_iter"
     tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iter": 200_000}
                               for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
@@ -68,6 +69,10 @@ class Osqp(Solver):
         self._found = self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
         x: Vector = self._result.x
         return x if self._found else self.program.no_answer()
+
+    def iterate(self) -> Vector | None:  # noqa: D102
+        limit_met = self._result.info.status_val == osqp.SolverStatus.OSQP_MAX_ITER_REACHED
+        return np.array(self._result.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102
         r = self._result

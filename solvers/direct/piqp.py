@@ -29,6 +29,7 @@ class Piqp(Solver):
     algorithm = "proximal interior point"
     licence = "BSD-2-Clause"
     distribution = "piqp"
+    iteration_setting = "max_iter"
     tiers = MappingProxyType({
         tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "eps_duality_gap_abs": tier.tolerance,
                "eps_duality_gap_rel": tier.tolerance, "max_iter": 1000}
@@ -58,6 +59,9 @@ class Piqp(Solver):
         self._status = self._solver.solve()
         self._found = self._status == piqp.PIQP_SOLVED
         return self._solver.result.x.copy() if self._found else self.program.no_answer()
+
+    def iterate(self) -> Vector | None:  # noqa: D102
+        return np.array(self._solver.result.x) if self._status == piqp.PIQP_MAX_ITER_REACHED else None
 
     def solution(self) -> Solution:  # noqa: D102
         r = self._solver.result

@@ -30,6 +30,7 @@ class Qoco(Solver):
     algorithm = "interior point"
     licence = "BSD-3-Clause"
     distribution = "qoco"
+    iteration_setting = "max_iters"
     tiers = MappingProxyType({tier: {"abstol": tier.tolerance, "reltol": tier.tolerance}
                               for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
@@ -54,6 +55,9 @@ class Qoco(Solver):
         self._result = self._solver.solve()
         x: Vector = self._result.x
         return x if self._result.status == "QOCO_SOLVED" else self.program.no_answer()
+
+    def iterate(self) -> Vector | None:  # noqa: D102
+        return np.array(self._result.x) if self._result.status == "QOCO_MAX_ITER" else None
 
     def solution(self) -> Solution:  # noqa: D102
         r = self._result

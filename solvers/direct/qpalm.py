@@ -33,6 +33,7 @@ class Qpalm(Solver):
     licence = "LGPL-3.0-or-later"
     distribution = "qpalm"
     warm_startable = True
+    iteration_setting = "max_iter"
     tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iter": 100_000}
                               for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
@@ -64,6 +65,10 @@ class Qpalm(Solver):
         self._solver.solve(asynchronous=False)
         self._found = self._solver.info.status == "solved"
         return self._solver.solution.x.copy() if self._found else self.program.no_answer()
+
+    def iterate(self) -> Vector | None:  # noqa: D102
+        limit_met = self._solver.info.status == "maximum iterations reached"
+        return np.array(self._solver.solution.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102
         s, info = self._solver.solution, self._solver.info

@@ -33,6 +33,7 @@ class Scs(Solver):
     licence = "MIT"
     distribution = "scs"
     warm_startable = True
+    iteration_setting = "max_iters"
     tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iters": 1_000_000}
                               for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
@@ -70,6 +71,10 @@ class Scs(Solver):
         self._dual = {"y": self._result["y"], "s": self._result["s"]}
         x: Vector = self._result["x"]
         return x
+
+    def iterate(self) -> Vector | None:  # noqa: D102
+        limit_met = self._result["info"]["status_val"] == scs.SOLVED_INACCURATE
+        return np.array(self._result["x"]) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102
         r, info = self._result, self._result["info"]

@@ -47,6 +47,7 @@ class AcceleratedProjection(Solver):
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
     warm_startable: ClassVar[bool] = True
+    iteration_setting: ClassVar[str | None] = "steps"
     tiers: ClassVar[Mapping[Tier, Mapping[str, Any]]] = {
         tier: {"tolerance": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)
     }

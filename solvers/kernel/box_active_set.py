@@ -17,6 +17,7 @@ from solvers.kernels import box_data
 from solvers.kernels.box_data import DUAL_STEPS, OK, PROXIMAL_STEPS, REASONS, SINGULAR, STATE, SYSTEMS
 from solvers.kernels.box_factor import ANSWER, Integers
 from solvers.kernels.box_pivoting import solve_box
+from solvers.kernels.forgetting import absorb
 from solvers.kernels.vector import compiled, entry
 from solvers.nanoclock import monotonic_ns
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
@@ -102,6 +103,14 @@ class BoxActiveSet(Solver):
         _accept(self._status)
         return updates, solves
 
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
+        rows = np.ascontiguousarray(rows, dtype=np.float64)
+        answers, nanoseconds = np.empty((rows.shape[0], self._q.size)), np.empty(rows.shape[0], dtype=np.int64)
+        self._status = _follow(self._work, self._iwork, self._P, self._q, rows, forgetting, answers, nanoseconds)
+        _accept(self._status)
+        return answers, nanoseconds
+
     def solution(self) -> Solution:
         """Return the last answer; ``extras`` count the linear systems, dual and proximal steps it took."""
         problem = Problem(self._P, self._q, lb=self._lb, ub=self._ub)
@@ -121,6 +130,22 @@ def _time(work: Matrix, iwork: Integers, P: Matrix, q: Vector, warm: bool, updat
         status = solve_box(work, iwork, warm) if status == OK else status
         updates[k], solves[k] = between - start, monotonic_ns() - between
     return status
+
+
+@compiled
+def _follow(work: Matrix, iwork: Integers, P: Matrix, q: Vector, rows: Matrix, forgetting: float, answers: Matrix,
+            nanoseconds: Integers) -> int:
+    c = np.zeros(1)
+    for k in range(rows.shape[0]):
+        absorb(P, q, c, rows, k, k + 1, forgetting)
+        start = monotonic_ns()
+        status = max(box_data.set_hessian(work, iwork, P), box_data.set_linear(work, iwork, q))
+        status = solve_box(work, iwork, True) if status == OK else status
+        nanoseconds[k] = monotonic_ns() - start
+        if status != OK:
+            return status
+        answers[k] = work[ANSWER, :q.size]
+    return OK
 
 
 def _accept(status: int) -> None:

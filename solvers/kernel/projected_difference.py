@@ -56,6 +56,7 @@ class ProjectedDifference(Solver):
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
     warm_startable: ClassVar[bool] = True
+    iteration_setting: ClassVar[str | None] = "steps"
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
 
     def setup(self, problem: Problem) -> None:
@@ -126,6 +127,14 @@ class ProjectedDifference(Solver):
         assert self._recursion is not None, "setup comes first"
         self._recursion.start(np.zeros(self._q.size))
         return None, self._recursion.time(count, self._steps, self._threshold)
+
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but the data."""
+        assert self._recursion is not None, "setup comes first"
+        if self.settings.get("diagonal_scaling", False) or self._tolerance is not None:
+            raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
+        return self._recursion.follow(self._P, self._q, np.ascontiguousarray(rows, dtype=np.float64), forgetting,
+                                      self._ratio, self._steps)
 
     def solution(self) -> Solution:
         """Return the last iterate with the duals of its last projection; ``extras`` say steps and step size."""

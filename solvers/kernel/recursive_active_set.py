@@ -46,6 +46,7 @@ class RecursiveActiveSet(Solver):
     algorithm: ClassVar[str] = "principal pivoting on a recursively updated inverse"
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
+    takes_rows: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:
         """Allocate, and find the optimum of the data so far.
@@ -111,6 +112,12 @@ class RecursiveActiveSet(Solver):
         self._check(swept.take_rows(self._work, self._iwork, self._numbers, rows.reshape(-1), answers.reshape(-1),
                                     nanoseconds))
         return answers, nanoseconds
+
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows as :meth:`append_many` does; the data are this solver's own work and part of the time."""
+        if forgetting != self._numbers[swept.FORGETTING]:
+            raise ValueError(f"{self.name}: was set up with forgetting {self._numbers[swept.FORGETTING]}, not {forgetting}")
+        return self.append_many(rows)
 
     def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Start anew from P and q, which includes finding the optimum, timed as solves; there is no update apart."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from solvers.kernels.box_factor import Integers
 from solvers.kernels.cone_projection import Cone, project_coupled
+from solvers.kernels.forgetting import absorb
 from solvers.kernels.product import affine
 from solvers.kernels.vector import aligned, compiled, entry, load, store
 from solvers.nanoclock import monotonic_ns
@@ -89,6 +90,33 @@ def timed(work: Matrix, start: Matrix, d: int, steps: int, threshold: float, A: 
 
 
 @compiled
+def follow(work: Matrix, P: Matrix, q: Vector, rows: Matrix, forgetting: float, ratio: float, steps: int, A: Matrix,
+           b: Vector, index: Integers, dual: Matrix, idual: Integers, answers: Matrix, nanoseconds: Integers) -> None:
+    """Take ``steps`` steps after each row (ξ, x) of a stream, from where the last ones ended, and note their time.
+
+    η = 2 ratio/‖P‖∞, which is never above 2 ratio/λ_max and costs d² additions instead of an eigenvalue.
+    """
+    d, c = q.size, np.zeros(1)
+    for k in range(rows.shape[0]):
+        absorb(P, q, c, rows, k, k + 1, forgetting)
+        start, largest = monotonic_ns(), 0.0
+        for i in range(d):
+            total = 0.0
+            for j in range(d):
+                total += abs(P[i, j])
+            largest = max(largest, total)
+        eta = 2.0 * ratio / largest if largest > 0.0 else 1.0
+        for i in range(d):
+            for j in range(d):
+                work[COLUMNS + i, j] = -eta * P[i, j]
+            work[SHIFT, i] = -eta * q[i]
+            work[CARRY, i] = work[W, i] + work[SHIFT, i]
+        run(work, d, steps, -1.0, A, b, index, dual, idual)
+        nanoseconds[k] = monotonic_ns() - start
+        answers[k] = work[W, :d]
+
+
+@compiled
 def distance_squared(work: Matrix, i: int, j: int) -> float:
     """|work[i] − work[j]|², 2-norm."""
     square = 0.0
@@ -139,6 +167,13 @@ class Recursion:
         """Step on; returns the number of steps taken."""
         taken: int = self._run(self._work, self.d, steps, threshold, *self._arguments)
         return taken
+
+    def follow(self, P: Matrix, q: Vector, rows: Matrix, forgetting: float, ratio: float, steps: int,
+               ) -> tuple[Matrix, Integers]:
+        """Answers (N, d) and nanoseconds (N,) of :func:`follow`, which moves P and q on."""
+        answers, nanoseconds = np.empty((rows.shape[0], self.d)), np.empty(rows.shape[0], dtype=np.int64)
+        follow(self._work, P, q, rows, forgetting, ratio, steps, *self._arguments, answers, nanoseconds)
+        return answers, nanoseconds
 
     def time(self, count: int, steps: int, threshold: float = -1.0) -> Integers:
         """Nanoseconds of ``count`` runs from where it stands, each from there, shape (count,)."""

@@ -1,0 +1,121 @@
+"""Percentiles with intervals that presume no distribution, and refused where the sample is too small.
+
+Of N samples in order, X₁ ≤ … ≤ X_N, the q-quantile ξ is the observed X_⌈qN⌉. How many samples lie below ξ is binomial,
+K ~ Bin(N, q), so that for any continuous distribution
+
+    P(X_l ≤ ξ ≤ X_u) = P(l ≤ K < u) = F(u − 1) − F(l − 1),   F the distribution function of K.
+
+l is the largest and u the smallest rank that leave at most 2.5 % below and above. Where not even u = N does, the upper end
+is the maximum and the lower tail takes what is left of the 5 %, and so with l = 1. Where the widest interval (X₁, X_N) covers less than
+95 %, qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and p99.99 needs 29 956.
+
+The samples are taken as independent. Delays come in bursts, so that the true intervals of tails are wider; several
+processes and the floor of the machine beside them are the remedy.
+
+Sources: H. A. David and H. N. Nagaraja, Order Statistics, 3rd edition 2003, section 7.1; C. J. Clopper and E. S. Pearson,
+Biometrika 26 (1934) 404 to 413.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import beta, binom
+
+CONFIDENCE = 0.95
+QUANTILES = (0.5, 0.99, 0.999, 0.9999)
+
+
+@dataclass(frozen=True)
+class Percentile:
+    """A percentile with its interval, or the reason why there is none.
+
+    Attributes
+    ----------
+    q : float
+        As a share of one.
+    value, low, high : float or None
+        The percentile and the ends of its interval, in the unit of the sample; all None where it is refused.
+    reason : str
+        "", or what a refused percentile needs.
+    """
+
+    q: float
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    reason: str = ""
+
+    @property
+    def name(self) -> str:
+        """The usual name, such as p99.9."""
+        return f"p{100.0 * self.q:.10g}"
+
+
+def needed(q: float, confidence: float = CONFIDENCE) -> int:
+    """Fewest samples whose range covers the q-quantile with the confidence asked for.
+
+    Examples
+    --------
+    >>> [needed(q) for q in QUANTILES]
+    [6, 299, 2995, 29956]
+    """
+    if not 0.0 < q < 1.0:
+        raise ValueError(f"a percentile lies between 0 and 1 as a share, not at {q}")
+    tail = max(q, 1.0 - q)
+    count = max(1, math.floor(math.log(1.0 - confidence) / math.log(tail)))
+    while q**count + (1.0 - q)**count > 1.0 - confidence:
+        count += 1
+    return count
+
+
+def ranks(samples: int, q: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
+    """Ranks l and u, counted from 1, of the interval of the q-quantile; ValueError where the sample is too small."""
+    if samples < needed(q, confidence):
+        raise ValueError(f"needs {needed(q, confidence)} samples")
+    below = above = 0.5 * (1.0 - confidence)
+    if q**samples > above:  # not even the maximum leaves so little above it
+        above = q**samples
+        below = 1.0 - confidence - above
+    elif (1.0 - q)**samples > below:
+        below = (1.0 - q)**samples
+        above = 1.0 - confidence - below
+    low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below, and F(l − 1) ≤ below is wanted
+    low += int(binom.cdf(low, samples, q) <= below)
+    high = int(binom.isf(above, samples, q)) + 1  # the smallest k with 1 − F(k) ≤ above is u − 1
+    return max(low, 1), min(high, samples)
+
+
+def percentile(sample: ArrayLike, q: float, confidence: float = CONFIDENCE) -> Percentile:
+    """The q-quantile of a sample, with its interval or the reason why it is refused.
+
+    Examples
+    --------
+    >>> percentile(np.arange(1, 1001), 0.99)
+    Percentile(q=0.99, value=990.0, low=983.0, high=997.0, reason='')
+    >>> percentile(np.arange(1000), 0.999).reason
+    'needs 2995 samples'
+    """
+    ordered = np.sort(np.asarray(sample, dtype=np.float64))
+    try:
+        low, high = ranks(ordered.size, q, confidence)
+    except ValueError as error:
+        return Percentile(q, reason=str(error))
+    rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
+    return Percentile(q, *(float(ordered[i - 1]) for i in (rank, low, high)))
+
+
+def rate_bound(events: int, samples: int, confidence: float = CONFIDENCE) -> float:
+    """Clopper and Pearson's upper bound of the rate of events, from how many there were in so many samples.
+
+    Examples
+    --------
+    >>> round(rate_bound(0, 2995), 6)
+    0.001
+    """
+    if not 0 <= events <= samples:
+        raise ValueError(f"{events} events in {samples} samples is no count")
+    return 1.0 if events == samples else float(beta.ppf(confidence, events + 1, samples - events))

@@ -1,0 +1,61 @@
+"""Programs of the Maros–Mészáros set as the usual conversions to MATLAB files hold them.
+
+    minimise ½ xᵀP x + qᵀx + r   subject to   l ≤ A x ≤ u
+
+with variables named so; the bounds of x are rows of A that are unit vectors (A ends with the identity), and they become
+bounds again here. Source of the set: I. Maros, C. Mészáros, "A repository of convex quadratic programming problems",
+Optim. Methods Softw. 11 (1999) 671–681.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+from scipy.sparse import csc_matrix
+
+from bench.problem_files.program import ProblemFileError, ReadProgram, Vector, checked, two_sided
+
+
+def read_mat(path: Path) -> ReadProgram:
+    """Read P, q, r, A, l and u; r may be missing, and A with l and u.
+
+    Raises
+    ------
+    ProblemFileError
+    """
+    try:
+        found: dict[str, Any] = loadmat(path)
+    except (ValueError, NotImplementedError, TypeError, MatReadError) as error:
+        raise ProblemFileError(f"{path}: cannot be read as a MATLAB file of version 7 or before: {error}") from None
+    for name in ("P", "q", *(("l", "u") if "A" in found else ())):
+        if name not in found:
+            raise ProblemFileError(f"{path}: holds no variable {name!r}")
+    q, P = _vector(found["q"]), csc_matrix(found["P"], dtype=np.float64)
+    d = q.size
+    C = csc_matrix(found["A"], dtype=np.float64) if "A" in found else csc_matrix((0, d))
+    l, u = (_vector(found[name]) if "A" in found else np.zeros(0) for name in ("l", "u"))  # noqa: E741
+    for name, shape, right in (("P", P.shape, (d, d)), ("A", C.shape, (l.size, d)), ("u", u.shape, l.shape)):
+        if shape != right:
+            raise ProblemFileError(f"{path}: {name} is of shape {shape} and not {right}, for the {d} variables of q")
+    lb, ub = np.full(d, -np.inf), np.full(d, np.inf)
+    rows = C.tocsr()
+    rows.eliminate_zeros()
+    starts = rows.indptr[:-1]
+    single = np.flatnonzero(np.diff(rows.indptr) == 1)
+    units = single[rows.data[starts[single]] == 1.0]
+    columns = rows.indices[starts[units]]
+    np.maximum.at(lb, columns, l[units])
+    np.minimum.at(ub, columns, u[units])
+    others = np.setdiff1d(np.arange(l.size), units)
+    constant = float(_vector(found["r"])[0]) if "r" in found else 0.0
+    return ReadProgram(checked(path, two_sided(P, q, rows[others], l[others], u[others], lb, ub)), constant)
+
+
+def _vector(values: Any) -> Vector:
+    """Numbers of whatever storage as a vector."""
+    dense = values.toarray() if hasattr(values, "toarray") else values
+    return np.asarray(dense, dtype=np.float64).ravel()

@@ -1,0 +1,113 @@
+"""Programs as arrays in an NPZ file: minimise ½ xᵀP x + qᵀx subject to G x ≤ h, A x = b, lb ≤ x ≤ ub.
+
+A matrix is stored dense under its name, or in compressed columns as ``P/data``, ``P/indices``, ``P/indptr`` and
+``P/shape``. A file that qpsolvers saved holds a Python object where it has nothing; nothing is ever unpickled here.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from qpsolvers import Problem
+from scipy.sparse import csc_matrix, issparse
+
+from bench.problem_files.program import ProblemFileError, ReadProgram, checked, with_infinities
+
+QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
+PARTS = ("data", "indices", "indptr", "shape")
+
+
+def packed(name: str, value: Any) -> dict[str, Any]:
+    """The arrays that hold one value, dense, sparse or None (no arrays then).
+
+    Examples
+    --------
+    >>> sorted(packed("P", csc_matrix(np.eye(2))))
+    ['P/data', 'P/indices', 'P/indptr', 'P/shape']
+    """
+    if value is None:
+        return {}
+    if not issparse(value):
+        return {name: value}
+    M = csc_matrix(value)
+    return {f"{name}/{part}": np.asarray(getattr(M, part)) for part in PARTS}
+
+
+def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
+    """The inverse of :func:`packed`."""
+    if name in arrays:
+        return arrays[name]
+    if f"{name}/data" not in arrays:
+        return None
+    data, indices, indptr, shape = (arrays[f"{name}/{part}"] for part in PARTS)
+    return csc_matrix((data, indices, indptr), shape=tuple(shape.tolist()))
+
+
+def packed_program(qp: Problem, prefix: str = "") -> dict[str, Any]:
+    """The arrays that hold a program."""
+    return {key: array for field in QP_FIELDS for key, array in packed(prefix + field, getattr(qp, field)).items()}
+
+
+def unpacked_program(arrays: Mapping[str, Any], prefix: str = "") -> Problem:
+    """The inverse of :func:`packed_program`."""
+    return Problem(*(unpacked(arrays, prefix + field) for field in QP_FIELDS))
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """Open an NPZ file; whatever shows on reading that it is damaged or another file becomes a ProblemFileError."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            if isinstance(arrays, np.ndarray):
+                raise ProblemFileError(f"{path}: holds one array and not the named arrays of an NPZ file")
+            yield arrays
+    except ProblemFileError:
+        raise
+    except KeyError as error:
+        raise ProblemFileError(f"{path}: holds no array {error.args[0]!r}") from None
+    except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise ProblemFileError(f"{path}: cannot be read as NPZ: {error}") from None
+
+
+def read_npz(path: Path) -> ReadProgram:
+    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one.
+
+    Raises
+    ------
+    ProblemFileError
+    """
+    with opened(path) as arrays:
+        found = {name: _field(path, arrays, name) for name in QP_FIELDS}
+        if found["P"] is None or found["q"] is None:
+            raise ProblemFileError(f"{path}: holds no {'P' if found['P'] is None else 'q'}; a program has P and q at least")
+        for name in ("q", "h", "b", "lb", "ub"):
+            if found[name] is not None:
+                found[name] = np.atleast_1d(np.asarray(found[name], dtype=np.float64).squeeze())
+        for name in ("h", "lb", "ub"):
+            if found[name] is not None:
+                found[name] = with_infinities(found[name])
+        constant = next((float(arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
+        return ReadProgram(checked(path, Problem(**found)), constant)
+
+
+def _field(path: Path, arrays: Any, name: str) -> Any:
+    """One field of a program, of doubles."""
+    try:
+        value = unpacked(arrays, name)
+    except ValueError as error:
+        if "Object arrays" not in str(error):
+            raise
+        partner = dict(zip("GA", "hb", strict=True)).get(name, "")
+        if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # and not None, then
+            raise ProblemFileError(f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
+                                   f"as {', '.join(f'{name}/{part}' for part in PARTS)}") from None
+        return None
+    if value is None or issparse(value):
+        return value if value is None else value.astype(np.float64)
+    return np.asarray(value, dtype=np.float64)

@@ -1,0 +1,143 @@
+"""An absolute schedule, and what a solver's answers are worth on it.
+
+Sample k is due at t_k = t₀ + k T, whatever happened before. A solver that is still busy then is not interrupted; when it
+is done it takes the newest sample that is due, with the data of those it has missed. So of sample k with the solve j that
+is the first to include it, begun at b_j and ended at e_j,
+
+    service time   e_j − b_j,      response time   e_j − t_k  ≥  e_j − b_j,
+
+and the answer is late where the response time is above T. The difference of the two is what a loop without a
+schedule never sees (coordinated omission). In use at the deadline t_k + T is the newest answer that was there by then.
+
+Between samples the loop sleeps as long as more than SPIN_NS remain and then watches the clock: a sleep may end some 60 µs
+late (slack of the system's timers and the way back to the core), which at 8 kHz leaves nothing to sleep.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Nanoseconds = NDArray[np.int64]
+Index = NDArray[np.int64]
+
+PERIOD_NS = 125_000
+SPIN_NS = 300_000
+LEAD_NS = 2_000_000
+"""From the call to the first due time."""
+
+
+def due(first_due: int, k: int, period_ns: int) -> int:
+    """Due time of sample k, ns."""
+    return first_due + k * period_ns
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """What happened on the schedule; times in ns from the first due time on, one entry a solve.
+
+    Attributes
+    ----------
+    samples : int
+        Samples that came due.
+    solved : array (M,)
+        The sample that each solve began with.
+    data_ns : array (M,)
+        What bringing P and q up to that sample took, apart from the solver.
+    began, updated, ended : array (M,)
+        Begin, end of the solver's update, end.
+    period_ns : int
+    """
+
+    samples: int
+    solved: Index
+    data_ns: Nanoseconds
+    began: Nanoseconds
+    updated: Nanoseconds
+    ended: Nanoseconds
+    period_ns: int = PERIOD_NS
+
+    @property
+    def service_ns(self) -> Nanoseconds:
+        """Begin to end of each solve, shape (M,)."""
+        return self.ended - self.began
+
+    @property
+    def response_ns(self) -> Nanoseconds:
+        """Due time of each sample to the end of the first solve that includes it, shape (samples,)."""
+        k = np.arange(self.samples)
+        return self.ended[np.searchsorted(self.solved, k)] - k * self.period_ns
+
+    @property
+    def late(self) -> NDArray[np.bool_]:
+        """Whether the answer to each sample came after its deadline, shape (samples,)."""
+        return self.response_ns > self.period_ns
+
+    def in_use(self, usable: NDArray[np.bool_]) -> Index:
+        """The solve whose answer is in use at each deadline, shape (samples,); −1 for what was there before the first.
+
+        ``usable`` (M,) says which solves gave an answer at all.
+        """
+        there = np.flatnonzero(usable)
+        deadlines = np.arange(1, self.samples + 1) * self.period_ns
+        newest = np.searchsorted(self.ended[there], deadlines, side="right") - 1
+        return np.append(there, -1)[newest]
+
+
+def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], None]) -> None:
+    """Sleep, then spin, until the clock shows the moment, ns."""
+    remaining = moment - clock() - SPIN_NS
+    if remaining > 0:
+        sleep(remaining * 1e-9)
+    while clock() < moment:
+        pass
+
+
+def follow(samples: int, absorb: Callable[[int, int], None], update: Callable[[int, int], None],
+           solve: Callable[[], object], keep: Callable[[int], None], *, period_ns: int = PERIOD_NS, give_up: int = 0,
+           clock: Callable[[], int] = time.perf_counter_ns, sleep: Callable[[float], None] = time.sleep) -> Timeline:
+    """Run a solver on the schedule.
+
+    Parameters
+    ----------
+    samples : int
+        How many come due.
+    absorb : callable (first, last)
+        Bring the data from sample first to sample last, both included: the machine's work, before the due time where
+        the solver left time for it, and in no case part of the service time.
+    update : callable (first, last)
+        Hand the new data to the solver.
+    solve : callable
+        Answer.
+    keep : callable (j)
+        Put the answer of solve j away; not timed.
+    give_up : int
+        Stop after so many samples if the answers to all of them were late; 0 never does.
+    clock, sleep : callable
+        Nanoseconds, and a sleep in seconds.
+    """
+    solved, data, began, updated, ended = (np.full(samples, -1, dtype=np.int64) for _ in range(5))
+    start, k, count, hopeless = clock() + LEAD_NS, -1, 0, give_up > 0
+    while k + 1 < samples:
+        first = k + 1
+        before = clock()
+        k = min(max(first, (before - start) // period_ns), samples - 1)
+        absorb(first, k)
+        data[count] = clock() - before
+        wait_until(due(start, k, period_ns), clock, sleep)
+        begin = clock()
+        update(first, k)
+        between = clock()
+        solve()
+        end = clock()
+        solved[count], began[count], updated[count], ended[count] = k, begin - start, between - start, end - start
+        keep(count)
+        count += 1
+        hopeless = hopeless and end - due(start, k, period_ns) > period_ns
+        if hopeless and k + 1 >= give_up:
+            break
+    return Timeline(k + 1, *(part[:count].copy() for part in (solved, data, began, updated, ended)), period_ns)

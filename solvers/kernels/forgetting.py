@@ -1,0 +1,42 @@
+"""A quadratic cost that follows its data row by row and forgets the old ones.
+
+    P ← λ P + (1 − λ) ξ ξᵀ,    q ← λ q + (1 − λ) ξ x,    c ← λ c + (1 − λ) ½ x²      for each row (ξ, x)
+
+is the mean of the squared errors ½ (vᵀξ + x)² with exponentially fading weights; a row has faded to 1/e after
+1/(1 − λ) rows. It is the update that every solver on a stream of data is handed, and that those which take rows do
+themselves.
+
+Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
+"""
+
+from __future__ import annotations
+
+from solvers.kernels.vector import compiled
+from solvers.protocol import Matrix, Vector
+
+
+@compiled
+def absorb(P: Matrix, q: Vector, c: Vector, rows: Matrix, first: int, last: int, forgetting: float) -> None:
+    """Take the rows first … last − 1 of ``rows`` (N, d + 1), each (ξ, x), into P (d, d), q (d,) and c (1,).
+
+    Row by row, so that the same rows give the same bits in whatever portions they come; P stays symmetric to the last
+    bit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> P, q, c = np.eye(2), np.zeros(2), np.zeros(1)
+    >>> absorb(P, q, c, np.array([[2.0, 0.0, 1.0]]), 0, 1, 0.5)
+    >>> P.tolist(), q.tolist(), c.tolist()
+    ([[2.5, 0.0], [0.0, 0.5]], [1.0, 0.0], [0.25])
+    """
+    d, weight = q.size, 1.0 - forgetting
+    for k in range(first, last):
+        x = rows[k, d]
+        for i in range(d):
+            share = weight * rows[k, i]
+            for j in range(i, d):
+                P[i, j] = forgetting * P[i, j] + share * rows[k, j]
+                P[j, i] = P[i, j]
+            q[i] = forgetting * q[i] + share * x
+        c[0] = forgetting * c[0] + 0.5 * weight * x * x
