@@ -22,7 +22,7 @@ from qpsolvers import Problem
 from bench.clock import Effort
 from bench.problems.protocol import QP_FIELDS
 from bench.task import Task
-from bench.worker import Outcome, introduce, serve
+from bench.worker import OneShot, Outcome, Request, introduce, serve
 from solvers.registry import Described, Entry
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
@@ -133,7 +133,11 @@ class Child:
         return described
 
     def run(self, task: Task, problem: Problem, effort: Effort) -> Outcome:
-        """Run one task; whatever happens to the process becomes an outcome."""
+        """Run one task of the one-shot race."""
+        return self.ask(OneShot(task, {name: getattr(problem, name) for name in QP_FIELDS}, effort))
+
+    def ask(self, request: Request) -> Outcome:
+        """Have a request answered; whatever happens to the process becomes an outcome."""
         if self._process is None:
             self._start()
         absent = self.describe().absent
@@ -141,9 +145,8 @@ class Child:
             self.close()
             return Outcome("adapter_failed", absent)
         assert self._connection is not None
-        fields = {name: getattr(problem, name) for name in QP_FIELDS}
         try:
-            self._connection.send((task, fields, effort))
+            self._connection.send(request)
             if not self._connection.poll(self.time_limit_s):
                 self._kill()
                 return Outcome("timed_out", f"no answer within {self.time_limit_s:g} s")

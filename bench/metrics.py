@@ -3,7 +3,7 @@
 - cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x
 - violation       ‖x − x̂‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
-- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes
+- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or zero
 - model error     RMS error of the model on data that the fit has not seen, per cent of the output's range
 
 An answer is right when cost gap and violation are within the tolerance that the tier asks for. The default tier asks
@@ -18,11 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Solution
 
-from bench.problems.protocol import RaceProblem
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.worker import Outcome
 from piezo_model.identification_problem import Scaling
 from solvers import Status, Tier
 from solvers.certificate import exact_cost_gap
+from solvers.protocol import Vector
 
 TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9}
 NAN = float("nan")
@@ -62,16 +63,28 @@ def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) 
             return Judgement(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
     gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
-    w, best = form.to_weights @ x, problem.optimal_weights
-    feasible = form.to_weights @ np.clip(x, *(bound for bound in (form.qp.lb, form.qp.ub)))
     tolerance = TOLERANCE[tier]
     right = gap.relative <= tolerance and gap.violation <= tolerance
     return Judgement(
         Status.OK if right else Status.INACCURATE,
         "" if right else f"cost gap {gap.relative:.1e}, violation {gap.violation:.1e}", gap.relative, gap.violation,
         *_residuals(solution),
-        float(np.max(np.abs(w - best)) / np.max(np.abs(best))),
-        NAN if problem.validation is None else problem.validation.error_percent(feasible))
+        _weight_error(problem, form, x), _model_error(problem, form, x))
+
+
+def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
+    best = problem.optimal_weights
+    size = float(np.max(np.abs(best)))
+    if not form.optimum_is_unique or size == 0.0:
+        return NAN
+    return float(np.max(np.abs(form.to_weights @ x - best))) / size
+
+
+def _model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
+    """Error of the model with the feasible weights nearest to an answer; what has a model is a box."""
+    if problem.validation is None:
+        return NAN
+    return problem.validation.error_percent(form.to_weights @ np.clip(x, form.qp.lb, form.qp.ub))
 
 
 def _residuals(solution: Solution) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -65,11 +65,14 @@ class RaceSettings:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> RaceSettings:
+    def from_dict(cls, data: dict[str, Any]) -> Self:
         """Make the settings of :meth:`to_dict`."""
         tuples = {name: tuple(value) for name, value in data.items() if isinstance(value, list)}
         lanes, tiers = tuple(Lane(x) for x in data["lanes"]), tuple(Tier(x) for x in data["tiers"])
         return cls(**{**data, **tuples, "lanes": lanes, "tiers": tiers, "effort": Effort(**data["effort"])})
+
+
+Settings = TypeVar("Settings", bound=RaceSettings)
 
 
 def entries_of(settings: RaceSettings) -> list[Entry]:
@@ -124,10 +127,10 @@ def checked(settings: RaceSettings) -> list[Entry]:
     return entries_of(settings)
 
 
-def start(results: Path, settings: RaceSettings, name: str | None = None) -> Run:
+def start(results: Path, settings: RaceSettings, name: str | None = None, kind: str = "oneshot") -> Run:
     """Make the run's folder."""
     checked(settings)
-    return Run.create(results, {"race": "oneshot", "settings": settings.to_dict(), "machine": machine.describe()}, name)
+    return Run.create(results, {"race": kind, "settings": settings.to_dict(), "machine": machine.describe()}, name)
 
 
 def carry_on(run: Run, progress: Progress) -> None:
@@ -136,16 +139,16 @@ def carry_on(run: Run, progress: Progress) -> None:
     with run.alone():
         warm_up()
         chosen = checked(settings)
-        problems = list(_problems(run, settings, progress))
+        problems = list(problems_of(run, settings, progress))
         _race(run, settings, chosen, problems, progress)
         progress("gathering the tables", 0, 1)
         run.finish()
 
 
-def settings_of(run: Run) -> RaceSettings:
+def settings_of(run: Run, kind: type[Settings] = RaceSettings) -> Settings:  # type: ignore[assignment]
     """The settings that a run was started with."""
     try:
-        return RaceSettings.from_dict(run.settings["settings"])
+        return kind.from_dict(run.settings["settings"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race ({error!r})") from None
 
@@ -154,13 +157,7 @@ def _race(run: Run, settings: RaceSettings, chosen: Sequence[Entry], problems: S
           progress: Progress) -> None:
     """Do the tasks that are not done."""
     with started(chosen, settings, max(os.sched_getaffinity(0))) as processes:
-        described = [child.describe() for child in processes]
-        children = {(child.entry.name, child.entry.lane): child for child in processes}
-        field = [solver for solver in described if not solver.absent]
-        run.note_field({f"{solver.name} ({solver.lane})": solver.version for solver in field},
-                       {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
-        if not field:
-            raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")
+        field, children = field_of(run, processes)
         tasks = [(problem, task) for problem in problems for scaling in settings.scalings
                  for task in tasks_of(settings, field, problem, scaling)]
         for done, (problem, task) in enumerate(tasks):
@@ -170,7 +167,18 @@ def _race(run: Run, settings: RaceSettings, chosen: Sequence[Entry], problems: S
                 run.save(task, row_of(problem, task, outcome), times_of(outcome))
 
 
-def _problems(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[RaceProblem]:
+def field_of(run: Run, processes: Sequence[Child]) -> tuple[list[Described], dict[tuple[str, Lane], Child]]:
+    """The solvers that run here, noted in the run, and the processes by name and lane; RaceError where there is none."""
+    described = [child.describe() for child in processes]
+    field = [solver for solver in described if not solver.absent]
+    run.note_field({f"{solver.name} ({solver.lane})": solver.version for solver in field},
+                   {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
+    if not field:
+        raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")
+    return field, {(child.entry.name, child.entry.lane): child for child in processes}
+
+
+def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[RaceProblem]:
     """Make the problems and keep them, or load those that were kept."""
     for set_name in settings.problem_sets:
         made = find_set(set_name)(settings.seed)

@@ -18,8 +18,9 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,19 @@ COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "
            "model_error_percent", "model_error_um", "noise_um", "setup_us", "update_us", "solve_us_p50", "solve_us_p99",
            "solve_us_max", "samples", "periods", "reported_us", "iterations", "mutates_input", "repeatable")
 """Columns of ``rows.parquet``, in order."""
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The table of one kind of race."""
+
+    file: str
+    columns: tuple[str, ...]
+    order: tuple[str, ...]
+    """Columns by which the rows are sorted."""
+
+
+ONESHOT = Schema("rows.parquet", COLUMNS, ("problem_set", "problem", "scaling", "solver", "lane", "tier", "settings"))
 
 
 class RunError(ValueError):
@@ -127,41 +141,47 @@ class Run:
     def _task_path(self, task: Task) -> Path:
         return self.path / "tasks" / f"{task.key}.npz"
 
-    def save(self, task: Task, row: Mapping[str, Any], times: Mapping[str, Any]) -> None:
-        """Put one finished task on disk."""
+    def save(self, task: Task, row: Mapping[str, Any] | Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
+        """Put one finished task on disk, with its row or its rows and its raw times by what was timed."""
         with replacing(self._task_path(task)) as temporary, temporary.open("wb") as file:
             np.savez(file, row=np.array(json.dumps(row)), **times)
 
-    def is_finished(self) -> bool:
+    def is_finished(self, schema: Schema = ONESHOT) -> bool:
         """Whether the tables were written."""
-        return (self.path / "rows.parquet").is_file() and not (self.path / "tasks").exists()
+        return (self.path / schema.file).is_file() and not (self.path / "tasks").exists()
 
-    def finish(self) -> None:
+    def finish(self, schema: Schema = ONESHOT) -> None:
         """Gather the tasks into tables; the single files go only after the tables are whole, and all at once."""
         rows, times = [], []
         for path in sorted((self.path / "tasks").glob("[!.]*.npz")):  # an interrupted write leaves a hidden file
             with np.load(path, allow_pickle=False) as data:
                 row = json.loads(str(data["row"]))
-                rows.append(row)
+                rows += row if isinstance(row, list) else [row]
                 times += [{"task": path.stem, "what": what, "ns": data[what]} for what in data.files if what != "row"]
-        order = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "settings"]
-        table = pd.DataFrame(rows, columns=["task", *COLUMNS]).sort_values(order, ignore_index=True)
+        table = pd.DataFrame(rows, columns=["task", *schema.columns]).sort_values(list(schema.order), ignore_index=True)
         with replacing(self.path / "times.parquet") as temporary:
             pd.DataFrame(times, columns=["task", "what", "ns"]).to_parquet(temporary, index=False)
-        with replacing(self.path / "rows.parquet") as temporary:
+        with replacing(self.path / schema.file) as temporary:
             table.to_parquet(temporary, index=False)
         shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
 
-    def rows(self) -> pd.DataFrame:
+    def rows(self, schema: Schema = ONESHOT) -> pd.DataFrame:
         """Return the table of a finished run."""
-        path = self.path / "rows.parquet"
+        return self._table(schema.file, schema.columns)
+
+    def times(self) -> pd.DataFrame:
+        """Return the raw times of a finished run: task, what was timed, nanoseconds."""
+        return self._table("times.parquet", ("task", "what", "ns"))
+
+    def _table(self, file: str, columns: Sequence[str]) -> pd.DataFrame:
+        path = self.path / file
         if not path.is_file():
-            raise RunError(f"{self.path}: has no rows.parquet; the run was not finished, so resume it")
+            raise RunError(f"{self.path}: has no {file}; the run was not finished, so resume it")
         try:
             rows = pd.read_parquet(path)
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: cannot be read ({error})") from None
-        missing = [name for name in COLUMNS if name not in rows.columns]
+        missing = [name for name in columns if name not in rows.columns]
         if missing:
             raise RunError(f"{path}: has no column {missing[0]!r}")
         return rows

@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import resource
 import signal
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection
@@ -67,6 +69,29 @@ class Outcome:
     solve_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
+class Request(ABC):
+    """What a parent asks of a child, which answers it with the solver that it has loaded."""
+
+    @abstractmethod
+    def answer(self, cls: type[Solver], first: bool) -> Outcome:
+        """Do it; ``first`` says that nothing was compiled, loaded and allocated before."""
+
+
+@dataclass(frozen=True)
+class OneShot(Request):
+    """Solve one problem and time it."""
+
+    task: Task
+    fields: Mapping[str, Any]
+    effort: Effort
+
+    def answer(self, cls: type[Solver], first: bool) -> Outcome:
+        """Run the task, at first once more to warm up; the same failures come again then."""
+        if first:
+            run_task(cls, self.task, Problem(**self.fields), Effort(0.0, 1, 1))
+        return run_task(cls, self.task, Problem(**self.fields), self.effort)
+
+
 def _fields(problem: Problem) -> tuple[Any, ...]:
     return problem.P, problem.q, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
 
@@ -83,17 +108,22 @@ def _arrays(problem: Problem) -> list[Any]:
 def run_task(cls: type[Solver], task: Task, problem: Problem, effort: Effort) -> Outcome:
     """Solve one problem, then time setup, update and solve."""
     handed, updated = _copy(problem), _copy(problem)  # a solver that writes into one spoils neither the other nor ours
-    try:
-        outcome = _solve_and_time(cls, task, problem, handed, updated, effort)
-    except Unsupported as error:
-        outcome = Outcome("unsupported", str(error))
-    except MemoryError as error:
-        outcome = Outcome("out_of_memory", f"the memory limit was reached: {error}")
-    except Exception as error:  # whatever a library raises is a finding about it, and the race goes on
-        outcome = Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])
+    outcome = attempt(lambda: _solve_and_time(cls, task, problem, handed, updated, effort))
     outcome.mutated = any(not np.array_equal(a, b, equal_nan=True)
                           for taken in (handed, updated) for a, b in zip(_arrays(problem), _arrays(taken), strict=True))
     return outcome
+
+
+def attempt(work: Callable[[], Outcome]) -> Outcome:
+    """The outcome of work with a solver, or of what it raises."""
+    try:
+        return work()
+    except Unsupported as error:
+        return Outcome("unsupported", str(error))
+    except MemoryError as error:
+        return Outcome("out_of_memory", f"the memory limit was reached: {error}")
+    except Exception as error:  # whatever a library raises is a finding about it, and the race goes on
+        return Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])
 
 
 def _solve_and_time(cls: type[Solver], task: Task, problem: Problem, handed: Problem, updated: Problem, effort: Effort,
@@ -165,17 +195,15 @@ def serve(connection: Connection, entry: Entry, core: int | None, memory_mb: int
     limit_memory(memory_mb)
     if core is not None:  # after loading, for which all cores are welcome
         os.sched_setaffinity(0, {core})
-    warm = False
+    first = True
     while True:
         try:
-            task, fields, effort = connection.recv()
+            request = connection.recv()
         except EOFError:
             return
         os.ftruncate(sink, 0)  # what was printed before is nobody's last word
         signal.setitimer(signal.ITIMER_REAL, time_limit_s + ORPHAN_S)
-        if not warm:  # compiles, loads and allocates what only the first call does; the same failures come again
-            run_task(cls, task, Problem(**fields), Effort(0.0, 1, 1))
-            warm = True
-        outcome = run_task(cls, task, Problem(**fields), effort)
+        outcome = request.answer(cls, first)
+        first = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         connection.send(outcome)

@@ -8,7 +8,9 @@ from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+from piezo_model.self_learning import SelfLearningCompensator
 from piezo_model.structure import ModelStructure, StructureError
 
 __all__ = ["Compensator", "DataBasis", "HysteresisCreepModel", "IdentificationError", "IdentificationProblem",
-           "ModelError", "ModelStructure", "OperatorState", "Recording", "StructureError", "identify"]
+           "ModelError", "ModelStructure", "OperatorState", "Recording", "SelfLearningCompensator",
+           "StructureError", "identify"]

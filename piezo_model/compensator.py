@@ -10,6 +10,8 @@ after saturation and rate limits is what the actuator really sees, and that is w
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,28 +36,44 @@ def inverse_hysteresis(model: ModelArrays, u: float, play: Vector) -> float:
     return x
 
 
+FARTHEST = 1e6
+"""References beyond so many half ranges are taken for this, so that no sum overflows."""
+
+
 @inlined
-def compensate_step(model: ModelArrays, y_ref: float, play: Vector, creep: Vector, low: float, high: float,
-                    max_step: float) -> float:
+def compensate_step(model: ModelArrays, y_ref: float, play: Vector, creep: Vector, limits: Vector) -> float:
     """Drive sample for one reference sample, within limits, all in unit amplitudes; moves the states on.
 
-    A reference that is not finite holds the drive where it is.
+    ``limits`` holds lowest and highest drive, largest change, the bump of the last change of model and the factor by which
+    it decays. A reference that is not finite holds the drive where it is.
     """
-    x = play[0]
+    last = play[0]
+    x = last
     if math.isfinite(y_ref):
+        y_ref = max(-FARTHEST, min(FARTHEST, y_ref))
         u = superposition(y_ref, model.S_inverse) - creep_sum(model, creep) - model.offset
-        x = inverse_hysteresis(model, u, play)
-        x = max(play[0] - max_step, min(play[0] + max_step, x))
-    x = max(low, min(high, x))
+        x = inverse_hysteresis(model, u, play) + limits[BUMP]
+        limits[BUMP] *= limits[DECAY]
+        x = max(last - limits[MAX_STEP], min(last + limits[MAX_STEP], x))
+    x = max(limits[LOW], min(limits[HIGH], x))
     advance(model.operators, x, play, creep)
     return x
 
 
 @kernel
-def _run(model: ModelArrays, y_ref: Vector, play: Vector, creep: Vector, low: float, high: float, max_step: float,
-         x: Vector) -> None:
+def _run(model: ModelArrays, y_ref: Vector, play: Vector, creep: Vector, limits: Vector, x: Vector) -> None:
     for k in range(y_ref.size):
-        x[k] = compensate_step(model, y_ref[k], play, creep, low, high, max_step)
+        x[k] = compensate_step(model, y_ref[k], play, creep, limits)
+
+
+@kernel
+def _drive_now(model: ModelArrays, y_ref: float, play: Vector, creep: Vector) -> float:
+    """What the model would drive for this reference at this moment; nothing is moved on."""
+    u = superposition(y_ref, model.S_inverse) - creep_sum(model, creep) - model.offset
+    return inverse_hysteresis(model, u, play)
+
+
+LOW, HIGH, MAX_STEP, BUMP, DECAY = range(5)
 
 
 class Compensator:
@@ -95,20 +113,50 @@ class Compensator:
         self.model = model
         self.state = OperatorState.at_rest(s) if state is None else state.copy()
         self.state.require(s)
-        self._low, self._high = (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale
-        self._max_step = math.inf if rate_limit is None else rate_limit * s.sample_time / s.x_scale
+        max_step = math.inf if rate_limit is None else rate_limit * s.sample_time / s.x_scale
+        self._limits = np.array([(low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, max_step, 0.0, 0.0])
+        self._x_limits = (low, high)
+        self._last_y_ref = 0.0
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) that brings the actuator to the reference sample (output unit)."""
-        s = self.model.structure
-        x: float = compensate_step(self.model.arrays, (y_ref - s.y_centre) / s.y_scale, self.state.play,
-                                   self.state.creep, self._low, self._high, self._max_step)
-        return s.x_centre + s.x_scale * x
+        return float(self.run(np.array([y_ref]))[0])
 
     def run(self, y_ref: ArrayLike) -> Vector:
         """Drive samples (N,) for reference samples (N,); the same as ``step`` one by one."""
         s = self.model.structure
         unit_y = s.unit_output(np.ascontiguousarray(y_ref, dtype=np.float64))
         x = np.empty_like(unit_y)
-        _run(self.model.arrays, unit_y, self.state.play, self.state.creep, self._low, self._high, self._max_step, x)
-        return s.x_centre + s.x_scale * x
+        _run(self.model.arrays, unit_y, self.state.play, self.state.creep, self._limits, x)
+        if unit_y.size and math.isfinite(unit_y[-1]):
+            self._last_y_ref = float(unit_y[-1])
+        return np.clip(s.x_centre + s.x_scale * x, *self._x_limits)  # rounding may pass a limit by its last bit
+
+    def change_model(self, model: HysteresisCreepModel, fade_s: float = 0.0) -> None:
+        """Go on with another model of the same structure, without a bump.
+
+        The states are those of the actuator and stay. What the new model would drive differently at this very moment is
+        added to its drive and decays with the time constant ``fade_s``; with 0 the drive jumps.
+        """
+        if model.structure != self.model.structure:
+            raise ValueError("the new model has another structure, so the states of the actuator do not fit it")
+        bump = 0.0
+        if fade_s > 0.0:
+            y_ref, play, creep = self._last_y_ref, self.state.play, self.state.creep
+            bump = _drive_now(self.model.arrays, y_ref, play, creep) - _drive_now(model.arrays, y_ref, play, creep)
+            self._limits[DECAY] = math.exp(-model.structure.sample_time / fade_s)
+        self._limits[BUMP] = self._limits[BUMP] + bump if fade_s > 0.0 else 0.0
+        self.model = model
+
+    def memory(self) -> dict[str, Any]:
+        """Everything that changes while it runs, as JSON can hold it; floats survive bit for bit."""
+        return {"play": self.state.play.tolist(), "creep": self.state.creep.tolist(), "bump": float(self._limits[BUMP]),
+                "decay": float(self._limits[DECAY]), "last_y_ref": self._last_y_ref}
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`memory` gave."""
+        state = OperatorState(np.array(memory["play"]), np.array(memory["creep"]))
+        state.require(self.model.structure)
+        self.state = state
+        self._limits[BUMP], self._limits[DECAY] = memory["bump"], memory["decay"]
+        self._last_y_ref = float(memory["last_y_ref"])

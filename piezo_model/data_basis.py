@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.identification_problem import Excitation, IdentificationProblem
+from piezo_model.identification_problem import Coordinates, Excitation, IdentificationProblem
 from piezo_model.model import advance
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.operators import creep_step, dead_zone_step, play, play_step
@@ -41,16 +41,27 @@ class RegressorArrays(NamedTuple):
 
     operators: OperatorArrays
     dead_zones: SuperpositionArrays
+    outer: SuperpositionArrays
+    """Dead zones to be taken off: the next ones outwards for slope coordinates, nothing for weights."""
     n: int
     width: int
     """d + 1."""
     offset: bool
 
     @classmethod
-    def of(cls, s: ModelStructure) -> RegressorArrays:
-        """Parameters of a structure."""
+    def of(cls, s: ModelStructure, coordinates: Coordinates = "weight") -> RegressorArrays:
+        """Parameters of a structure; in slope coordinates the row is that of v = T⁻¹ w, Ξ_v = Tᵀ Ξ."""
         r_S = np.array(s.dead_zone_thresholds)
-        return cls(OperatorArrays.of(s), SuperpositionArrays.of(np.ones_like(r_S), r_S), s.n, s.d + 1, s.offset)
+        zones = SuperpositionArrays.of(np.ones_like(r_S), r_S)
+        outer = SuperpositionArrays(np.full_like(zones.low, -np.inf), np.full_like(zones.high, np.inf), zones.w)
+        if coordinates == "slope":
+            low, high, middle, last = zones.low, zones.high, s.middle, s.dead_zones - 1
+            outer.low[1:middle], outer.high[1:middle] = low[:max(middle - 1, 0)], high[:max(middle - 1, 0)]
+            outer.low[middle + 1:last], outer.high[middle + 1:last] = low[middle + 2:last + 1], high[middle + 2:last + 1]
+            # The piece around zero ends at the next threshold on both sides.
+            outer.low[middle] = low[middle - 1] if middle > 0 else -np.inf
+            outer.high[middle] = high[middle + 1] if middle < last else np.inf
+        return cls(OperatorArrays.of(s), zones, outer, s.n, s.d + 1, s.offset)
 
     @property
     def stride(self) -> int:
@@ -72,7 +83,8 @@ def regressor_step(p: RegressorArrays, x: float, y: float, play: Vector, creep: 
         store8(rows, at + i, play_i)
     column = at + p.n + 1
     for i in range(0, p.dead_zones.w.size, 8):
-        store8(rows, column + i, 0.0 - dead_zone_step(vy, load8(p.dead_zones.low, i), load8(p.dead_zones.high, i)))
+        inner = dead_zone_step(vy, load8(p.dead_zones.low, i), load8(p.dead_zones.high, i))
+        store8(rows, column + i, dead_zone_step(vy, load8(p.outer.low, i), load8(p.outer.high, i)) - inner)
     if p.operators.rates > 0:
         column = at + p.width - p.offset - p.n - 1
         for i in range(0, lanes, 8):
@@ -124,6 +136,13 @@ def _gather(p: RegressorArrays, x: Vector, y: Vector, play: Vector, creep: Vecto
             _add_rows(p, rows, BLOCK, stride, forgetting, gram)
             filled = 0
     return filled
+
+
+@kernel
+def regressors(p: RegressorArrays, x: Vector, y: Vector, play: Vector, creep: Vector, rows: Vector, stride: int) -> None:
+    """Write the rows (x, Ξ) of samples in unit amplitudes, ``stride`` numbers each, and move the operator states on."""
+    for k in range(x.size):
+        regressor_step(p, x[k], y[k], play, creep, rows, k * stride)
 
 
 @kernel

@@ -6,20 +6,24 @@ import sys
 
 import typer
 
-from bench.cli import race_verbs, stage_verbs
+from bench.cli import problem_verbs, race_verbs, stage_verbs
+from bench.problem_files import ProblemFileError
+from bench.problems import ProblemSetError
 from bench.race import RaceError
 from bench.store import RunError
 from piezo_model import IdentificationError, ModelError, StructureError
 from piezo_model.recordings import RecordingError
 from solvers import Unsupported
 
-USER_ERRORS = (RaceError, RunError, IdentificationError, ModelError, StructureError, RecordingError, Unsupported)
+USER_ERRORS = (RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
+               RecordingError, Unsupported)
 REFUSED = 2
 """Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
                   help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.")
 race_verbs.register(app)
+problem_verbs.register(app)
 stage_verbs.register(app)
 
 

@@ -1,4 +1,4 @@
-"""Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``, ``problems``."""
+"""Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from bench import race
 from bench.cli.console import console, errors, print_table, progress_bar
 from bench.clock import Effort
 from bench.isolation import Child
-from bench.problems import sets
 from bench.report import figures, markdown
 from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
@@ -33,7 +32,6 @@ def register(app: typer.Typer) -> None:
     app.command("resume")(resume_verb)
     app.command("report")(report_verb)
     app.command("solvers")(solvers_verb)
-    app.command("problems")(problems_verb)
 
 
 def race_verb(
@@ -88,12 +86,6 @@ def solvers_verb() -> None:
                          "yes" if found.warm_start else "no") if not found.absent
                         else (found.name, str(found.lane), f"absent: {found.absent}", "", "", ""))
     print_table(("solver", "lane", "algorithm", "version", "licence", "warm start"), rows, left=6)
-
-
-def problems_verb() -> None:
-    """List the problem sets."""
-    print_table(("set", "problems", "what it is for"),
-                [(name, str(len(cls())), cls.description) for name, cls in sorted(sets().items())], left=3)
 
 
 def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

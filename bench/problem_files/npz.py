@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from qpsolvers import Problem
-from scipy.sparse import csc_matrix, issparse
+from scipy.sparse import csc_matrix
 
 from bench.problem_files.program import ProblemFileError, ReadProgram, checked, with_infinities
 
@@ -33,7 +33,7 @@ def packed(name: str, value: Any) -> dict[str, Any]:
     """
     if value is None:
         return {}
-    if not issparse(value):
+    if isinstance(value, np.ndarray):
         return {name: value}
     M = csc_matrix(value)
     return {f"{name}/{part}": np.asarray(getattr(M, part)) for part in PARTS}
@@ -108,6 +108,4 @@ def _field(path: Path, arrays: Any, name: str) -> Any:
             raise ProblemFileError(f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
                                    f"as {', '.join(f'{name}/{part}' for part in PARTS)}") from None
         return None
-    if value is None or issparse(value):
-        return value if value is None else value.astype(np.float64)
-    return np.asarray(value, dtype=np.float64)
+    return None if value is None else value.astype(np.float64)

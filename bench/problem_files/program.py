@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
-from scipy.sparse import csc_matrix, issparse, vstack
+from scipy.sparse import csc_matrix, vstack
 
 Vector = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def with_infinities(values: Vector) -> Vector:
     return np.where(np.abs(values) >= INFINITY, np.copysign(np.inf, values), values)
 
 
-def two_sided(P: Any, q: Vector, C: csc_matrix, l: Vector, u: Vector, lb: Vector, ub: Vector) -> Problem:  # noqa: E741
+def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: Vector) -> Problem:  # noqa: E741
     """The program with rows l ≤ C x ≤ u and bounds, every matrix sparse.
 
     Examples
@@ -76,10 +76,10 @@ def checked(path: Any, qp: Problem) -> Problem:
             raise ProblemFileError(f"{path}: {name} is of shape {value.shape} and not {shape}, for the {d} variables of q")
     for name in ("P", "q", "G", "A", "b"):
         value = getattr(qp, name)
-        if value is not None and not np.isfinite(value.data if issparse(value) else value).all():
+        if value is not None and not np.isfinite(value if isinstance(value, np.ndarray) else value.data).all():
             raise ProblemFileError(f"{path}: {name} has an element that is not a finite number")
     difference = abs(qp.P - qp.P.T)
     if difference.size and difference.max() > SYMMETRY * abs(qp.P).max():
         raise ProblemFileError(f"{path}: P is not symmetric; one that holds a triangle only is not guessed at")
     P = 0.5 * (qp.P + qp.P.T)
-    return Problem(csc_matrix(P) if issparse(P) else P, qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
+    return Problem(P if isinstance(P, np.ndarray) else csc_matrix(P), qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)

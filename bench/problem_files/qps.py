@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import csc_matrix
 
 from bench.problem_files.program import ProblemFileError, ReadProgram, checked, two_sided
 
@@ -127,7 +127,7 @@ class _Reading:
             raise _Wrong("marks integer variables, and only continuous ones are taken")
         if self.fixed:
             _, head, *rest = (line[field].strip() for field in FIXED)
-            return head, [pair for pair in (tuple(rest[:2]), tuple(rest[2:])) if pair[0]]
+            return head, [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
         head = words.pop(0) if len(words) % 2 else ""  # the name of a vector may be left out
         if not 2 <= len(words) <= 4 or (not head and self.section in ("COLUMNS", *QUADRATIC)):
             raise _Wrong("is no name followed by one or two pairs of name and number")
@@ -217,8 +217,8 @@ def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
 
 
 def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) -> csc_matrix:
-    i, j, values = zip(*elements, strict=True) if elements else ((), (), ())
-    return csc_matrix(coo_matrix((np.array(values, dtype=np.float64), (i, j)), shape=shape))
+    i, j, values = np.array(elements, dtype=np.float64).reshape(-1, 3).T
+    return csc_matrix((values, (i.astype(np.int32), j.astype(np.int32))), shape=shape)
 
 
 def _exactly(words: list[str], count: int) -> list[str]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+from collections.abc import Mapping
 
-from bench.problems.protocol import ProblemSet, RaceProblem
+from bench.problems.protocol import ProblemSet, ProblemSetError, RaceProblem
 
-__all__ = ["ProblemSet", "RaceProblem", "find", "sets"]
+__all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "find", "make", "sets"]
 
 
-def sets() -> dict[str, type[ProblemSet]]:
+def all_sets() -> dict[str, type[ProblemSet]]:
     """Every problem set by name."""
     found = {}
     for file in pkgutil.iter_modules(__path__):
@@ -21,9 +22,35 @@ def sets() -> dict[str, type[ProblemSet]]:
     return found
 
 
+def sets() -> dict[str, type[ProblemSet]]:
+    """The problem sets that are made from a seed alone, by name."""
+    return {name: cls for name, cls in all_sets().items() if not cls.needs}
+
+
 def find(name: str) -> type[ProblemSet]:
     """Return the problem set of that name; KeyError says which there are."""
-    known = sets()
+    known = all_sets()
     if name not in known:
         raise KeyError(f"there is no problem set {name!r}; known are {', '.join(sorted(known))}")
     return known[name]
+
+
+def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> ProblemSet:
+    """Make a problem set, with those of the options that are its own.
+
+    Raises
+    ------
+    ProblemSetError
+        There is no such set, or an option that it needs is missing.
+
+    Examples
+    --------
+    >>> len(make("noise", options={"recording": "stage.csv"}))
+    5
+    """
+    try:
+        cls = find(name)
+    except KeyError as error:
+        raise ProblemSetError(str(error.args[0])) from None
+    own = {**cls.needs, **cls.takes}
+    return cls(seed, **{option: value for option, value in (options or {}).items() if option in own})

@@ -16,6 +16,7 @@ import numpy as np
 import qpsolvers
 from numpy.typing import NDArray
 from qpsolvers import Problem
+from qpsolvers.exceptions import QPError
 from scipy.sparse import csc_matrix
 
 from solvers.certificate import Certificate, NotCertified, certify
@@ -93,7 +94,10 @@ def start(qp: Problem) -> Vector:
         if solver in qpsolvers.available_solvers:
             P, G, A = matrices if solver in qpsolvers.sparse_solvers else (
                 None if M is None else M.toarray() for M in matrices)
-            x = qpsolvers.solve_problem(Problem(P, qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub), solver=solver).x
+            try:
+                x = qpsolvers.solve_problem(Problem(P, qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub), solver=solver).x
+            except QPError:  # says why it has no start; the next one may have one
+                continue
             if x is not None and np.all(np.isfinite(x)):
                 return np.asarray(x, dtype=np.float64)
     return np.zeros(qp.q.size)

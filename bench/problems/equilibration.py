@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
-from scipy.sparse import csc_matrix, diags, issparse, vstack
+from scipy.sparse import csc_matrix, diags, vstack
 
 Vector = NDArray[np.float64]
 PASSES = 10
@@ -82,7 +82,7 @@ def _power_of_two(values: Vector) -> Vector:
 
 def _times(left: Vector, M: Any, right: Vector) -> Any:
     """diag(left) M diag(right), sparse where M is."""
-    return csc_matrix(diags(left) @ M @ diags(right)) if issparse(M) else left[:, None] * M * right
+    return left[:, None] * M * right if isinstance(M, np.ndarray) else csc_matrix(diags(left) @ M @ diags(right))
 
 
 def _rows(M: Any, right: Any, E: Vector, D: Vector) -> tuple[Any, Any]:

@@ -33,15 +33,18 @@ class Foreign(ProblemSet):
     needs: ClassVar = {"folder": "a folder of programs (NPZ, MAT, QPS, MPS)"}
     takes: ClassVar = {"limit_s": "seconds for the proof of one program, 60 by default"}
 
-    def __init__(self, seed: int = 0, **options: str | float) -> None:
+    def __init__(self, seed: int = 0, **options: str) -> None:
         super().__init__(seed, **options)
-        folder = Path(str(self.options["folder"]))
+        folder = Path(self.options["folder"])
         if not folder.is_dir():
             raise ProblemSetError(f"{folder}: is not a folder")
         self.files = sorted(path for path in folder.iterdir() if path.suffix.lower() in READERS and path.is_file())
         if not self.files:
             raise ProblemSetError(f"{folder}: holds no program; one is in a file {', '.join(READERS)}")
-        self.limit_s = float(self.options.get("limit_s", 60.0))
+        try:
+            self.limit_s = float(self.options.get("limit_s", "60"))
+        except ValueError:
+            raise ProblemSetError(f"limit_s is {self.options['limit_s']!r} and no number of seconds") from None
 
     def __len__(self) -> int:
         """Number of files."""

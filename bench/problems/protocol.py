@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,26 +15,51 @@ import qpsolvers
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
+from bench.problem_files.npz import QP_FIELDS, opened, packed, packed_program, unpacked, unpacked_program
+from bench.problem_files.program import ProblemFileError
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import Certificate, certify
 
 Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+
+__all__ = ["QP_FIELDS", "SCALINGS", "CertifiedForm", "ProblemSet", "ProblemSetError", "RaceProblem", "Validation",
+           "certified"]
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
-QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
+
+
+class ProblemSetError(ValueError):
+    """What a problem set needs and does not have; the message is one sentence."""
 
 
 @dataclass(frozen=True)
 class CertifiedForm:
-    """One scaling of a problem: the program in z, the weights w = ``to_weights`` z, and the proof of its optimum."""
+    """One scaling of a problem: the program in z, the weights w = ``to_weights`` z, and the proof of its optimum.
+
+    Attributes
+    ----------
+    qp : qpsolvers.Problem
+        Matrices dense or in compressed sparse columns.
+    c : float
+        Constant term of the cost.
+    to_weights : array or sparse matrix, shape (d, d)
+    certificate : Certificate
+    warm_start : array, shape (d,), optional
+        The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
+    """
 
     qp: Problem
     c: float
-    to_weights: Matrix
+    to_weights: Any
     certificate: Certificate
+    warm_start: Vector | None = None
+
+    @property
+    def optimum_is_unique(self) -> bool:
+        """Whether the data themselves single out one optimum; a shift that made them convex does not count."""
+        return self.certificate.unique and self.certificate.convexity_shift == 0.0
 
 
 @dataclass(frozen=True)
@@ -90,18 +115,23 @@ class RaceProblem:
     def optimal_weights(self) -> Vector:
         """The certified optimum in weight coordinates and unit amplitudes."""
         form = next(iter(self.forms.values()))
-        return form.to_weights @ np.array(form.certificate.x)
+        return np.asarray(form.to_weights @ np.array(form.certificate.x), dtype=np.float64)
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the first form's P; infinite where rounding hides the smallest eigenvalue."""
+        P = next(iter(self.forms.values())).qp.P
+        values = np.linalg.eigvalsh(P if isinstance(P, np.ndarray) else P.toarray())
+        hidden = values[0] <= self.d * np.finfo(float).eps * values[-1]
+        return float("inf") if hidden else float(values[-1] / values[0])
 
     def save(self, path: Path) -> None:
         """Write everything as NPZ, whole or not at all."""
         arrays: dict[str, Any] = {}
         meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}}
         for scaling, form in self.forms.items():
-            for field in QP_FIELDS:
-                value = getattr(form.qp, field)
-                if value is not None:
-                    arrays[f"{scaling}/{field}"] = value
-            arrays[f"{scaling}/to_weights"] = form.to_weights
+            arrays |= packed_program(form.qp, f"{scaling}/")
+            arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(f"{scaling}/warm_start", form.warm_start)
             meta["certificates"][scaling] = form.certificate.to_json()
             meta["c"][scaling] = form.c
         if self.validation is not None:
@@ -114,12 +144,15 @@ class RaceProblem:
 
     @classmethod
     def load(cls, path: Path) -> RaceProblem:
-        """Read what :meth:`save` wrote."""
-        with np.load(path, allow_pickle=False) as data:
+        """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
+        with opened(path) as data:
             meta = json.loads(str(data["meta"]))
-            forms = {scaling: CertifiedForm(stored_qp(data, scaling), meta["c"][scaling], data[f"{scaling}/to_weights"],
-                                            Certificate.from_json(text))
+            forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), meta["c"][scaling],
+                                            unpacked(data, f"{scaling}/to_weights"), Certificate.from_json(text),
+                                            unpacked(data, f"{scaling}/warm_start"))
                      for scaling, text in meta["certificates"].items()}
+            if not forms:
+                raise ProblemFileError(f"{path}: holds no certificate")
             validation = None
             if "structure" in meta:
                 state = OperatorState(data["validation/play"], data["validation/creep"])
@@ -128,21 +161,20 @@ class RaceProblem:
         return cls(meta["set"], meta["name"], forms, validation)
 
 
-def stored_qp(data: Any, scaling: str) -> Problem:
-    """The program of one scaling from an open NPZ file."""
-    fields = {field: data[f"{scaling}/{field}"] for field in QP_FIELDS if f"{scaling}/{field}" in data}
-    return Problem(**{"G": None, "h": None, "A": None, "b": None, "lb": None, "ub": None, **fields})
+def certified(set_name: str, name: str, problem: IdentificationProblem, validation: Validation | None = None,
+              before: Vector | None = None) -> RaceProblem:
+    """Prove the optimum of an identification in both scalings, in slope coordinates.
 
-
-def certified(set_name: str, name: str, problem: IdentificationProblem,
-              validation: Validation | None = None) -> RaceProblem:
-    """Prove the optimum of an identification in both scalings, in slope coordinates."""
+    Where the optimal weights ``before`` (d,) of the problem before this one are given, both forms carry them as a start
+    in their own variables, feasible to the last bit.
+    """
     forms: dict[Scaling, CertifiedForm] = {}
     for scaling in SCALINGS:
         form = problem.form("slope", scaling)
         start = qpsolvers.solve_problem(form.qp, solver="daqp").x
         forms[scaling] = CertifiedForm(form.qp, form.c, form.to_weights,
-                                       certify(form.qp, np.zeros(problem.structure.d) if start is None else start))
+                                       certify(form.qp, np.zeros(problem.structure.d) if start is None else start),
+                                       None if before is None else np.maximum(form.variables(before), form.qp.lb))
     return RaceProblem(set_name, name, forms, validation)
 
 
@@ -153,14 +185,38 @@ class ProblemSet(ABC):
     ----------
     seed : int
         Everything random in the set follows from it.
+    **options
+        Text under the names of ``needs`` and ``takes``.
+
+    Attributes
+    ----------
+    left_out : dict of str to str
+        Problems that are not raced and why, by name; complete once :meth:`problems` has come to its end.
+
+    Raises
+    ------
+    ProblemSetError
+        An option is missing or unknown, or does not make a set.
     """
 
     name: ClassVar[str]
     description: ClassVar[str]
     """One sentence that says what the set is for."""
+    needs: ClassVar[Mapping[str, str]] = {}
+    """Options that the set cannot be made without: what each is, by name."""
+    takes: ClassVar[Mapping[str, str]] = {}
+    """Options that may be left out."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, **options: str) -> None:
+        for option, what in self.needs.items():
+            if option not in options:
+                raise ProblemSetError(f"the problem set {self.name!r} needs --{option.replace('_', '-')}, {what}")
+        for option in options:
+            if option not in {**self.needs, **self.takes}:
+                raise ProblemSetError(f"the problem set {self.name!r} takes no option {option!r}")
         self.seed = seed
+        self.options = options
+        self.left_out: dict[str, str] = {}
 
     @abstractmethod
     def __len__(self) -> int:

@@ -122,6 +122,20 @@ class ProjectedDifference(Solver):
         self._taken = recursion.run(self._steps, self._threshold)
         return self._unscaled()
 
+    def begin(self, start: Vector) -> None:
+        """Put the recursion at ``start`` (d,), to be moved on by ``advance`` as the machine runs."""
+        assert self._recursion is not None, "setup comes first"
+        self._recursion.start(start / self._D)
+
+    def advance(self, steps: int) -> None:
+        """Take so many steps from where the recursion stands."""
+        assert self._recursion is not None, "setup comes first"
+        self._recursion.run(steps)
+
+    def answer(self) -> Vector:
+        """Return the iterate (d,) where the recursion stands."""
+        return self._unscaled()
+
     def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Run the steps from 0, each time from the start, timed; updates are not compiled."""
         assert self._recursion is not None, "setup comes first"

@@ -1,0 +1,124 @@
+"""The verb ``problems``: what the problem sets hold, whether every proof holds, and the problems as files."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from bench.cli.console import console, print_table, progress_bar
+from bench.problem_files.qpbenchmark_set import write_test_set
+from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, make
+from solvers.certificate import Certificate, NotCertified, verify
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("problems")(problems_verb)
+
+
+def problems_verb(
+    problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
+    source: Annotated[Path | None, typer.Option("--from", help="Folder with saved problems, in place of making them.")] = None,
+    export: Annotated[Path | None, typer.Option(help="Folder for the problems as NPZ and a test set of qpbenchmark.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Number of problems; all by default.")] = None,
+    seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
+    recording: Annotated[Path | None, typer.Option(help="For the set recorded: CSV or Parquet.")] = None,
+    time: Annotated[str | None, typer.Option(help="Time column of the recording; guessed by default.")] = None,
+    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
+    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="For the set foreign: NPZ, MAT, QPS and MPS files.")] = None,
+    limit_s: Annotated[float, typer.Option(min=0.1, help="For the set foreign: seconds for each proof.")] = 60.0,
+) -> None:
+    """List the problem sets, or the problems of one; check every proof, write the problems to files."""
+    if problem_set is None and source is None:
+        if verify or export is not None:
+            raise typer.BadParameter("which problems is not said; name a --set, or a folder with --from", param_hint="--set")
+        print_table(("set", "problems", "what it is for"),
+                    [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())], left=3)
+        return
+    files = {name: str(value) for name, value in (("recording", recording), ("folder", folder), ("time", time),
+                                                  ("input", input), ("output", output)) if value is not None}
+    chosen, left_out, total = _chosen(problem_set, source, seed, {**files, "limit_s": str(limit_s)})
+    if export is not None:
+        export.mkdir(parents=True, exist_ok=True)
+    rows: list[tuple[str, ...]] = []
+    failures: list[str] = []
+    exported: dict[str, list[bool]] = defaultdict(list)
+    with progress_bar() as progress:
+        for done, problem in enumerate(islice(chosen, limit)):
+            progress(f"{problem.set_name}/{problem.name}", done, min(total, limit or total))
+            proofs = _failures(problem) if verify else {}
+            failures += [f"{problem.set_name}/{problem.name} ({scaling}): {why}" for scaling, why in proofs.items()]
+            rows.append((*_described(problem), ("; ".join(proofs.values()) or "holds") if verify else ""))
+            if export is not None:
+                problem.save(export / f"{problem.set_name}--{problem.name}.npz")
+                exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
+    heads = ("problem", "optimum", "variables", "rows", "condition", *(("proofs",) if verify else ()))
+    print_table(heads, [row[:len(heads)] for row in rows], left=2)
+    for name, why in left_out.items():
+        console.print(f"Not certified and therefore not raced: {name}: {why}")
+    if export is not None:
+        for name, sparse in exported.items():
+            console.print(f"Test set of qpbenchmark: {write_test_set(export, name, any(sparse))}")
+    if not rows:
+        raise ProblemSetError(f"there is no certified problem in {source or problem_set}")
+    if verify:
+        _say_verdict(len(rows), len(left_out), failures)
+
+
+def _count(cls: type[ProblemSet]) -> str:
+    return f"needs --{', --'.join(cls.needs)}" if cls.needs else str(len(cls()))
+
+
+def _chosen(problem_set: str | None, source: Path | None, seed: int, options: Mapping[str, str],
+            ) -> tuple[Iterator[RaceProblem], Mapping[str, str], int]:
+    """The problems, those that are left out and why (known at the end), and how many there are at most."""
+    if source is None:
+        assert problem_set is not None
+        made = make(problem_set, seed, options)
+        return made.problems(), made.left_out, len(made)
+    if not source.is_dir():
+        raise ProblemSetError(f"{source}: is not a folder")
+    files = sorted(source.glob("*.npz"))
+    loaded = (RaceProblem.load(path) for path in files)
+    return (problem for problem in loaded if problem_set in (None, problem.set_name)), {}, len(files)
+
+
+def _failures(problem: RaceProblem) -> dict[str, str]:
+    """What is wrong with the proofs of a problem, by scaling."""
+    found = {}
+    for scaling, form in problem.forms.items():
+        try:
+            verify(form.qp, form.certificate)
+        except (NotCertified, ValueError) as error:
+            found[str(scaling)] = str(error)
+    return found
+
+
+def _described(problem: RaceProblem) -> tuple[str, ...]:
+    form = next(iter(problem.forms.values()))
+    rows = sum(right.size for right in (form.qp.h, form.qp.b) if right is not None)
+    condition = f"{problem.condition:.1e}" if problem.condition < float("inf") else "singular"
+    return problem.name, _optimum(form.certificate), str(problem.d), str(rows), condition
+
+
+def _optimum(certificate: Certificate) -> str:
+    if certificate.convexity_shift:
+        return f"of P + {certificate.convexity_shift:.0e} I, since rounding left P indefinite"
+    return "unique" if certificate.unique else "not unique"
+
+
+def _say_verdict(count: int, left_out: int, failures: list[str]) -> None:
+    """The count of problems whose proofs hold; ProblemSetError where one does not."""
+    if failures:
+        more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
+        raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
+    share = 100.0 * count / (count + left_out)
+    console.print(f"{count} of {count + left_out} problems are certified in every scaling ({share:.0f} %): every proof holds.")

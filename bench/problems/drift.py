@@ -1,0 +1,56 @@
+"""A data basis that forgets, over an actuator whose gain drifts: problems that follow each other, each close to the last.
+
+    P_k = Σ_j λ^(k−j) Ξ_j Ξ_jᵀ / W_k,   λ = exp(−Ts/τ),   τ = 2 s
+
+One problem every quarter of a second, each with the optimum of the one before it as ``warm_start``. This is what a solver
+that runs beside a controller sees, and where a warm start has to pay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
+from bench.problems.simulation import SAMPLE_TIME, Experiment
+from piezo_model import DataBasis, OperatorState
+
+TIME_CONSTANT_S = 2.0
+DRIFT_PER_S = 0.005
+BUILD_S = 2.0
+"""Before the first problem, which has no predecessor and is not raced."""
+EVERY_S = 0.25
+COUNT = 32
+UNSEEN_S = 0.5
+
+
+class Drift(ProblemSet):
+    """The Preisach actuator under a random walk, its gain drifting by half a per cent a second."""
+
+    name = "drift"
+    description = "snapshots of a forgetting data basis (2 s) every 0.25 s over a drifting actuator, with warm starts"
+
+    def __len__(self) -> int:
+        """Number of snapshots."""
+        return COUNT
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Drive on by a quarter of a second, take a snapshot, certify it."""
+        experiment = Experiment("relay_preisach", "random_walk", drift_per_s=DRIFT_PER_S, seed=self.seed)
+        plant = experiment.sensor()
+        x = experiment.reference("random_walk", BUILD_S + COUNT * EVERY_S + UNSEEN_S, plant)
+        y = plant.run(x)
+        noise_um = experiment.noise * (plant.y_range[1] - plant.y_range[0])
+        first, step, ahead = (round(seconds / SAMPLE_TIME) for seconds in (BUILD_S, EVERY_S, UNSEEN_S))
+        structure = experiment.structure(plant, x[:first], y[:first])
+        basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0),
+                          forgetting=math.exp(-SAMPLE_TIME / TIME_CONSTANT_S))
+        basis.update(x[:first], y[:first])
+        before = certified(self.name, "start", basis.problem()).optimal_weights
+        for end in range(first + step, first + COUNT * step + 1, step):
+            basis.update(x[end - step:end], y[end - step:end])
+            unseen = slice(end, end + ahead)
+            validation = Validation(structure, basis.state.copy(), x[unseen], y[unseen], noise_um)
+            problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", basis.problem(), validation, before)
+            before = problem.optimal_weights
+            yield problem

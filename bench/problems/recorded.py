@@ -1,0 +1,80 @@
+"""Anybody's recording, seen by models of several orders over several windows.
+
+The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first sample
+on, and counted from where the operator states are known (`piezo_model.unknown_start`) or from the start of the window,
+whichever is later. The level at which the creep states rested is found once, for one order: it belongs to the actuator and not
+to the model. A recording has an unknown constant, so every model has an offset, a variable without bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import ClassVar
+
+from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
+from piezo_model import DataBasis, ModelStructure, Recording
+from piezo_model.identification import choose_creep_rates
+from piezo_model.unknown_start import counted_y_range, resting_level, settled_from, unknown_start
+
+ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
+"""(n, m), for d = 19, 9, 27, 39, 61 with the offset; the creep level is found with the first."""
+WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
+"""Share of the fitted part that is counted, up to its end."""
+KEPT_BACK = 0.2
+LONGEST_VALIDATION = 200_000
+"""Samples; every problem carries its own copy."""
+SOLVER, PROXIMAL = "box_active_set", 1e-10
+
+
+class Recorded(ProblemSet):
+    """One recording, orders by windows."""
+
+    name = "recorded"
+    description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
+    needs: ClassVar = {"recording": "a CSV or Parquet file with time, input and output columns"}
+    takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column"}
+
+    def __len__(self) -> int:
+        """Orders times windows."""
+        return len(ORDERS) * len(WINDOWS)
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Accumulate each window at each order and certify it; windows that are too short are left out."""
+        time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
+        whole = Recording.open(self.options["recording"], time, input, output).in_memory()
+        fitted = round((1.0 - KEPT_BACK) * whole.length)
+        recording, unseen = _part(whole, slice(fitted)), _part(whole, slice(fitted, fitted + LONGEST_VALIDATION))
+        (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
+        level: float | None = None
+        for n, m in ORDERS:
+            s, settled = _structure(recording, n, m)
+            for window, share in WINDOWS.items():
+                name, start = f"n{n}-m{m}-{window}", max(settled, round((1.0 - share) * fitted))
+                if fitted - start <= s.d:
+                    self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
+                    continue
+                level = resting_level(recording, s, settled, SOLVER, PROXIMAL) if level is None else level
+                basis = DataBasis(s, unknown_start(recording, s, level))
+                basis.update(x[:start], y[:start], count=False)
+                basis.update(x[start:], y[start:])
+                validation = Validation(s, basis.state.copy(), x_unseen, y_unseen)
+                yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation)
+
+
+def _part(whole: Recording, samples: slice) -> Recording:
+    """Some samples of a recording, checked like a recording of their own."""
+    x, y = whole.arrays()
+    return Recording.from_arrays(x[samples], y[samples], whole.sample_time, input_unit=whole.input_unit,
+                                 output_unit=whole.output_unit,
+                                 name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}")
+
+
+def _structure(recording: Recording, n: int, m: int) -> tuple[ModelStructure, int]:
+    """A structure over the ranges of the counted part, and from which sample the operator states are known."""
+    s = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range,
+                                   choose_creep_rates(recording.sample_time, recording.duration_s), recording.sample_time,
+                                   offset=True, input_unit=recording.input_unit, output_unit=recording.output_unit)
+    settled = settled_from(recording, s)
+    low, high = counted_y_range(recording, settled)
+    return (replace(s, y_centre=0.5 * (low + high), y_scale=0.5 * (high - low)) if low < high else s), settled

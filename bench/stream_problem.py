@@ -1,0 +1,165 @@
+"""The drift scenario sample by sample: an actuator whose gain drifts, and a data basis that forgets.
+
+The building phase gives the start, P₀, q₀ and c₀ in slope coordinates, scaled to unit diagonal *then*. After it the row
+(ξ, x) of every sample is
+
+    ξ(k) = (T D)ᵀ Ξ(k),   x(k) the input,      P(k) = λ P(k−1) + (1 − λ) ξ ξᵀ  and so on, see `solvers.kernels.forgetting`,
+
+with T D the map from the scaled slopes to the weights of Ξ in unit amplitudes, fixed at the start, and λ = e^(−Ts/τ). The
+problem of sample k is the box QP of P(k), q(k). At a few hundred instants, spread evenly, its optimum is proven; at all
+others a solver of the caller's choice is the reference.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from qpsolvers import Problem
+
+import solvers
+from bench.problem_files.npz import opened, packed_program, unpacked_program
+from bench.problems.simulation import SAMPLE_TIME, Experiment
+from piezo_model import DataBasis, ModelStructure, OperatorState
+from piezo_model.atomic_file import replacing
+from piezo_model.data_basis import RegressorArrays, regressor_step
+from solvers.certificate import Certificate, certify
+from solvers.compiled import kernel
+from solvers.kernels.forgetting import absorb
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Instant:
+    """The problem of one sample with its proven optimum."""
+
+    sample: int
+    qp: Problem
+    c: float
+    certificate: Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class StreamProblem:
+    """A stream of rows and what is known of its optima.
+
+    Attributes
+    ----------
+    name : str
+    start : qpsolvers.Problem
+        The program before the first row.
+    c : float
+        Its constant.
+    answer : array (d,)
+        Its proven optimum, in use before the first answer.
+    rows : array (N, d + 1)
+        (ξ, x) of each sample.
+    forgetting : float
+        λ.
+    instants : tuple of Instant
+    """
+
+    name: str
+    start: Problem
+    c: float
+    answer: Vector
+    rows: Matrix
+    forgetting: float
+    instants: tuple[Instant, ...]
+
+    @property
+    def d(self) -> int:
+        """Number of variables."""
+        return int(self.answer.size)
+
+    def save(self, path: Path) -> None:
+        """Write everything as NPZ, whole or not at all."""
+        arrays = packed_program(self.start, "start/") | {
+            "answer": self.answer, "rows": self.rows, "P": np.array([instant.qp.P for instant in self.instants]),
+            "q": np.array([instant.qp.q for instant in self.instants])}
+        meta = {"name": self.name, "c": self.c, "forgetting": self.forgetting,
+                "instants": [(instant.sample, instant.c, instant.certificate.to_json()) for instant in self.instants]}
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> StreamProblem:
+        """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
+        with opened(path) as data:
+            meta, start = json.loads(str(data["meta"])), unpacked_program(data, "start/")
+            P, q = data["P"], data["q"]
+            answer, rows = data["answer"], data["rows"]
+        instants = tuple(Instant(sample, Problem(P[i], q[i], lb=start.lb, ub=start.ub), c, Certificate.from_json(text))
+                         for i, (sample, c, text) in enumerate(meta["instants"]))
+        return cls(meta["name"], start, meta["c"], answer, rows, meta["forgetting"], instants)
+
+
+@kernel
+def _write_rows(p: RegressorArrays, x: Vector, y: Vector, play: Vector, creep: Vector, rows: Vector, stride: int) -> None:
+    for k in range(x.size):
+        regressor_step(p, x[k], y[k], play, creep, rows, k * stride)
+
+
+def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y: Vector) -> Matrix:
+    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes; the state moves on."""
+    arrays = RegressorArrays.of(structure)
+    rows = np.zeros((x.size + 1) * arrays.stride)  # blocks are written beyond the last row
+    _write_rows(arrays, structure.unit_input(x), structure.unit_output(y), state.play, state.creep, rows, arrays.stride)
+    return rows.reshape(-1, arrays.stride)[:x.size, :arrays.width].copy()
+
+
+def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:
+    """Drive, measure and turn what follows the building phase into rows.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    samples : int
+        Length of the stream.
+    time_constant_s : float
+        τ; the building phase forgets with it too.
+    certified : int
+        How many instants get a proof; never more than there are samples.
+    """
+    plant = experiment.sensor()
+    x = experiment.reference(experiment.drive, experiment.build_s + samples * SAMPLE_TIME, plant)
+    y = plant.run(x)
+    built = x.size - samples
+    structure = experiment.structure(plant, x[:built], y[:built])
+    forgetting = float(np.exp(-SAMPLE_TIME / time_constant_s))
+    basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0), forgetting)
+    basis.update(x[:built], y[:built])
+    form = basis.problem(proximal=experiment.proximal).form("slope", "scaled")
+    rows = regressor_rows(structure, basis.state.copy(), x[built:], y[built:])
+    rows = np.ascontiguousarray(np.column_stack([rows[:, 1:] @ form.to_weights, rows[:, 0]]))
+    answer = np.array(certify(form.qp, references(form.qp, rows[:0], forgetting, np.zeros(structure.d))[0]).x)
+    wanted = np.unique(np.linspace(0, samples - 1, min(certified, samples)).round().astype(int)).tolist()
+    found = references(form.qp, rows, forgetting, answer)[1:]
+    return StreamProblem(f"{experiment.plant}-{experiment.drive}", form.qp, form.c, answer, rows, forgetting,
+                         _proven(form.qp, form.c, rows, forgetting, wanted, found))
+
+
+def references(start: Problem, rows: Matrix, forgetting: float, x: Vector) -> Matrix:
+    """Optima in doubles: of the start, warm from x, and after each row, shape (N + 1, d)."""
+    reference = solvers.get("box_active_set", "kernel")
+    reference.setup(start)
+    first = reference.solve(x).copy()
+    return np.vstack([first, reference.time_rows(rows, forgetting)[0]])
+
+
+def _proven(start: Problem, c: float, rows: Matrix, forgetting: float, wanted: Sequence[int], found: Matrix,
+            ) -> tuple[Instant, ...]:
+    """The problems of some samples with their proofs, which begin from the answers found."""
+    P, q, constant, done, instants = start.P.copy(), start.q.copy(), np.array([c]), 0, []
+    for sample in wanted:
+        absorb(P, q, constant, rows, done, sample + 1, forgetting)
+        done = sample + 1
+        qp = Problem(P.copy(), q.copy(), lb=start.lb, ub=start.ub)
+        instants.append(Instant(sample, qp, float(constant[0]), certify(qp, found[sample])))
+    return tuple(instants)
