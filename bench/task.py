@@ -26,12 +26,14 @@ class Task:
     tier: Tier
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Solver settings on top of the tier's, such as the number of steps."""
+    repeat: int = 0
+    """Which of several runs of the same, each in a fresh process."""
 
     @property
     def key(self) -> str:
         """A file name that is the same in every run for the same task."""
         text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.tier,
-                           dict(self.settings)], sort_keys=True)
+                           dict(self.settings), *([self.repeat] if self.repeat else [])], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     @property

@@ -24,6 +24,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -301,4 +302,4 @@ def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     [(0, 2, True), (2, 3, False)]
     """
     edges = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), flags.size]
-    return [(a, b, bool(flags[a])) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+    return [(a, b, bool(flags[a])) for a, b in pairwise(edges) if b > a]
