@@ -26,18 +26,24 @@ class Drawn:
     ub: np.ndarray
 
 
+def _dyadic(values: np.ndarray) -> np.ndarray:
+    """Sixteenths, so that sums and differences in a file are exact."""
+    return np.round(16.0 * values) / 16.0
+
+
 def draw(seed: int = 0, d: int = 12) -> Drawn:
     """Equalities, ranges, one-sided rows, free and fixed variables, a singular sparse P; feasible and bounded."""
     rng = np.random.default_rng(seed)
 
     def sparse(rows: int, share: float) -> np.ndarray:
-        return np.round(rng.normal(size=(rows, d)), 2) * (rng.random((rows, d)) < share)
+        return _dyadic(rng.normal(size=(rows, d))) * (rng.random((rows, d)) < share)
 
     root = sparse(d // 2, 0.3)
     root[0, 0] = 1.0
     C = sparse(9, 0.4)
     C[np.arange(9), np.arange(9)] = 1.5
-    x = np.round(rng.normal(size=d), 1)
+    x = _dyadic(rng.normal(size=d))
+    x[7] = -1.0 - abs(x[7])
     value = C @ x
     l, u = value - 0.5, value + 0.25  # noqa: E741
     l[:3] = u[:3] = value[:3]
@@ -46,11 +52,11 @@ def draw(seed: int = 0, d: int = 12) -> Drawn:
     lb[:4], ub[:4] = -INF, INF  # free, but for P below
     ub[4:6] = INF
     lb[6] = ub[6] = x[6]
-    lb[7], ub[7] = -INF, -abs(x[7])
-    P = np.round(root.T @ root, 4) + np.diag(np.r_[np.full(4, 2.0), np.zeros(d - 4)])
+    lb[7], ub[7] = -INF, x[7] + 0.5
+    P = root.T @ root + np.diag(np.r_[np.full(4, 2.0), np.zeros(d - 4)])
     q = np.r_[rng.normal(size=4), np.abs(rng.normal(size=d - 4))]
     q[7] = -1.0
-    return Drawn(sp.csc_matrix(P), np.round(q, 3), 3.25, sp.csc_matrix(C), l, u, lb, ub)
+    return Drawn(sp.csc_matrix(P), _dyadic(q), 3.25, sp.csc_matrix(C), l, u, lb, ub)
 
 
 def write_mat(path: Path, p: Drawn) -> Path:

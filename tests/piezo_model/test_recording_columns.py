@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from recording_files import HEADER, refusal, signals, text_file
 
-from piezo_model.recording_columns import split_unit
 from piezo_model.recordings import Recording, write_table
+from piezo_model.recordings.columns import split_unit
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from piezo_model.recording_tables import Table
-from piezo_model.table_pieces import RecordingError
+from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.tables import Table
 
 SECONDS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 VOLTAGES = ("V", "mV", "kV")

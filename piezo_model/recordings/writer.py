@@ -20,7 +20,7 @@ import pyarrow.parquet as arrow_parquet
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
-from piezo_model.table_pieces import RecordingError
+from piezo_model.recordings.pieces import RecordingError
 
 WRITTEN_SUFFIXES = (".csv", ".parquet")
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recording_tables import Table
-from piezo_model.table_pieces import RecordingError, Vector, rechunk
+from piezo_model.recordings.pieces import RecordingError, Vector, rechunk
+from piezo_model.recordings.tables import Table
 
 CHUNK = 65536
 TIME_TOLERANCE = 0.01

@@ -2,9 +2,9 @@
 
 A table is a path, its column names and two verbs: ``pieces(columns)`` streams the named columns as float64 arrays of
 shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where
-a row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recording_checks`.
+a row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recordings.checks`.
 
-Formats: RFC 4180 for CSV (:mod:`piezo_model.csv_table`); Apache Parquet.
+Formats: RFC 4180 for CSV (:mod:`piezo_model.recordings.csv_table`); Apache Parquet.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as arrow_parquet
 
-from piezo_model.csv_table import CsvTable
-from piezo_model.table_pieces import BUFFER_BYTES, Matrix, RecordingError, first_line, matrix_of
+from piezo_model.recordings.csv_table import CsvTable
+from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, first_line, matrix_of
 
 CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 PARQUET_SUFFIXES = (".parquet", ".pq")

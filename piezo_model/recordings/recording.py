@@ -2,8 +2,8 @@
 
 The file (CSV or Parquet) has a time column t_k = t_0 + k T and named columns for the input x_k and the output y_k. It
 is checked once, when it is opened, and streamed ever after: a recording of hours fits because nothing of it is kept but
-its ranges. Columns that the user does not name are guessed from the header (:mod:`piezo_model.recording_columns`), and
-``describe()`` says so; what is checked and how is in :mod:`piezo_model.recording_checks`.
+its ranges. Columns that the user does not name are guessed from the header (:mod:`piezo_model.recordings.columns`), and
+``describe()`` says so; what is checked and how is in :mod:`piezo_model.recordings.checks`.
 """
 
 from __future__ import annotations
@@ -18,13 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model.recording_checks import CHUNK, TIME_TOLERANCE, ValueCheck, scan
-from piezo_model.recording_columns import INPUT, OUTPUT, REFERENCE, TIME, choose, seconds_per_unit, split_unit
-from piezo_model.recording_tables import open_table
-from piezo_model.table_pieces import Matrix, RecordingError, Vector, rechunk
-from piezo_model.table_writer import write_table
-
-__all__ = ["Recording", "RecordingError", "Reference", "read_reference", "write_table"]
+from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, ValueCheck, scan
+from piezo_model.recordings.columns import INPUT, OUTPUT, REFERENCE, TIME, choose, seconds_per_unit, split_unit
+from piezo_model.recordings.pieces import Matrix, RecordingError, Vector, rechunk
+from piezo_model.recordings.tables import open_table
 
 
 @dataclass(frozen=True)
@@ -76,6 +73,7 @@ class Recording:
         Examples
         --------
         >>> import tempfile
+        >>> from piezo_model.recordings import write_table
         >>> path = Path(tempfile.mkdtemp()) / "stage.csv"
         >>> write_table(path, {"time_s": [0.0, 0.005, 0.01], "voltage_V": [0, 1, 2], "displacement_um": [0, 8, 17]})
         >>> recording = Recording.open(path)

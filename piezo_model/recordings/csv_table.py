@@ -15,7 +15,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
 
-from piezo_model.table_pieces import BUFFER_BYTES, Matrix, RecordingError, first_line, matrix_of
+from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, first_line, matrix_of
 
 HEAD_BYTES = 1 << 16
 """The header must lie within these first bytes."""
@@ -25,7 +25,7 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class CsvTable:
-    """A text file with a header row; see :func:`piezo_model.recording_tables.open_table`."""
+    """A text file with a header row; see :func:`piezo_model.recordings.tables.open_table`."""
 
     path: Path
     columns: tuple[str, ...]
