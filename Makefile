@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help bench test lint perf report clean
+.PHONY: help bench test lint perf report experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
@@ -40,6 +40,9 @@ perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
 
 report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)
+
+experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with figures
+	$(BIN)/piezobench experiment
 
 clean:                ## remove caches of compiled code and tools
 	find bench piezo_model solvers tests -name __pycache__ -type d -prune -exec rm -r {} +

@@ -14,7 +14,7 @@ from time import perf_counter_ns
 
 import numpy as np
 
-from solvers.protocol import Nanoseconds, Solver
+from solvers.protocol import Nanoseconds, Solver, Vector
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,16 @@ def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort
     return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64)
 
 
-def time_kernel(solver: Solver, update: Callable[[], object], effort: Effort) -> tuple[Nanoseconds, Nanoseconds]:
+def time_kernel(solver: Solver, update: Callable[[], object], effort: Effort, warm_start: Vector | None = None,
+                ) -> tuple[Nanoseconds, Nanoseconds]:
     """Time update and solve inside compiled code; updates that are not compiled are timed from Python."""
+    start = {} if warm_start is None else {"warm_start": warm_start}
     updates: list[Nanoseconds] = []
     solves: list[Nanoseconds] = []
     spent, done = 0, 0
     with no_garbage_collection():
         while done < effort.fewest or (spent < effort.budget_s * 1e9 and done < effort.most):
-            compiled, taken = solver.time_kernel(effort.fewest)
+            compiled, taken = solver.time_kernel(effort.fewest, **start)
             updates.append(np.array([time_call(update)], dtype=np.int64) if compiled is None else compiled)
             solves.append(taken)
             spent += int(taken.sum() + updates[-1].sum())

@@ -7,12 +7,14 @@ imports every library that it finds), with every thread pool limited to one thre
 
 from __future__ import annotations
 
+import fcntl
 import multiprocessing
 import os
 import signal
 import tempfile
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import send_handle
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -20,9 +22,10 @@ from typing import Any
 from qpsolvers import Problem
 
 from bench.clock import Effort
+from bench.oneshot_worker import OneShot
 from bench.problems.protocol import QP_FIELDS
 from bench.task import Task
-from bench.worker import OneShot, Outcome, Request, introduce, serve
+from bench.worker import Outcome, Request, introduce, serve
 from solvers.registry import Described, Entry
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
@@ -30,6 +33,8 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 START_LIMIT_S = 60.0
 GRACE_S = 1.0
 """Time for a process to end by itself."""
+LAST_BYTES = 10_000
+"""Of what a solver prints, where its last words are looked for."""
 
 
 def _context() -> Any:
@@ -92,9 +97,8 @@ class Child:
         self.time_limit_s = time_limit_s
         self.memory_mb = memory_mb
         self.core = core
-        handle, log = tempfile.mkstemp(prefix="piezobench-", suffix=".log")
-        os.close(handle)
-        self._log = Path(log)
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  it has no name, so that nobody has to remove it
+        fcntl.fcntl(self._log, fcntl.F_SETFL, os.O_APPEND)
         self._process: Any = None
         self._connection: Connection | None = None
         self._start()
@@ -103,9 +107,9 @@ class Child:
         context = _context()
         self._connection, other = context.Pipe()
         self._process = context.Process(target=serve, daemon=True,
-                                        args=(other, self.entry, self.core, self.memory_mb, self.time_limit_s,
-                                              str(self._log)))
+                                        args=(other, self.entry, self.core, self.memory_mb, self.time_limit_s))
         self._process.start()
+        send_handle(self._connection, self._log.fileno(), self._process.pid)
         other.close()
         self._described: Described | None = None
 
@@ -132,9 +136,9 @@ class Child:
         assert isinstance(described, Described)
         return described
 
-    def run(self, task: Task, problem: Problem, effort: Effort) -> Outcome:
+    def run(self, task: Task, problem: Problem, effort: Effort, warm_start: Any = None) -> Outcome:
         """Run one task of the one-shot race."""
-        return self.ask(OneShot(task, {name: getattr(problem, name) for name in QP_FIELDS}, effort))
+        return self.ask(OneShot(task, {name: getattr(problem, name) for name in QP_FIELDS}, effort, warm_start))
 
     def ask(self, request: Request) -> Outcome:
         """Have a request answered; whatever happens to the process becomes an outcome."""
@@ -162,7 +166,9 @@ class Child:
         """Say how the process ended."""
         self._process.join(GRACE_S)
         code = self._process.exitcode
-        last_words = self._log.read_text(errors="replace").strip().splitlines()[-1:]
+        log = self._log.fileno()
+        printed = os.pread(log, LAST_BYTES, max(os.fstat(log).st_size - LAST_BYTES, 0))
+        last_words = printed.decode(errors="replace").strip().splitlines()[-1:]
         self.close()
         how = _how(code)
         said = f", after printing {last_words[0][:200]!r}" if last_words else ""
@@ -195,4 +201,4 @@ class Child:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
-        self._log.unlink(missing_ok=True)
+        self._log.close()

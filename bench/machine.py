@@ -1,10 +1,17 @@
-"""What a run was measured on: machine, versions, and what disturbs timing there."""
+"""What a run was measured on: machine, versions, and what disturbs timing there.
+
+Some of it is known beforehand (:func:`warnings`); what happened meanwhile is the difference of :func:`counters` before
+and after a part of the race: time that a hypervisor gave to others, cores that ran hot, and load by neighbours.
+"""
 
 from __future__ import annotations
 
 import importlib.metadata
 import os
 import platform
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,4 +49,89 @@ def warnings() -> list[str]:
         found.append("This is a virtual machine, so neighbours may take time from it.")
     if os.getloadavg()[0] > 0.5:
         found.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
+    return found
+
+
+TOLERATED_STEAL = 0.5
+"""Per cent of the machine's time."""
+TOLERATED_NEIGHBOURS = 0.25
+"""Cores that others keep busy, in the mean."""
+TOLERATED_PREEMPTIONS = 1e-3
+"""For each timed call."""
+
+
+@dataclass(frozen=True)
+class Counters:
+    """Where the system's counters stand; zero where it has none.
+
+    Attributes
+    ----------
+    seconds : float
+        On the monotonic clock.
+    stolen, busy, ticks : int
+        Time of all cores that a hypervisor gave to others, that they worked, and all time, in clock ticks.
+    switches : int
+        Context switches.
+    throttled : int
+        How often a core was slowed down since it was hot.
+    """
+
+    seconds: float
+    stolen: int
+    busy: int
+    ticks: int
+    switches: int
+    throttled: int
+
+
+def counters() -> Counters:
+    """Read the counters."""
+    stolen = busy = ticks = switches = 0
+    stat = Path("/proc/stat")
+    if stat.is_file():
+        for line in stat.read_text(encoding="ascii").splitlines():
+            name, *numbers = line.split()
+            if name == "cpu":  # user nice system idle iowait irq softirq steal, then guests, who are in user already
+                times = [int(number) for number in numbers[:8]]
+                ticks, stolen = sum(times), times[7]
+                busy = ticks - stolen - times[3] - times[4]
+            elif name == "ctxt":
+                switches = int(numbers[0])
+    throttled = sum(int(path.read_text()) for path in
+                    Path("/sys/devices/system/cpu").glob("cpu[0-9]*/thermal_throttle/core_throttle_count"))
+    return Counters(time.monotonic(), stolen, busy, ticks, switches, throttled)
+
+
+def between(before: Counters, after: Counters) -> dict[str, float]:
+    """What happened between two readings; ``busy_cores`` are so many in the mean."""
+    ticks, seconds = max(after.ticks - before.ticks, 1), after.seconds - before.seconds
+    return {"seconds": seconds, "throttled": after.throttled - before.throttled,
+            "steal_percent": 100.0 * (after.stolen - before.stolen) / ticks, "switches": after.switches - before.switches,
+            "busy_cores": (after.busy - before.busy) / os.sysconf("SC_CLK_TCK") / max(seconds, 1e-9)}
+
+
+def disturbances(parts: Sequence[Mapping[str, float]], workers: int = 1) -> list[str]:
+    """Sentences about what disturbed a race, from what :func:`between` said of its parts.
+
+    Each part may also have ``preemptions`` and ``timed_calls``. Each worker itself keeps one core busy.
+
+    Examples
+    --------
+    >>> disturbances([{"seconds": 60.0, "throttled": 0, "steal_percent": 2.0, "busy_cores": 1.0}])
+    ['A hypervisor gave 2.0 % of the machine to others while solvers were timed.']
+    """
+    if not parts:
+        return []
+    found, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
+    steal = sum(part["steal_percent"] * part["seconds"] for part in parts) / seconds
+    if steal > TOLERATED_STEAL:
+        found.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
+    if throttled := sum(part["throttled"] for part in parts):
+        found.append(f"Cores were slowed down {throttled:.0f} times since they were hot.")
+    neighbours = sum(part["busy_cores"] * part["seconds"] for part in parts) / seconds - workers
+    if neighbours > TOLERATED_NEIGHBOURS:
+        found.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
+    preemptions, calls = (sum(part.get(name, 0) for part in parts) for name in ("preemptions", "timed_calls"))
+    if preemptions > TOLERATED_PREEMPTIONS * calls:
+        found.append(f"Solvers were taken off their core {preemptions:.0f} times in {calls:.0f} timed calls.")
     return found

@@ -1,6 +1,7 @@
 """The judge: one definition of right for every solver, from the problem's data and never from the solver's word.
 
-- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x
+- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a program
+                  whose cost is no sum of squares over max(|V* + c|, 1), in the cost of the raw program
 - violation       ‖x − x̂‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
 - weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or zero
@@ -64,10 +65,11 @@ def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) 
     gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     tolerance = TOLERANCE[tier]
-    right = gap.relative <= tolerance and gap.violation <= tolerance
+    relative = min(gap.relative, gap.absolute / form.cost_unit) if form.cost_unit > 0.0 else gap.relative
+    right = relative <= tolerance and gap.violation <= tolerance
     return Judgement(
         Status.OK if right else Status.INACCURATE,
-        "" if right else f"cost gap {gap.relative:.1e}, violation {gap.violation:.1e}", gap.relative, gap.violation,
+        "" if right else f"cost gap {relative:.1e}, violation {gap.violation:.1e}", relative, gap.violation,
         *_residuals(solution),
         _weight_error(problem, form, x), _model_error(problem, form, x))
 

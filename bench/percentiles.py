@@ -5,9 +5,10 @@ K ~ Bin(N, q), so that for any continuous distribution
 
     P(X_l ≤ ξ ≤ X_u) = P(l ≤ K < u) = F(u − 1) − F(l − 1),   F the distribution function of K.
 
-l is the largest and u the smallest rank that leave at most 2.5 % below and above. Where not even u = N does, the upper end
-is the maximum and the lower tail takes what is left of the 5 %, and so with l = 1. Where the widest interval (X₁, X_N) covers less than
-95 %, qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and p99.99 needs 29 956.
+l is the largest and u the smallest rank that leave at most 2.5 % below and above. Where not even u = N does, the upper
+end is the maximum and the lower tail takes what is left of the 5 %; likewise with l = 1. Where the widest interval,
+(X₁, X_N), covers less than 95 %, that is qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and p99.99
+needs 29 956.
 
 The samples are taken as independent. Delays come in bursts, so that the true intervals of tails are wider; several
 processes and the floor of the machine beside them are the remedy.
@@ -105,7 +106,7 @@ def percentile(sample: ArrayLike, q: float, confidence: float = CONFIDENCE) -> P
     except ValueError as error:
         return Percentile(q, reason=str(error))
     rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
-    return Percentile(q, *(float(ordered[i - 1]) for i in (rank, low, high)))
+    return Percentile(q, float(ordered[rank - 1]), float(ordered[low - 1]), float(ordered[high - 1]))
 
 
 def rate_bound(events: int, samples: int, confidence: float = CONFIDENCE) -> float:

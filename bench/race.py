@@ -1,76 +1,39 @@
 """The one-shot race: every problem, in each scaling, by every solver in every lane at each tier.
 
-For each problem and scaling the solvers take turns, each in its own process on the same core, and every finished task
-is on disk before the next one starts.
+For each problem and scaling the solvers come one after the other, each hot in its own process on the same core, and then
+take turns; see `unit`. Beside them runs a solver that does nothing, the floor of all times.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import TypeVar
 
-import numpy as np
-
-from bench import machine
-from bench.clock import Effort
+from bench import cores, engine, machine, null_solver, sentinel
+from bench.engine import Workers
 from bench.isolation import Child, entry_of_file, warm_up
-from bench.metrics import judge
+from bench.line_up import LineUp
 from bench.problems import find as find_set
-from bench.problems.protocol import SCALINGS, RaceProblem
+from bench.problems.protocol import RaceProblem
+from bench.race_settings import RaceError, RaceSettings
+from bench.rows import PERIOD_US
 from bench.store import Run, RunError
 from bench.task import Task
-from bench.worker import Outcome
+from bench.unit import Unit, do
+from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
-from solvers import Lane, Tier, entries
+from solvers import Lane, entries
 from solvers.registry import Described, Entry
+
+__all__ = ["PERIOD_US", "Progress", "RaceError", "RaceSettings", "Workers", "carry_on", "checked", "entries_of", "field_of",
+           "note_conditions", "problems_of", "settings_of", "start", "started", "tasks_of"]
 
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
-
-PERIOD_US = 125.0
-"""The paper's sampling period."""
-
-
-class RaceError(ValueError):
-    """What is asked for cannot be raced; the message is one sentence that says why."""
-
-
-@dataclass(frozen=True)
-class RaceSettings:
-    """What is raced and how; stored with the run, so that it can be resumed."""
-
-    problem_sets: tuple[str, ...] = ("paper",)
-    solvers: tuple[str, ...] = ()
-    """Names to race; empty for all."""
-    lanes: tuple[Lane, ...] = tuple(Lane)
-    tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
-    scalings: tuple[Scaling, ...] = SCALINGS
-    limit: int | None = None
-    """Number of problems of each set; None for all."""
-    seed: int = 0
-    effort: Effort = field(default_factory=Effort)
-    time_limit_s: float = 20.0
-    memory_mb: int = 2048
-    solver_files: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Settings as JSON can hold them."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Self:
-        """Make the settings of :meth:`to_dict`."""
-        tuples = {name: tuple(value) for name, value in data.items() if isinstance(value, list)}
-        lanes, tiers = tuple(Lane(x) for x in data["lanes"]), tuple(Tier(x) for x in data["tiers"])
-        return cls(**{**data, **tuples, "lanes": lanes, "tiers": tiers, "effort": Effort(**data["effort"])})
-
 
 Settings = TypeVar("Settings", bound=RaceSettings)
 
@@ -101,17 +64,33 @@ def entries_of(settings: RaceSettings) -> list[Entry]:
     return chosen
 
 
-def tasks_of(settings: RaceSettings, field: Sequence[Described], problem: RaceProblem, scaling: Scaling,
+def tasks_of(settings: RaceSettings, field: Sequence[Described], problem: RaceProblem, scaling: Scaling, repeat: int = 0,
              ) -> Iterator[Task]:
-    """All tasks of one problem in one scaling; a solver with variants shows those at the first tier only."""
+    """All tasks of one problem in one scaling; a solver with variants shows those at the first tier only.
+
+    Warm tasks are there for solvers that make use of a start, on problems that have one.
+    """
+    follows = problem.forms[scaling].warm_start is not None
     for solver in field:
         for tier in settings.tiers if solver.variants == ({},) else settings.tiers[:1]:
             for variant in solver.variants:
-                yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tier, variant)
+                yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tier, variant, repeat)
+                if follows and solver.warm_start:
+                    yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tier, variant, repeat,
+                               "warm")
+
+
+def units_of(run: Run, settings: RaceSettings, field: Sequence[Described], problems: Sequence[RaceProblem]) -> list[Unit]:
+    """All that is to be done, in order; the solver that does nothing opens each unit."""
+    floor = null_solver.ENTRY
+    return [Unit(run.path.resolve(), problem.set_name, problem.name, scaling, repeat,
+                 (Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, settings.interleaved_tier,
+                       repeat=repeat), *tasks_of(settings, field, problem, scaling, repeat)))
+            for repeat in range(settings.repeats) for problem in problems for scaling in settings.scalings]
 
 
 @contextmanager
-def started(chosen: Sequence[Entry], settings: RaceSettings, core: int) -> Iterator[list[Child]]:
+def started(chosen: Sequence[Entry], settings: RaceSettings, core: int | None = None) -> Iterator[list[Child]]:
     """The processes of the field, all starting at once."""
     with ExitStack() as stack:
         yield [stack.enter_context(Child(entry, settings.time_limit_s, settings.memory_mb, core)) for entry in chosen]
@@ -133,15 +112,18 @@ def start(results: Path, settings: RaceSettings, name: str | None = None, kind: 
     return Run.create(results, {"race": kind, "settings": settings.to_dict(), "machine": machine.describe()}, name)
 
 
-def carry_on(run: Run, progress: Progress) -> None:
+def carry_on(run: Run, progress: Progress, workers: Workers | None = None) -> None:
     """Do whatever is not done yet and gather the tables."""
-    settings = settings_of(run)
+    workers = workers or Workers()
+    settings = settings_of(run, RaceSettings)
+    workers.check()
     with run.alone():
         warm_up()
         chosen = checked(settings)
         problems = list(problems_of(run, settings, progress))
-        _race(run, settings, chosen, problems, progress)
+        (_race_here if workers.is_one else _race_spread)(run, settings, chosen, problems, progress, workers)
         progress("gathering the tables", 0, 1)
+        note_conditions(run, workers)
         run.finish()
 
 
@@ -153,18 +135,46 @@ def settings_of(run: Run, kind: type[Settings] = RaceSettings) -> Settings:  # t
         raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race ({error!r})") from None
 
 
-def _race(run: Run, settings: RaceSettings, chosen: Sequence[Entry], problems: Sequence[RaceProblem],
-          progress: Progress) -> None:
-    """Do the tasks that are not done."""
-    with started(chosen, settings, max(os.sched_getaffinity(0))) as processes:
-        field, children = field_of(run, processes)
-        tasks = [(problem, task) for problem in problems for scaling in settings.scalings
-                 for task in tasks_of(settings, field, problem, scaling)]
-        for done, (problem, task) in enumerate(tasks):
-            progress(f"{task.solver} ({task.lane}) on {problem.name}, {task.scaling}", done, len(tasks))
-            if not run.is_done(task):
-                outcome = children[task.solver, task.lane].run(task, problem.forms[task.scaling].qp, settings.effort)
-                run.save(task, row_of(problem, task, outcome), times_of(outcome))
+def _race_here(run: Run, settings: RaceSettings, chosen: Sequence[Entry], problems: Sequence[RaceProblem],
+               progress: Progress, workers: Workers) -> None:
+    """Do the units in this process."""
+    progress("waiting for a core on which no other race times", 0, 1)
+    with (cores.claim() as core,
+          LineUp([null_solver.ENTRY, *chosen], settings, core.number) as line_up):
+        floor, *processes = line_up.children.values()
+        floor.describe()
+        units = units_of(run, settings, field_of(run, processes)[0], problems)
+        total, done = sum(len(unit.tasks) for unit in units), 0
+
+        def tell(task: Task) -> None:
+            nonlocal done
+            progress(f"{task.solver} ({task.lane}) on {task.problem}, {task.scaling}", done, total)
+            done += 1
+
+        for unit in units:
+            do(unit, line_up, tell)
+
+
+def _race_spread(run: Run, settings: RaceSettings, chosen: Sequence[Entry], problems: Sequence[RaceProblem],
+                 progress: Progress, workers: Workers) -> None:
+    """Do the units on several workers; this process only asks which solvers there are."""
+    with started(chosen, settings) as processes:
+        units = units_of(run, settings, field_of(run, processes)[0], problems)
+    progress(f"{len(units)} problems in a scaling", 0, len(units))
+    for done, unit in enumerate(engine.spread(units, [null_solver.ENTRY, *chosen], settings, workers)):
+        progress(f"{unit.problem}, {unit.scaling}", done + 1, len(units))
+
+
+def note_conditions(run: Run, workers: Workers) -> None:
+    """Keep how the machine fared while it timed, and say what makes the times less certain."""
+    notes = run.all_notes()
+    looks = sentinel.table(notes)
+    with replacing(run.path / "sentinel.parquet") as temporary:
+        looks.to_parquet(temporary, index=False)
+    run.note(conditions={
+        "sentinel_drift": sentinel.drift(looks), "parts": [{name: value for name, value in note.items() if name != "sentinel"}
+                                                           for note in notes],
+        "warnings": [*sentinel.sentences(looks), *machine.disturbances(notes, workers.count)]})
 
 
 def field_of(run: Run, processes: Sequence[Child]) -> tuple[list[Described], dict[tuple[str, Lane], Child]]:
@@ -179,47 +189,24 @@ def field_of(run: Run, processes: Sequence[Child]) -> tuple[list[Described], dic
 
 
 def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[RaceProblem]:
-    """Make the problems and keep them, or load those that were kept."""
+    """Load the problems of the sets that were made and kept, and make the others; what is raced is what was kept."""
     for set_name in settings.problem_sets:
-        made = find_set(set_name)(settings.seed)
-        count = min(len(made), settings.limit or len(made))
-        for i, problem in enumerate(islice(made.problems(), count)):
-            progress(f"certified {problem.set_name}/{problem.name}", i + 1, count)
-            path = run.problem_path(problem.set_name, problem.name)
-            if not path.is_file():
-                problem.save(path)
-            yield RaceProblem.load(path)  # what is raced is what is kept, whoever resumes it with whatever versions
+        kept = run.settings.get("problems", {}).get(set_name, ())
+        if not kept or not all(run.problem_path(set_name, name).is_file() for name in kept):
+            kept = list(_made(run, settings, set_name, progress))
+            run.note(problems={**run.settings.get("problems", {}), set_name: kept})
+        for i, name in enumerate(kept):
+            progress(f"{set_name}/{name}", i + 1, len(kept))
+            yield run.problem(set_name, name)
 
 
-def times_of(outcome: Outcome) -> dict[str, Any]:
-    """Raw nanoseconds by what was timed."""
-    return {"setup": outcome.setup_ns, "update": outcome.update_ns, "solve": outcome.solve_ns}
-
-
-def row_of(problem: RaceProblem, task: Task, outcome: Outcome) -> dict[str, Any]:
-    """The row of a task: who, what, how right and how fast.
-
-    ``periods`` is what the answer takes in sampling periods: the steps of a method that does one step a sample, else
-    the median of update and solve over 125 µs.
-    """
-    verdict = judge(problem, task.scaling, task.tier, outcome)
-    solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
-    timed = solve.size > 0
-    steps = task.settings.get("steps")
-    span_um = problem.validation.span_um if problem.validation is not None else float("nan")
-    return {
-        "task": task.key, "problem_set": task.problem_set, "problem": task.problem, "d": problem.d,
-        "solver": task.solver, "lane": str(task.lane), "tier": str(task.tier), "scaling": task.scaling,
-        "settings": json.dumps(dict(task.settings)), **asdict(verdict), "status": str(verdict.status),
-        "model_error_um": verdict.model_error_percent / 100.0 * span_um,
-        "noise_um": problem.validation.noise_um if problem.validation is not None else float("nan"),
-        "setup_us": _median(outcome.setup_ns / 1e3), "update_us": _median(update), "solve_us_p50": _median(solve),
-        "solve_us_p99": float(np.percentile(solve, 99)) if timed else float("nan"),
-        "solve_us_max": float(solve.max()) if timed else float("nan"), "samples": int(solve.size),
-        "periods": float(steps) if steps else (_median(update) + _median(solve)) / PERIOD_US,
-        "reported_us": outcome.reported_us, "iterations": outcome.iterations, "mutates_input": outcome.mutated,
-        "repeatable": outcome.repeatable}
-
-
-def _median(values: Any) -> float:
-    return float(np.median(values)) if values.size else float("nan")
+def _made(run: Run, settings: RaceSettings, set_name: str, progress: Progress) -> Iterator[str]:
+    """Make the problems of a set and keep those that are not kept yet; yields their names."""
+    made = find_set(set_name)(settings.seed)
+    count = min(len(made), settings.limit or len(made))
+    for i, problem in enumerate(islice(made.problems(), count)):
+        progress(f"certified {set_name}/{problem.name}", i + 1, count)
+        path = run.problem_path(set_name, problem.name)
+        if not path.is_file():
+            problem.save(path)
+        yield problem.name

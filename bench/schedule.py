@@ -77,6 +77,11 @@ class Timeline:
         """Whether the answer to each sample came after its deadline, shape (samples,)."""
         return self.response_ns > self.period_ns
 
+    @property
+    def stalls(self) -> int:
+        """How often answers became late: runs of late samples."""
+        return runs(self.late)
+
     def in_use(self, usable: NDArray[np.bool_]) -> Index:
         """The solve whose answer is in use at each deadline, shape (samples,); −1 for what was there before the first.
 
@@ -86,6 +91,17 @@ class Timeline:
         deadlines = np.arange(1, self.samples + 1) * self.period_ns
         newest = np.searchsorted(self.ended[there], deadlines, side="right") - 1
         return np.append(there, -1)[newest]
+
+
+def runs(late: NDArray[np.bool_]) -> int:
+    """How many runs of consecutive true entries there are.
+
+    Examples
+    --------
+    >>> runs(np.array([True, True, False, True]))
+    2
+    """
+    return int(np.count_nonzero(late[1:] & ~late[:-1])) + int(late.size > 0 and late[0])
 
 
 def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], None]) -> None:
@@ -140,4 +156,4 @@ def follow(samples: int, absorb: Callable[[int, int], None], update: Callable[[i
         hopeless = hopeless and end - due(start, k, period_ns) > period_ns
         if hopeless and k + 1 >= give_up:
             break
-    return Timeline(k + 1, *(part[:count].copy() for part in (solved, data, began, updated, ended)), period_ns)
+    return Timeline(k + 1, solved[:count], data[:count], began[:count], updated[:count], ended[:count], period_ns)

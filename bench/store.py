@@ -2,9 +2,10 @@
 
     results/<run>/run.json        settings, seed, versions, machine
                   problems/       the problems with their certificates, NPZ
-                  tasks/          one NPZ a finished task while the race runs
+                  tasks/          while the race runs one NPZ a finished task, and notes as JSON
                   rows.parquet    one row a task            } written at the end
                   times.parquet   raw nanoseconds           }
+                  sentinel.parquet                          }
                   summary.csv, report.md
 
 Each file is written beside its place, flushed and renamed, so that an interruption at any moment leaves whole files
@@ -18,7 +19,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -28,14 +29,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
+from bench.rows import over_repeats
 from bench.task import Task
 from piezo_model.atomic_file import replacing, write_text
 
-COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "status", "message",
+COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "start", "settings", "status", "message",
            "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap", "weight_error",
-           "model_error_percent", "model_error_um", "noise_um", "setup_us", "update_us", "solve_us_p50", "solve_us_p99",
-           "solve_us_max", "samples", "periods", "reported_us", "iterations", "mutates_input", "repeatable")
+           "model_error_percent", "model_error_um", "noise_um", "setup_us", "update_us", "solve_us_p50", "solve_us_p50_low",
+           "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples",
+           "repeats", "solve_us_spread", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us",
+           "iterations", "mutates_input", "repeatable", "preemptions")
 """Columns of ``rows.parquet``, in order."""
 
 
@@ -47,9 +52,12 @@ class Schema:
     columns: tuple[str, ...]
     order: tuple[str, ...]
     """Columns by which the rows are sorted."""
+    gathered: Callable[[list[dict[str, Any]]], list[dict[str, Any]]] = list
+    """What becomes of the rows of all tasks."""
 
 
-ONESHOT = Schema("rows.parquet", COLUMNS, ("problem_set", "problem", "scaling", "solver", "lane", "tier", "settings"))
+ONESHOT = Schema("rows.parquet", COLUMNS, ("problem_set", "problem", "scaling", "solver", "lane", "tier", "start",
+                                           "settings"), over_repeats)
 
 
 class RunError(ValueError):
@@ -121,18 +129,27 @@ class Run:
             raise RunError(f"{self.path / 'run.json'}: does not hold settings")
         return settings
 
+    def note(self, **notes: Any) -> None:
+        """Add to ``run.json`` what JSON can hold."""
+        write_text(self.path / "run.json", json.dumps({**self.settings, **notes}, indent=1) + "\n")
+
     def note_field(self, versions: Mapping[str, str], absent: Mapping[str, str]) -> None:
         """Add the versions of the field to ``run.json``, and why others that were asked for are absent."""
-        noted = {**self.settings, "field": dict(versions), "absent": dict(absent)}
-        write_text(self.path / "run.json", json.dumps(noted, indent=1) + "\n")
+        self.note(field=dict(versions), absent=dict(absent))
 
     def problem_path(self, problem_set: str, problem: str) -> Path:
         """Where a problem is kept."""
         return self.path / "problems" / f"{problem_set}--{problem}.npz"
 
     def problem(self, problem_set: str, name: str) -> RaceProblem:
-        """Load a problem of the run."""
-        return RaceProblem.load(self.problem_path(problem_set, name))
+        """Load a problem of the run; RunError says in one sentence what is wrong with its file."""
+        path = self.problem_path(problem_set, name)
+        if not path.is_file():
+            raise RunError(f"{path}: is not there, or not from {os.uname().nodename}, so the problem cannot be raced")
+        try:
+            return RaceProblem.load(path)
+        except ProblemFileError as error:
+            raise RunError(f"{error}; remove the file and resume the run, and it is made again") from None
 
     def is_done(self, task: Task) -> bool:
         """Whether the task's row is on disk."""
@@ -146,6 +163,24 @@ class Run:
         with replacing(self._task_path(task)) as temporary, temporary.open("wb") as file:
             np.savez(file, row=np.array(json.dumps(row)), **times)
 
+    def task(self, task: Task) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Row and raw times of a task that is done."""
+        with np.load(self._task_path(task), allow_pickle=False) as data:
+            return json.loads(str(data["row"])), {what: data[what] for what in data.files if what != "row"}
+
+    def save_notes(self, name: str, notes: Mapping[str, Any]) -> None:
+        """Keep what was noted of a part of the race; that they are there says that the part is done."""
+        write_text(self.path / "tasks" / f"{name}.json", json.dumps(notes))
+
+    def has_notes(self, name: str) -> bool:
+        """Whether there are notes of that name."""
+        return (self.path / "tasks" / f"{name}.json").is_file()
+
+    def all_notes(self) -> list[dict[str, Any]]:
+        """The notes of all parts of a race that is not finished."""
+        return [json.loads(path.read_text(encoding="utf-8"))
+                for path in sorted((self.path / "tasks").glob("[!.]*.json"))]
+
     def is_finished(self, schema: Schema = ONESHOT) -> bool:
         """Whether the tables were written."""
         return (self.path / schema.file).is_file() and not (self.path / "tasks").exists()
@@ -157,10 +192,13 @@ class Run:
             with np.load(path, allow_pickle=False) as data:
                 row = json.loads(str(data["row"]))
                 rows += row if isinstance(row, list) else [row]
-                times += [{"task": path.stem, "what": what, "ns": data[what]} for what in data.files if what != "row"]
-        table = pd.DataFrame(rows, columns=["task", *schema.columns]).sort_values(list(schema.order), ignore_index=True)
+                of = {"task": path.stem} if isinstance(row, list) else {
+                    "task": row["task"], "repeat": row.get("repeat", 0)}
+                times += [{"repeat": 0, **of, "what": what, "ns": data[what]} for what in data.files if what != "row"]
+        table = pd.DataFrame(schema.gathered(rows), columns=["task", *schema.columns]).sort_values(list(schema.order),
+                                                                                                  ignore_index=True)
         with replacing(self.path / "times.parquet") as temporary:
-            pd.DataFrame(times, columns=["task", "what", "ns"]).to_parquet(temporary, index=False)
+            pd.DataFrame(times, columns=["task", "repeat", "what", "ns"]).to_parquet(temporary, index=False)
         with replacing(self.path / schema.file) as temporary:
             table.to_parquet(temporary, index=False)
         shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))

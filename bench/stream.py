@@ -10,28 +10,31 @@ A solver whose answers are late at each of the first ``give_up`` samples is stop
 from __future__ import annotations
 
 import json
-import os
 import random
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench import latency_histogram, null_solver, race
+from bench import cores, latency_histogram, null_solver
+from bench.conditions import watched
+from bench.engine import Workers
 from bench.isolation import Child, warm_up
 from bench.metrics import TOLERANCE
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
-from bench.race import Progress, RaceError, RaceSettings, checked, field_of, settings_of, started
-from bench.schedule import PERIOD_NS
+from bench.race import Progress, checked, field_of, note_conditions, settings_of, started
+from bench.race_settings import RaceSettings
+from bench.schedule import PERIOD_NS, runs
+from bench.sentinel import Sentinel
 from bench.staleness import Judge
 from bench.store import Run, Schema
 from bench.stream_problem import StreamProblem, make
-from bench.stream_worker import Streamed, StreamRequest
+from bench.stream_worker import KERNEL_WALL_S, Streamed, StreamRequest
 from bench.task import Task
 from bench.worker import Outcome
 from solvers import Lane, Status, Tier
@@ -45,14 +48,14 @@ NAN = float("nan")
 
 STREAM = Schema("stream.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "repeat", "status", "message", "paced",
-    "samples", "solves", "stopped", "missed", "unanswered", "reused", "gap_mean", "gap_max", "exact_gap_mean",
+    "samples", "solves", "stopped", "missed", "stalls", "unanswered", "reused", "gap_mean", "gap_max", "exact_gap_mean",
     "exact_gap_max", "exact_instants", "exact_difference", "own_gap_max", "data_us_p50", "update_us_p50", "solve_us_p50",
     "service_histogram", "response_histogram", "mutates_input"),
     ("problem", "lane", "solver", "tier", "settings", "repeat"))
-"""One row a process. ``missed`` deadlines; ``unanswered`` solves; ``reused`` share of samples at whose deadline an older
-answer was in use; gaps of the answers in use, of all samples in doubles and of the proven instants exactly;
-``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the kernel lane the second
-is the first corrected for the period."""
+"""One row a process. ``missed`` deadlines, in how many ``stalls``; ``unanswered`` solves; ``reused`` share of samples at
+whose deadline an older answer was in use; gaps of the answers in use, of all samples in doubles and of the proven instants
+exactly; ``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the kernel lane the
+second is the first corrected for the period."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,6 @@ class StreamSettings(RaceSettings):
     give_up: int = 4_000
     certified: int = 300
     """Instants at which the optimum is proven."""
-    repeats: int = 1
-    """Fresh processes for each solver lane."""
     plant: str = "relay_preisach"
     drive: str = "random_walk"
     drift_per_s: float = DRIFT_PER_S
@@ -78,13 +79,6 @@ class StreamSettings(RaceSettings):
         return Experiment(self.plant, self.drive, drift_per_s=self.drift_per_s, seed=self.seed)
 
 
-def start(results: Path, settings: StreamSettings, name: str | None = None) -> Run:
-    """Make the run's folder."""
-    if settings.samples < 1 or settings.repeats < 1:
-        raise RaceError(f"a stream has at least one sample and one repeat, not {settings.samples} and {settings.repeats}")
-    return race.start(results, settings, name, KIND)
-
-
 def carry_on(run: Run, progress: Progress) -> None:
     """Do whatever is not done yet and gather the tables."""
     settings = settings_of(run, StreamSettings)
@@ -94,12 +88,15 @@ def carry_on(run: Run, progress: Progress) -> None:
         stream = _stream(run, settings, progress)
         schedule_s = settings.samples * PERIOD_NS * 1e-9
         limited = replace(settings, time_limit_s=settings.time_limit_s + 2.0 * schedule_s)
-        with started([null_solver.ENTRY, *chosen], limited, max(os.sched_getaffinity(0))) as processes:
-            field, children = field_of(run, processes[1:])
-            tasks = list(tasks_of(settings, field, stream))
-            children[null_solver.ENTRY.name, null_solver.ENTRY.lane] = processes[0]
-            _race(run, settings, stream, tasks, children, progress)
+        progress("waiting for a core on which no other race times", 0, 1)
+        with (cores.claim() as core, closing(Sentinel(core.number)) as sentinel,
+              started([null_solver.ENTRY, *chosen], limited, core.number) as (floor, *processes)):
+            floor.describe()
+            field, children = field_of(run, processes)
+            children[null_solver.ENTRY.name, null_solver.ENTRY.lane] = floor
+            _race(run, settings, stream, list(tasks_of(settings, field, stream)), children, sentinel, progress)
         progress("gathering the tables", 0, 1)
+        note_conditions(run, Workers())
         run.finish(STREAM)
 
 
@@ -131,7 +128,7 @@ def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: Strea
 
 
 def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequence[Task],
-          children: dict[tuple[str, Lane], Child], progress: Progress) -> None:
+          children: dict[tuple[str, Lane], Child], sentinel: Sentinel, progress: Progress) -> None:
     """Do the tasks that are not done, each in a fresh process."""
     judge = Judge.of(stream)
     fields = {name: getattr(stream.start, name) for name in QP_FIELDS}
@@ -140,10 +137,11 @@ def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequ
         if not run.is_done(task):
             child = children[task.solver, task.lane]
             give_up = 0 if task.solver == null_solver.ENTRY.name else settings.give_up
-            outcome = child.ask(StreamRequest(task, fields, stream.answer, stream.rows, stream.forgetting,
-                                              settings.kernel_samples, give_up))
+            with watched(run, task.key, sentinel):
+                outcome = child.ask(StreamRequest(task, fields, stream.answer, stream.rows, stream.forgetting,
+                                                  settings.kernel_samples, give_up))
             child.close()
-            run.save(task, row_of(task, outcome, judge), times_of(outcome))
+            run.save(task, row_of(task, outcome, judge, settings.kernel_samples), times_of(outcome))
 
 
 def times_of(outcome: Outcome) -> dict[str, Any]:
@@ -157,17 +155,21 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
             "sample": t.solved, "began": t.began}
 
 
-def row_of(task: Task, outcome: Outcome, judge: Judge) -> dict[str, Any]:
-    """The row of a task: who, how many deadlines, and what the answers in use were worth."""
+def row_of(task: Task, outcome: Outcome, judge: Judge, wanted: int) -> dict[str, Any]:
+    """The row of a task: who, how many deadlines, and what the answers in use were worth.
+
+    ``wanted`` is how many samples the kernel lane was asked for.
+    """
     row: dict[str, Any] = {
         "task": task.key, "problem_set": task.problem_set, "problem": task.problem, "d": judge.stream.d,
         "solver": task.solver, "lane": str(task.lane), "tier": str(task.tier), "scaling": task.scaling,
         "settings": json.dumps(dict(task.settings)), "repeat": task.repeat, "message": outcome.message,
         "paced": task.lane is not Lane.KERNEL, "stopped": "", "mutates_input": outcome.mutated}
     if not isinstance(outcome, Streamed):
-        return {**dict.fromkeys(STREAM.columns), **row, "status": outcome.failure, "samples": 0, "solves": 0, "missed": 0,
-                "unanswered": 0, "exact_instants": 0, "service_histogram": "", "response_histogram": ""}
-    return {**row, **(_paced(outcome, judge) if outcome.timeline else _unpaced(outcome)),
+        counts = dict.fromkeys(("samples", "solves", "missed", "stalls", "unanswered", "exact_instants"), 0)
+        return {**dict.fromkeys(STREAM.columns), **row, **counts, "status": outcome.failure, "service_histogram": "",
+                "response_histogram": ""}
+    return {**row, **(_paced(outcome, judge) if outcome.timeline else _unpaced(outcome, wanted)),
             **_worth(task, outcome, judge)}
 
 
@@ -175,7 +177,7 @@ def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:
     t = outcome.timeline
     assert t is not None
     whole = len(judge.stream.rows)
-    return {"samples": t.samples, "solves": t.solved.size, "missed": int(t.late.sum()),
+    return {"samples": t.samples, "solves": t.solved.size, "missed": int(t.late.sum()), "stalls": t.stalls,
             "stopped": "" if t.samples == whole else f"late at each of the first {t.samples} samples",
             "data_us_p50": float(np.median(t.data_ns)) / 1e3, "update_us_p50": float(np.median(t.updated - t.began)) / 1e3,
             "solve_us_p50": float(np.median(t.ended - t.updated)) / 1e3,
@@ -183,9 +185,10 @@ def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:
             "response_histogram": latency_histogram.recorded(t.response_ns)}
 
 
-def _unpaced(outcome: Streamed) -> dict[str, Any]:
+def _unpaced(outcome: Streamed, wanted: int) -> dict[str, Any]:
     ns = outcome.kernel_ns
-    return {"samples": ns.size, "solves": ns.size, "missed": int((ns > PERIOD_NS).sum()), "data_us_p50": NAN,
+    return {"samples": ns.size, "solves": ns.size, "missed": int((ns > PERIOD_NS).sum()), "stalls": runs(ns > PERIOD_NS),
+            "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s", "data_us_p50": NAN,
             "update_us_p50": NAN, "solve_us_p50": float(np.median(ns)) / 1e3,
             "service_histogram": latency_histogram.recorded(ns),
             "response_histogram": latency_histogram.recorded(ns, PERIOD_NS)}
@@ -198,7 +201,7 @@ def _worth(task: Task, outcome: Streamed, judge: Judge) -> dict[str, Any]:
         return {**dict.fromkeys(("gap_mean", "gap_max", "exact_gap_mean", "exact_gap_max", "exact_difference", "own_gap_max",
                                  "reused"), NAN), "exact_instants": 0, "unanswered": len(answers),
                 "status": str(Status.INACCURATE)}
-    usable = np.isfinite(answers).all(axis=1)
+    usable: NDArray[np.bool_] = np.asarray(np.isfinite(answers).all(axis=1))
     solved = np.arange(len(answers)) if t is None else t.solved
     used = np.where(usable, solved, -1) if t is None else t.in_use(usable)
     gaps = judge.gaps(answers, used)

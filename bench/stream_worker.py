@@ -7,7 +7,7 @@ takes rows gets the row by ``append`` in place of P and q, and following the dat
 
 The kernel lane has no schedule: a compiled loop takes the rows back to back and notes what each took, service times that
 no Python and no waiting is in. When the rows are through it goes back along them and forth again, which has no jump,
-until ``kernel_samples`` are done or KERNEL_WALL_S are spent.
+until ``kernel_samples`` are done or, looked at after every KERNEL_BLOCK rows, KERNEL_WALL_S are spent.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ Matrix = NDArray[np.float64]
 WARM_UP = 800
 """Samples of the same sequence, on the same schedule, with a solver object of their own and not counted."""
 KERNEL_WALL_S = 10.0
+KERNEL_BLOCK = 2_000
 
 
 @dataclass
@@ -46,7 +47,7 @@ class Streamed(Outcome):
     timeline : Timeline, optional
         On the schedule; None in the kernel lane.
     answers : array (M, d)
-        Of each solve, NaN where it gave none; of the first N rows in the kernel lane.
+        Of each solve, NaN where it gave none; in the kernel lane of the first way along the rows.
     kernel_ns : array (K,)
         What each row took in the kernel lane.
     """
@@ -111,21 +112,23 @@ class StreamRequest(Request):
                         mutated=run.were_data_changed(timeline.samples))
 
     def _compiled(self, cls: type[Solver], samples: int, give_up: int) -> Outcome:
-        solver, forth = self._ready(cls), np.ascontiguousarray(self.rows[:samples])
-        back = np.ascontiguousarray(forth[::-1])
+        solver, forth = self._ready(cls), self.rows[:samples]
         if cls.warm_startable:
             solver.solve(self.start)
         wanted = self.kernel_samples if samples == len(self.rows) else samples
+        answers: list[Matrix] = []
         taken: list[Nanoseconds] = []
-        answers, done, began = np.zeros((0, 0)), 0, time.monotonic()
+        done, began = 0, time.monotonic()
         with no_garbage_collection():
             while done < wanted and (not taken or time.monotonic() - began < KERNEL_WALL_S):
-                some = (back if len(taken) % 2 else forth)[:wanted - done]
-                found, nanoseconds = solver.time_rows(some, self.forgetting)
-                answers = answers if taken else found
+                way, at = divmod(done, samples)
+                block = (forth[::-1] if way % 2 else forth)[at:at + min(KERNEL_BLOCK, wanted - done)]
+                found, nanoseconds = solver.time_rows(np.ascontiguousarray(block), self.forgetting)
+                if way == 0:
+                    answers.append(found)
                 taken.append(nanoseconds)
                 done += nanoseconds.size
-        return Streamed(found=True, answers=answers, kernel_ns=np.concatenate(taken))
+        return Streamed(found=True, answers=np.concatenate(answers), kernel_ns=np.concatenate(taken))
 
 
 class PacedRun:

@@ -6,12 +6,15 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from solvers.protocol import Lane, Tier
 
 if TYPE_CHECKING:  # a child needs tasks and no model
     from piezo_model.identification_problem import Scaling
+
+Start = Literal["cold", "warm"]
+"""Whether a solve begins from nothing or from the optimum of the problem before."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +31,14 @@ class Task:
     """Solver settings on top of the tier's, such as the number of steps."""
     repeat: int = 0
     """Which of several runs of the same, each in a fresh process."""
+    start: Start = "cold"
 
     @property
     def key(self) -> str:
         """A file name that is the same in every run for the same task."""
         text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.tier,
-                           dict(self.settings), *([self.repeat] if self.repeat else [])], sort_keys=True)
+                           dict(self.settings), *([self.repeat] if self.repeat else []),
+                           *([self.start] if self.start != "cold" else [])], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     @property

@@ -34,6 +34,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         temporary.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name is on disk, too, and not only what it names
+        finally:
+            os.close(folder)
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -1,79 +1,112 @@
 """The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample.
 
-    x(k) = H⁻¹[ S⁻¹[y_r](k) − K(k) − offset ](k)
-
-The creep part K(k) was advanced with x(k−1) already, so the implicit equation (8) is explicit. The compensator keeps
-the states of the *model*, H and K, and derives those of H⁻¹ from them at every sample (`inverse`): what it returns
-after saturation and rate limits is what the actuator really sees, and that is what moves the states on.
+The compensator keeps the states of the *model*, H and K (`inverse_model`): what it returns after saturation and rate limits is
+what the actuator really sees, and that is what moves the states on. Whatever the reference is, NaN and infinity
+included, the drive is finite and inside its limits.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.model import HysteresisCreepModel, ModelArrays, advance, creep_sum, superposition
+from piezo_model.inverse_model import InverseArrays, all_weights, model_of, set_weights, wanted_drive
+from piezo_model.model import HysteresisCreepModel, advance
 from piezo_model.operator_state import OperatorState
-from piezo_model.operators import play_step
+from piezo_model.structure import ModelStructure
 from solvers.compiled import inlined, kernel
 
 Vector = NDArray[np.float64]
 
-
-@inlined
-def inverse_hysteresis(model: ModelArrays, u: float, play: Vector) -> float:
-    """H⁻¹[u] at this sample, from the states of H after the last one; nothing is moved on."""
-    x = model.w_H_inverse[0] * u
-    outside = 0.0
-    for i in range(play.size - 1, 0, -1):  # padding has no weight and adds nothing
-        state = model.W_H[i] * play[i] + outside
-        outside += model.w_H[i] * play[i]
-        x += model.w_H_inverse[i] * play_step(u, model.r_H_inverse[i], state)
-    return x
-
-
 FARTHEST = 1e6
 """References beyond so many half ranges are taken for this, so that no sum overflows."""
 
+BUMP, DECAY, LAST_Y_REF = range(3)
+"""Entries of the fade memory: what is still added to the drive since the last change of model, the factor by which it
+decays from sample to sample, and the last finite reference in the output unit."""
+
+
+class DriveLimits(NamedTuple):
+    """Centres and scales of the structure, limits of the drive in the input unit and, with its largest change, unit amplitudes."""
+
+    x_centre: float
+    x_scale: float
+    y_centre: float
+    y_scale: float
+    low: float
+    high: float
+    unit_low: float
+    unit_high: float
+    max_step: float
+
+    @classmethod
+    def of(cls, s: ModelStructure, x_limits: tuple[float, float] | None, rate_limit: float | None) -> DriveLimits:
+        """Limits of a structure; ValueError where they make no sense."""
+        low, high = (-math.inf, math.inf) if x_limits is None else (float(x_limits[0]), float(x_limits[1]))
+        if not low < high:
+            raise ValueError(f"x_limits must be two numbers in ascending order, not {(low, high)}")
+        if rate_limit is not None and not rate_limit > 0.0:
+            raise ValueError(f"rate_limit must be positive, not {rate_limit}")
+        max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
+        return cls(s.x_centre, s.x_scale, s.y_centre, s.y_scale, low, high, (low - s.x_centre) / s.x_scale,
+                   (high - s.x_centre) / s.x_scale, max_step)
+
 
 @inlined
-def compensate_step(model: ModelArrays, y_ref: float, play: Vector, creep: Vector, limits: Vector) -> float:
-    """Drive sample for one reference sample, within limits, all in unit amplitudes; moves the states on.
+def unit_reference(p: DriveLimits, y_ref: float) -> float:
+    """A finite reference in unit amplitudes, far-away ones brought near."""
+    return max(-FARTHEST, min(FARTHEST, (y_ref - p.y_centre) / p.y_scale))
 
-    ``limits`` holds lowest and highest drive, largest change, the bump of the last change of model and the factor by which
-    it decays. A reference that is not finite holds the drive where it is.
+
+@inlined
+def within_limits(p: DriveLimits, x: float) -> float:
+    """Unit drive inside the limits."""
+    return max(p.unit_low, min(p.unit_high, x))
+
+
+@inlined
+def drive_step(p: InverseArrays, limits: DriveLimits, y_ref: float, play: Vector, creep: Vector, fade: Vector) -> float:
+    """Drive sample in the input unit for one reference sample in the output unit; moves the states on.
+
+    A reference that is not finite holds the drive where it is.
     """
     last = play[0]
     x = last
     if math.isfinite(y_ref):
-        y_ref = max(-FARTHEST, min(FARTHEST, y_ref))
-        u = superposition(y_ref, model.S_inverse) - creep_sum(model, creep) - model.offset
-        x = inverse_hysteresis(model, u, play) + limits[BUMP]
-        limits[BUMP] *= limits[DECAY]
-        x = max(last - limits[MAX_STEP], min(last + limits[MAX_STEP], x))
-    x = max(limits[LOW], min(limits[HIGH], x))
-    advance(model.operators, x, play, creep)
+        fade[LAST_Y_REF] = y_ref
+        x = wanted_drive(p, unit_reference(limits, y_ref), play, creep) + fade[BUMP]
+        fade[BUMP] *= fade[DECAY]
+        x = max(last - limits.max_step, min(last + limits.max_step, x))
+    x = limits.x_centre + limits.x_scale * within_limits(limits, x)
+    x = max(limits.low, min(limits.high, x))  # rounding may have passed a limit by its last bit
+    advance(p.operators, (x - limits.x_centre) / limits.x_scale, play, creep)
     return x
 
 
+@inlined
+def hand_over_step(p: InverseArrays, limits: DriveLimits, weights: Vector, play: Vector, creep: Vector,
+                   fade: Vector) -> None:
+    """Take new weights over without a bump: what they would drive differently at this moment is added and fades away."""
+    y_ref = unit_reference(limits, fade[LAST_Y_REF])
+    before = within_limits(limits, wanted_drive(p, y_ref, play, creep))
+    set_weights(p, weights)
+    fade[BUMP] += before - within_limits(limits, wanted_drive(p, y_ref, play, creep))
+
+
 @kernel
-def _run(model: ModelArrays, y_ref: Vector, play: Vector, creep: Vector, limits: Vector, x: Vector) -> None:
+def _run(p: InverseArrays, limits: DriveLimits, y_ref: Vector, play: Vector, creep: Vector, fade: Vector, x: Vector) -> None:
     for k in range(y_ref.size):
-        x[k] = compensate_step(model, y_ref[k], play, creep, limits)
+        x[k] = drive_step(p, limits, y_ref[k], play, creep, fade)
 
 
 @kernel
-def _drive_now(model: ModelArrays, y_ref: float, play: Vector, creep: Vector) -> float:
-    """What the model would drive for this reference at this moment; nothing is moved on."""
-    u = superposition(y_ref, model.S_inverse) - creep_sum(model, creep) - model.offset
-    return inverse_hysteresis(model, u, play)
-
-
-LOW, HIGH, MAX_STEP, BUMP, DECAY = range(5)
+def _drive_now(p: InverseArrays, limits: DriveLimits, play: Vector, creep: Vector, fade: Vector) -> float:
+    """What the model would drive for the last reference at this moment; nothing is moved on."""
+    return within_limits(limits, wanted_drive(p, unit_reference(limits, fade[LAST_Y_REF]), play, creep))
 
 
 class Compensator:
@@ -105,58 +138,64 @@ class Compensator:
     def __init__(self, model: HysteresisCreepModel, x_limits: tuple[float, float] | None = None,
                  rate_limit: float | None = None, state: OperatorState | None = None) -> None:
         s = model.structure
-        low, high = (-math.inf, math.inf) if x_limits is None else x_limits
-        if not low < high:
-            raise ValueError(f"x_limits must be two numbers in ascending order, not {x_limits}")
-        if rate_limit is not None and not rate_limit > 0.0:
-            raise ValueError(f"rate_limit must be positive, not {rate_limit}")
-        self.model = model
+        self._x_limits, self._rate_limit = x_limits, rate_limit
         self.state = OperatorState.at_rest(s) if state is None else state.copy()
         self.state.require(s)
-        max_step = math.inf if rate_limit is None else rate_limit * s.sample_time / s.x_scale
-        self._limits = np.array([(low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, max_step, 0.0, 0.0])
-        self._x_limits = (low, high)
-        self._last_y_ref = 0.0
+        self.fade = np.array([0.0, 0.0, s.y_centre])
+        self._use(model)
+
+    def _use(self, model: HysteresisCreepModel) -> None:
+        self._model, self.limits = model, DriveLimits.of(model.structure, self._x_limits, self._rate_limit)
+        self.inverse = InverseArrays.of(model.structure)
+        set_weights(self.inverse, all_weights(model))
+
+    @property
+    def model(self) -> HysteresisCreepModel:
+        """The model in use."""
+        if not np.array_equal(all_weights(self._model), self.inverse.weights):  # compiled code handed weights over
+            self._model = model_of(self._model.structure, self.inverse.weights)
+        return self._model
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) that brings the actuator to the reference sample (output unit)."""
-        return float(self.run(np.array([y_ref]))[0])
+        return float(self.run(np.array([y_ref], dtype=np.float64))[0])
 
     def run(self, y_ref: ArrayLike) -> Vector:
-        """Drive samples (N,) for reference samples (N,); the same as ``step`` one by one."""
-        s = self.model.structure
-        unit_y = s.unit_output(np.ascontiguousarray(y_ref, dtype=np.float64))
-        x = np.empty_like(unit_y)
-        _run(self.model.arrays, unit_y, self.state.play, self.state.creep, self._limits, x)
-        if unit_y.size and math.isfinite(unit_y[-1]):
-            self._last_y_ref = float(unit_y[-1])
-        return np.clip(s.x_centre + s.x_scale * x, *self._x_limits)  # rounding may pass a limit by its last bit
+        """Drive samples (N,) for reference samples (N,); the same, to the last bit, as ``step`` one by one."""
+        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        x = np.empty_like(y_ref)
+        _run(self.inverse, self.limits, y_ref, self.state.play, self.state.creep, self.fade, x)
+        return x
 
     def change_model(self, model: HysteresisCreepModel, fade_s: float = 0.0) -> None:
-        """Go on with another model of the same structure, without a bump.
+        """Go on with another model of the same operators, without a bump.
 
         The states are those of the actuator and stay. What the new model would drive differently at this very moment is
-        added to its drive and decays with the time constant ``fade_s``; with 0 the drive jumps.
+        added to its drive and decays with the time constant ``fade_s``; with 0 the drive jumps. The new structure may
+        differ in what concerns the output.
         """
-        if model.structure != self.model.structure:
-            raise ValueError("the new model has another structure, so the states of the actuator do not fit it")
-        bump = 0.0
-        if fade_s > 0.0:
-            y_ref, play, creep = self._last_y_ref, self.state.play, self.state.creep
-            bump = _drive_now(self.model.arrays, y_ref, play, creep) - _drive_now(model.arrays, y_ref, play, creep)
-            self._limits[DECAY] = math.exp(-model.structure.sample_time / fade_s)
-        self._limits[BUMP] = self._limits[BUMP] + bump if fade_s > 0.0 else 0.0
-        self.model = model
+        old, new = self._model.structure, model.structure
+        for name in ("play_thresholds", "creep_rates", "sample_time", "x_centre", "x_scale"):
+            if getattr(old, name) != getattr(new, name):
+                raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
+        arrays = self.state.play, self.state.creep, self.fade
+        before = _drive_now(self.inverse, self.limits, *arrays)
+        self._use(model)
+        bump = before - _drive_now(self.inverse, self.limits, *arrays)
+        self.fade[BUMP] = self.fade[BUMP] + bump if fade_s > 0.0 else 0.0
+        self.fade[DECAY] = math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:
-        """Everything that changes while it runs, as JSON can hold it; floats survive bit for bit."""
-        return {"play": self.state.play.tolist(), "creep": self.state.creep.tolist(), "bump": float(self._limits[BUMP]),
-                "decay": float(self._limits[DECAY]), "last_y_ref": self._last_y_ref}
+        """Everything that changes while it runs: the model, and copies of the arrays."""
+        return {"model": self.model.to_dict(), "play": self.state.play.copy(), "creep": self.state.creep.copy(),
+                "fade": self.fade.copy()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`memory` gave."""
-        state = OperatorState(np.array(memory["play"]), np.array(memory["creep"]))
-        state.require(self.model.structure)
-        self.state = state
-        self._limits[BUMP], self._limits[DECAY] = memory["bump"], memory["decay"]
-        self._last_y_ref = float(memory["last_y_ref"])
+        """Go on, to the last bit, from what :meth:`memory` gave; ModelError or ValueError says why not."""
+        model = HysteresisCreepModel.from_dict(memory["model"])
+        state = OperatorState(memory["play"], memory["creep"]).copy()
+        state.require(model.structure)
+        if memory["fade"].shape != self.fade.shape:
+            raise ValueError(f"the fade memory must have {self.fade.size} numbers, not {memory['fade'].size}")
+        self._use(model)
+        self.state, self.fade = state, memory["fade"].copy()

@@ -1,10 +1,7 @@
 """The data basis of the identification, accumulated while the samples stream by.
 
-Each sample gives one row of the error model (5), linear in the unknowns w:
-
-    E(k) = wᵀΞ(k) + x(k),   Ξ = (H_r1[x] … H_rn[x],  −S_r'[y] …,  K_r0[x] … K_rn[x],  [1]) in unit amplitudes
-
-and the cost is the mean square V(w) = ½ wᵀP w + qᵀw + c with
+Each sample gives one row (x, Ξ) of the error model (5) (`regressors`), and the cost is the mean square
+V(w) = ½ wᵀP w + qᵀw + c with
 
     P = Σ λ^(N−k) Ξ Ξᵀ / W,   q = Σ λ^(N−k) Ξ x / W,   c = ½ Σ λ^(N−k) x² / W,   W = Σ λ^(N−k)
 
@@ -16,86 +13,51 @@ Source: the paper's equations (3) to (6); K. Kuhnen, European Journal of Control
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.identification_problem import Coordinates, Excitation, IdentificationProblem
+from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.model import advance
-from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
-from piezo_model.operators import creep_step, dead_zone_step, play, play_step
+from piezo_model.operator_state import OperatorArrays, OperatorState
+from piezo_model.operators import play_step
+from piezo_model.regressors import RegressorArrays as RegressorArrays  # rows and their sums are one topic to most users
+from piezo_model.regressors import regressor_step as regressor_step
 from piezo_model.structure import ModelStructure
 from solvers.compiled import inlined, kernel
-from solvers.vector8 import LANES, load8, padded, splat8, store8
+from solvers.vector8 import load8, padded, splat8, store8
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 BLOCK = 64
 """Rows gathered before they are added to the Gram matrix, few enough to stay in the first-level cache."""
 
+FILLED, SAMPLES = range(2)
+"""Entries of ``BasisArrays.counts``: rows that wait for their block to be full; samples counted since the last clear."""
 
-class RegressorArrays(NamedTuple):
-    """Parameters of the regressor row as the compiled kernels take them."""
-
-    operators: OperatorArrays
-    dead_zones: SuperpositionArrays
-    outer: SuperpositionArrays
-    """Dead zones to be taken off: the next ones outwards for slope coordinates, nothing for weights."""
-    n: int
-    width: int
-    """d + 1."""
-    offset: bool
-
-    @classmethod
-    def of(cls, s: ModelStructure, coordinates: Coordinates = "weight") -> RegressorArrays:
-        """Parameters of a structure; in slope coordinates the row is that of v = T⁻¹ w, Ξ_v = Tᵀ Ξ."""
-        r_S = np.array(s.dead_zone_thresholds)
-        zones = SuperpositionArrays.of(np.ones_like(r_S), r_S)
-        outer = SuperpositionArrays(np.full_like(zones.low, -np.inf), np.full_like(zones.high, np.inf), zones.w)
-        if coordinates == "slope":
-            low, high, middle, last = zones.low, zones.high, s.middle, s.dead_zones - 1
-            outer.low[1:middle], outer.high[1:middle] = low[:max(middle - 1, 0)], high[:max(middle - 1, 0)]
-            outer.low[middle + 1:last], outer.high[middle + 1:last] = low[middle + 2:last + 1], high[middle + 2:last + 1]
-            # The piece around zero ends at the next threshold on both sides.
-            outer.low[middle] = low[middle - 1] if middle > 0 else -np.inf
-            outer.high[middle] = high[middle + 1] if middle < last else np.inf
-        return cls(OperatorArrays.of(s), zones, outer, s.n, s.d + 1, s.offset)
-
-    @property
-    def stride(self) -> int:
-        """Length of a row in memory: blocks of eight are written and read beyond the last column."""
-        return padded(self.width + LANES)
+X_MIN, X_MAX, Y_MIN, Y_MAX = range(4)
+"""Entries of ``BasisArrays.span``."""
 
 
-@inlined
-def regressor_step(p: RegressorArrays, x: float, y: float, play: Vector, creep: Vector, rows: Vector, at: int) -> None:
-    """Write the row (x, Ξ) of one sample to ``rows[at:]`` and move the operator states on.
+class BasisArrays(NamedTuple):
+    """Everything that the compiled kernels read and write of a data basis."""
 
-    Blocks are written from left to right, so that each one overwrites the padding of the one before it.
-    """
-    lanes = p.operators.r.size
-    vx, vy = splat8(x), splat8(y)
-    for i in range(0, lanes, 8):
-        play_i = play_step(vx, load8(p.operators.r, i), load8(play, i))
-        store8(play, i, play_i)
-        store8(rows, at + i, play_i)
-    column = at + p.n + 1
-    for i in range(0, p.dead_zones.w.size, 8):
-        inner = dead_zone_step(vy, load8(p.dead_zones.low, i), load8(p.dead_zones.high, i))
-        store8(rows, column + i, dead_zone_step(vy, load8(p.outer.low, i), load8(p.outer.high, i)) - inner)
-    if p.operators.rates > 0:
-        column = at + p.width - p.offset - p.n - 1
-        for i in range(0, lanes, 8):
-            r, total = load8(p.operators.r, i), splat8(0.0)
-            for j in range(p.operators.rates):
-                z = load8(creep, j * lanes + i)
-                total = total + z
-                store8(creep, j * lanes + i, creep_step(vx, r, load8(p.operators.a, j * lanes + i), z))
-            store8(rows, column + i, total)
-    if p.offset:
-        rows[at + p.width - 1] = 1.0
+    regressors: RegressorArrays
+    play: Vector
+    creep: Vector
+    start_play: Vector
+    """States at the first counted sample."""
+    start_creep: Vector
+    rows: Vector
+    gram: Vector
+    span: Vector
+    counts: Integers
+    stride: int
+    forgetting: float
 
 
 @kernel
@@ -125,30 +87,37 @@ def _add_rows(p: RegressorArrays, rows: Vector, count: int, stride: int, forgett
             store8(gram, at + 3 * stride, load8(gram, at + 3 * stride) + sum_3)
 
 
-@kernel
-def _gather(p: RegressorArrays, x: Vector, y: Vector, play: Vector, creep: Vector, rows: Vector, filled: int,
-            stride: int, forgetting: float, gram: Vector) -> int:
-    """Turn samples into rows; every full block goes into the Gram matrix. Returns the rows left waiting."""
-    for k in range(x.size):
-        regressor_step(p, x[k], y[k], play, creep, rows, filled * stride)
-        filled += 1
-        if filled == BLOCK:
-            _add_rows(p, rows, BLOCK, stride, forgetting, gram)
-            filled = 0
-    return filled
+@inlined
+def count_step(b: BasisArrays, x: float, y: float) -> None:
+    """Count one sample in unit amplitudes and move the operator states on; a full block goes into the Gram matrix."""
+    if b.counts[SAMPLES] == 0:
+        for i in range(b.play.size):
+            b.start_play[i] = play_step(x, b.regressors.operators.r[i], b.play[i])
+        for i in range(b.creep.size):
+            b.start_creep[i] = b.creep[i]
+    regressor_step(b.regressors, x, y, b.play, b.creep, b.rows, b.counts[FILLED] * b.stride)
+    b.counts[SAMPLES] += 1
+    b.counts[FILLED] += 1
+    if b.counts[FILLED] == BLOCK:
+        _add_rows(b.regressors, b.rows, BLOCK, b.stride, b.forgetting, b.gram)
+        b.counts[FILLED] = 0
+    b.span[X_MIN], b.span[X_MAX] = min(b.span[X_MIN], x), max(b.span[X_MAX], x)
+    b.span[Y_MIN], b.span[Y_MAX] = min(b.span[Y_MIN], y), max(b.span[Y_MAX], y)
 
 
 @kernel
-def regressors(p: RegressorArrays, x: Vector, y: Vector, play: Vector, creep: Vector, rows: Vector, stride: int) -> None:
-    """Write the rows (x, Ξ) of samples in unit amplitudes, ``stride`` numbers each, and move the operator states on."""
+def _count(b: BasisArrays, x: Vector, y: Vector) -> None:
     for k in range(x.size):
-        regressor_step(p, x[k], y[k], play, creep, rows, k * stride)
+        count_step(b, x[k], y[k])
 
 
 @kernel
 def _advance(p: OperatorArrays, x: Vector, play: Vector, creep: Vector) -> None:
     for k in range(x.size):
         advance(p, x[k], play, creep)
+
+
+MEMORY = ("play", "creep", "start_play", "start_creep", "rows", "gram", "span", "counts")
 
 
 class DataBasis:
@@ -184,16 +153,22 @@ class DataBasis:
         self.state = OperatorState.at_rest(structure) if state is None else state.copy()
         self.state.require(structure)
         self._arrays = RegressorArrays.of(structure)
-        self._rows = np.zeros(BLOCK * self._arrays.stride)
+        rows, gram = np.zeros(BLOCK * self._arrays.stride), np.zeros(padded(self._arrays.width) * self._arrays.stride)
+        self.arrays = BasisArrays(self._arrays, self.state.play, self.state.creep, self.state.play.copy(),
+                                  self.state.creep.copy(), rows, gram, np.zeros(4), np.zeros(2, dtype=np.int64),
+                                  self._arrays.stride, forgetting)
         self.clear()
 
     def clear(self) -> None:
         """Forget P, q and c; the operator states stay, since they follow the actuator for as long as it is powered."""
-        self._gram = np.zeros(padded(self._arrays.width) * self._arrays.stride)
-        self._filled = 0
-        self.samples = 0
-        self._span = np.array([np.inf, -np.inf, np.inf, -np.inf])
-        self._start = self.state
+        self.arrays.gram[:] = 0.0
+        self.arrays.counts[:] = 0
+        self.arrays.span[:] = np.inf, -np.inf, np.inf, -np.inf
+
+    @property
+    def samples(self) -> int:
+        """Samples counted since the last ``clear``."""
+        return int(self.arrays.counts[SAMPLES])
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
         """Take the next samples.
@@ -223,15 +198,7 @@ class DataBasis:
         if not count:
             _advance(self._arrays.operators, unit_x, self.state.play, self.state.creep)
             return
-        if self.samples == 0:
-            self._start = self.state.copy()
-            self._start.play = play(unit_x[:1], self._arrays.operators.r, self.state.play)[1]
-        self._filled = _gather(self._arrays, unit_x, unit_y, self.state.play, self.state.creep, self._rows,
-                               self._filled, self._arrays.stride, self.forgetting, self._gram)
-        self.samples += x.size
-        span = self._span
-        span[:] = (min(span[0], unit_x.min()), max(span[1], unit_x.max()),
-                   min(span[2], unit_y.min()), max(span[3], unit_y.max()))
+        _count(self.arrays, unit_x, unit_y)
 
     @property
     def total_weight(self) -> float:
@@ -243,9 +210,9 @@ class DataBasis:
     def _mean_gram(self) -> Matrix:
         if self.samples == 0:
             raise ValueError("the data basis is empty: no sample was counted")
-        gram, width, stride = self._gram.copy(), self._arrays.width, self._arrays.stride
-        if self._filled:
-            _add_rows(self._arrays, self._rows.copy(), self._filled, stride, self.forgetting, gram)
+        gram, width, stride, waiting = self.arrays.gram.copy(), self._arrays.width, self._arrays.stride, self.arrays.counts[FILLED]
+        if waiting:
+            _add_rows(self._arrays, self.arrays.rows.copy(), int(waiting), stride, self.forgetting, gram)
         upper = np.triu(gram.reshape(-1, stride)[:width, :width])
         full: Matrix = (upper + np.triu(upper, 1).T) / self.total_weight
         return full
@@ -268,10 +235,10 @@ class DataBasis:
     @property
     def excitation(self) -> Excitation:
         """Range of input and output over the counted samples, and which operators moved in it."""
-        s, (x_min, x_max, y_min, y_max) = self.structure, (float(value) for value in self._span)
+        s, (x_min, x_max, y_min, y_max) = self.structure, (float(value) for value in self.arrays.span)
         # From its state at the first counted sample an operator moves when the input leaves z − r … z + r.
-        r, creep = self._arrays.operators.r, self._start.creep.reshape(-1, s.lanes)
-        play_moved = (x_max - r > self._start.play) | (x_min + r < self._start.play)
+        r, play, creep = self._arrays.operators.r, self.arrays.start_play, self.arrays.start_creep.reshape(-1, s.lanes)
+        play_moved = (x_max - r > play) | (x_min + r < play)
         creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
         return Excitation(x_min, x_max, y_min, y_max, tuple(play_moved[1:s.n + 1].tolist()),
                           tuple(creep_moved[:s.creep_weights].tolist()))
@@ -281,3 +248,21 @@ class DataBasis:
         gram = self._mean_gram()
         return IdentificationProblem(self.structure, gram[1:, 1:].copy(), gram[0, 1:].copy(),
                                      float(0.5 * gram[0, 0]), self.excitation, reference, **options)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of everything that changes while samples stream by, waiting rows included."""
+        return {name: getattr(self.arrays, name).copy() for name in MEMORY}
+
+    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Go on, to the last bit, from what :meth:`memory` gave.
+
+        Raises
+        ------
+        ValueError
+            Where an array is missing or of another size; nothing is changed then.
+        """
+        for name in MEMORY:
+            if name not in memory or memory[name].shape != getattr(self.arrays, name).shape:
+                raise ValueError(f"the memory of the data basis has no array {name!r} of the size that this structure needs")
+        for name in MEMORY:
+            getattr(self.arrays, name)[:] = memory[name]

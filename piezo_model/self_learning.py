@@ -1,71 +1,37 @@
-"""The self-learning compensator: the signal flow of the paper's Fig. 1 under a synchronous Moore machine.
+"""The self-learning compensator: the signal flow of the paper's Fig. 1.
 
-Cyclic operation, each state left after its time, and outputs that depend on the state alone:
+    y_ref → compensator → x → actuator → y → data basis → solver → weights → inverse → compensator
 
-    state    lasts              what is done with each sample                      then
-    reset    reset_s            the data basis is empty                            build
-    build    build_s · (1 − h)  counted into the data basis                        hold
-    hold     build_s · h        counted into a second one that judges the weights  learn
-    learn    learn_s            one step of the solver                             reset, with the new weights if they pass
-
-The operators follow the actuator in every state; ``reset`` clears P, q and c and never the states. A sample that the guard
-refuses is not counted; a jump of the sensor sends the machine to ``reset``, and it stays there until samples are good.
-
-Continuous operation (the paper's outlook): a forgetting data basis, the exact optimum after every sample, and a hand-over every
-``hand_over_s`` of the weights that are one interval old, if they have predicted that interval at least as well as those in use.
-
-New weights are taken over only if they are finite, admissible, and predict held-back data at least as well as the old
-ones; otherwise the old ones stay. Either is an event in ``log``.
+In cyclic operation (`cyclic_learning`) a synchronous Moore machine builds the data basis, keeps a part back, learns, and hands
+over; in continuous operation (`continuous_learning`, the paper's outlook) the exact optimum of a forgetting data basis is there
+after every sample. Both leave a compensator that works when the sensor does not: the drive is finite and inside its limits
+whatever comes in, learning pauses at a fault and goes on by itself.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
-from itertools import pairwise
-from typing import Literal
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model import compensator_file, cyclic_step
 from piezo_model.compensator import Compensator
-from piezo_model.data_basis import DataBasis
-from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.learning import ContinuousLearning, LearningPhase
+from piezo_model.continuous_learning import ContinuousLearning
+from piezo_model.cyclic_learning import CyclicLearning, with_constant
+from piezo_model.deployment import Deployment
+from piezo_model.learning_events import LOG_LENGTH, Event, Log, Phase
+from piezo_model.learning_settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
-from piezo_model.sensor_guard import SensorGuard, Verdict
+from piezo_model.sensor_guard import Verdict
 from piezo_model.structure import ModelStructure
 
 Vector = NDArray[np.float64]
-Mode = Literal["cyclic", "continuous"]
-
-
-class Phase(StrEnum):
-    """States of the machine."""
-
-    RESET = "reset"
-    BUILD = "build"
-    HOLD = "hold"
-    LEARN = "learn"
-
-
-FOLLOWS = {Phase.RESET: Phase.BUILD, Phase.BUILD: Phase.HOLD, Phase.HOLD: Phase.LEARN, Phase.LEARN: Phase.RESET}
-"""Transitions when a state's time is over."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something worth knowing: a hand-over, a refusal, a fault of the sensor; times in samples."""
-
-    sample: int
-    what: Literal["hand-over", "refused", "sensor"]
-    message: str
-    error_old: float = float("nan")
-    """RMS error (5) of the weights in use on the held-back data, unit amplitudes."""
-    error_new: float = float("nan")
 
 
 class SelfLearningCompensator:
@@ -75,26 +41,36 @@ class SelfLearningCompensator:
     ----------
     structure : ModelStructure
     reset_s, build_s, learn_s : float
-        Lengths of the phases in s.
+        Lengths of the phases of cyclic operation in s; after a fault the sensor must be good for ``reset_s`` in both modes.
     solver : str
-        Any registered solver; the paper's ``projected_difference`` takes one step a sample.
+        Any registered solver, for cyclic operation; the paper's ``projected_difference`` takes one step a sample.
     x_limits : pair of float, optional
-        Limits of the drive in the input unit.
+        Limits of the drive in the input unit; the structure's range by default.
     mode : "cyclic" or "continuous"
     hold_back : float
         Share of the building phase that is kept back to judge new weights with.
-    memory_s : float, optional
-        Time constant of forgetting in continuous mode; ``build_s`` by default.
-    hand_over_s, fade_s : float
-        Interval between hand-overs in continuous mode, and the time constant with which the bump of one decays.
+    memory_s : float
+        Time constant of forgetting in continuous mode.
+    hand_over_s : float
+        Interval between hand-overs in continuous mode.
+    fade_s : float
+        Time constant with which the bump of a hand-over decays.
     rate_limit : float, optional
         Largest change of the drive per second.
+    samples_to_solve : int, optional
+        Samples that an exact solve takes; measured by default.
+    find_centre : bool, optional
+        Whether cyclic operation moves the structure to the centre of the actuator's loop with the first hand-over
+        (`loop_centre`). By default it does where the structure has no constant term and no model is given.
+    proximal : float
+        Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of the
+        variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
+    solver_options : mapping, optional
+        Lane, tier and settings of the solver as of ``solvers.get``; the tier is high by default.
     model : HysteresisCreepModel, optional
         What it starts with; the straight line through the ranges by default.
     state : OperatorState, optional
         What the actuator has seen before.
-    samples_to_solve : int, optional
-        Samples that an exact solve takes; measured by default.
 
     Examples
     --------
@@ -109,44 +85,65 @@ class SelfLearningCompensator:
 
     def __init__(self, structure: ModelStructure, reset_s: float = 0.1, build_s: float = 8.0, learn_s: float = 1.9,
                  solver: str = "projected_difference", x_limits: tuple[float, float] | None = None,
-                 mode: Mode = "cyclic", *, hold_back: float = 0.2, memory_s: float | None = None,
-                 hand_over_s: float = 0.01, fade_s: float = 0.002, rate_limit: float | None = None,
-                 model: HysteresisCreepModel | None = None, state: OperatorState | None = None,
-                 samples_to_solve: int | None = None) -> None:
-        if mode not in ("cyclic", "continuous"):
-            raise ValueError(f"mode must be cyclic or continuous, not {mode!r}")
-        for name, value in (("reset_s", reset_s), ("build_s", build_s), ("learn_s", learn_s),
-                            ("hand_over_s", hand_over_s)):
-            if not value > 0.0:
-                raise ValueError(f"{name} must be positive, not {value}")
-        if not 0.0 < hold_back < 1.0:
-            raise ValueError(f"hold_back must be between 0 and 1, not {hold_back}")
-        self.structure, self.solver, self.mode = structure, solver, mode
-        start = HysteresisCreepModel.from_weights(structure, structure.straight_line) if model is None else model
-        self.compensator = Compensator(start, x_limits, rate_limit, state)
-        self.log: deque[Event] = deque(maxlen=1000)
-        self.samples = 0
-        self.fade_s = fade_s
-        self._samples_to_solve = samples_to_solve
-        self._lasts = {phase: max(1, round(seconds / structure.sample_time)) for phase, seconds in (
-            (Phase.RESET, reset_s), (Phase.BUILD, build_s * (1.0 - hold_back)), (Phase.HOLD, build_s * hold_back),
-            (Phase.LEARN, learn_s))}
-        self._guard = SensorGuard()
+                 mode: Mode = "cyclic", *, hold_back: float = 0.2, memory_s: float = 2.0, hand_over_s: float = 0.01,
+                 fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int | None = None,
+                 find_centre: bool | None = None, proximal: float = 1e-6,
+                 solver_options: Mapping[str, Any] | None = None, model: HysteresisCreepModel | None = None,
+                 state: OperatorState | None = None) -> None:
+        if x_limits is None:
+            x_limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
+        if find_centre is None:
+            find_centre = mode == "cyclic" and model is None and not structure.offset
+        self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, hold_back, memory_s, hand_over_s,
+                                         fade_s, rate_limit, samples_to_solve, find_centre, proximal, solver_options)
+        if model is None:
+            model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
+        elif model.structure != structure:
+            raise ValueError("the model has another structure than the one given")
+        if find_centre and not structure.offset:
+            model = with_constant(model)
+        self.compensator = Compensator(model, x_limits, rate_limit, state)
+        self.log: Log = deque(maxlen=LOG_LENGTH)
         self._last_x: float | None = None
-        self._basis = DataBasis(structure, self.compensator.state)
-        self.phase, self._left = Phase.RESET, self._lasts[Phase.RESET]
-        self._problem: IdentificationProblem | None = None
-        self._learning: LearningPhase | None = None
-        self._interval = max(1, round(hand_over_s / structure.sample_time))
-        self._continuous = ContinuousLearning(structure, self.compensator.state,
-                                              build_s if memory_s is None else memory_s, start.weights)
-        self._candidate = start.weights
-        self._errors, self._settling = np.zeros(2), self._lasts[Phase.RESET]
+        self._learning: CyclicLearning | ContinuousLearning = (
+            CyclicLearning(self.compensator, self.settings, self.log, find_centre) if mode == "cyclic"
+            else ContinuousLearning(self.compensator, self.settings, self.log))
 
     @property
     def model(self) -> HysteresisCreepModel:
         """The model in use."""
         return self.compensator.model
+
+    @property
+    def structure(self) -> ModelStructure:
+        """The structure of the model in use."""
+        return self.compensator.model.structure
+
+    @property
+    def mode(self) -> Mode:
+        """Cyclic or continuous operation."""
+        return self.settings.mode
+
+    @property
+    def phase(self) -> Phase:
+        """The phase of the machine."""
+        return self._learning.phase
+
+    @property
+    def samples(self) -> int:
+        """Samples observed so far."""
+        return int(self._learning.counts[cyclic_step.SAMPLE])
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How often what happened: verdicts on samples, hand-overs, refusals of new weights."""
+        counts, first = self._learning.counts, cyclic_step.VERDICTS
+        return {**{verdict.name.lower(): int(counts[first + verdict]) for verdict in Verdict},
+                "hand_overs": int(counts[cyclic_step.HAND_OVERS]), "refusals": int(counts[cyclic_step.REFUSALS])}
+
+    def samples_until_change(self) -> int:
+        """Samples for which the weights in use cannot change, so that their drive can be computed in one go."""
+        return self._learning.samples_until_change()
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
         """One sample.
@@ -164,142 +161,125 @@ class SelfLearningCompensator:
             Drive in the input unit.
         """
         if self._last_x is not None:
-            self.observe(np.array([self._last_x]), np.array([y_measured_before]))
+            self._learning.observe(np.array([self._last_x]), np.array([y_measured_before], dtype=np.float64))
         self._last_x = self.compensator.step(y_ref)
         return self._last_x
 
     def run(self, y_ref: ArrayLike, actuator: Callable[[Vector], Vector]) -> tuple[Vector, Vector]:
         """Close the loop over an actuator, a function from drive samples to output samples that remembers its state.
 
-        The same as ``step`` sample by sample, in chunks that end where the weights may change.
+        The same, to the last bit, as ``step`` sample by sample, in chunks that end where the weights may change. The output of
+        a ``step`` before it was never told, so that sample is taken for missing.
 
         Returns
         -------
         x, y : array (N,)
             Drive and measured output.
         """
-        y_ref = np.asarray(y_ref, dtype=np.float64)
+        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        self._forget_last_x()
         x, y = np.empty(y_ref.size), np.empty(y_ref.size)
         done = 0
         while done < y_ref.size:
-            chunk = slice(done, min(done + self._left_until_change(), y_ref.size))
+            chunk = slice(done, min(done + self.samples_until_change(), y_ref.size))
             x[chunk] = self.compensator.run(y_ref[chunk])
             y[chunk] = actuator(x[chunk])
             self.observe(x[chunk], y[chunk])
             done = chunk.stop
         return x, y
 
-    def _left_until_change(self) -> int:
-        return self._left if self.mode == "cyclic" else self._interval - self.samples % self._interval
+    def observe(self, x: ArrayLike, y: ArrayLike) -> None:
+        """Learn from drive samples (N,) of the compensator and the outputs (N,) that they produced, NaN where unknown."""
+        x, y = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
+        if x.ndim != 1 or x.shape != y.shape:
+            raise ValueError(f"x and y must be vectors of the same length, not of shapes {x.shape} and {y.shape}")
+        if not np.all(np.isfinite(x)):
+            raise ValueError(f"x[{int(np.argmin(np.isfinite(x)))}] is not a finite number")
+        self._learning.observe(x, y)
 
-    def observe(self, x: Vector, y: Vector) -> None:
-        """Learn from drive samples and the outputs that they produced."""
-        done = 0
-        while done < x.size:
-            part = slice(done, min(done + self._left_until_change(), x.size))
-            self._take(x[part], y[part])
-            done = part.stop
+    def replay(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
+        """Return what ``step`` returns for each pair of samples, to the last bit, in compiled code from end to end.
 
-    def _take(self, x: Vector, y: Vector) -> None:
-        verdicts = self._guard.judge(self.structure.unit_input(x), self.structure.unit_output(y))
-        self.samples += x.size
-        if self.mode == "continuous":
-            self._take_continuously(x, y, verdicts)
-            return
-        counting = self.phase in (Phase.BUILD, Phase.HOLD)
-        for start, stop, good in runs(verdicts != Verdict.REFUSED):
-            measured = y[start:stop] if good else np.zeros(stop - start)
-            self._basis.update(x[start:stop], measured, count=counting and good)
-        if self._learning is not None:
-            self._learning.advance(x.size)
-        self._left -= x.size
-        refused = int(np.count_nonzero(verdicts == Verdict.REFUSED))
-        if counting and np.any(verdicts == Verdict.JUMPED):
-            self.log.append(Event(self.samples, "sensor", "the output jumped; the data basis starts anew"))
-            self._enter(Phase.RESET)
-        elif self.phase is Phase.RESET and refused:
-            self._left = self._lasts[Phase.RESET]  # stays until the sensor is good for as long as that
-        elif self._left <= 0:
-            self._leave()
+        Parameters
+        ----------
+        y_ref, y_measured_before : array (N,)
+            As of :meth:`step`, one after the other.
 
-    def _leave(self) -> None:
-        """Do what the end of a state brings and go to the next."""
-        if self.phase is Phase.BUILD:
-            if self._basis.samples <= self.structure.d:
-                self.log.append(Event(self.samples, "sensor", "too few good samples in the building phase"))
-                self._enter(Phase.RESET)
-                return
-            self._problem = self._basis.problem(reference=self.model.weights)
-        elif self.phase is Phase.LEARN:
-            assert self._learning is not None
-            self._hand_over(self._learning.weights)
-        self._enter(FOLLOWS[self.phase])
+        Returns
+        -------
+        array (N,)
+            Drive.
+        """
+        y_ref, y = (np.ascontiguousarray(v, dtype=np.float64) for v in (y_ref, y_measured_before))
+        if y_ref.ndim != 1 or y_ref.shape != y.shape:
+            raise ValueError(f"y_ref and y_measured_before must be vectors of the same length, not of shapes {y_ref.shape} and {y.shape}")
+        if not y_ref.size:
+            return np.empty(0)
+        if self._last_x is not None:
+            self._learning.observe(np.array([self._last_x]), y[:1])
+        # The output of the last drive comes with the next call.
+        x = np.append(self._learning.drive_and_observe(y_ref[:-1], y[1:]), self.compensator.step(y_ref[-1]))
+        self._last_x = float(x[-1])
+        return x
 
-    def _enter(self, phase: Phase) -> None:
-        self.phase, self._left = phase, self._lasts[phase]
-        if phase in (Phase.RESET, Phase.HOLD):
-            if phase is Phase.RESET:
-                self._problem = self._learning = None
-            self._basis.clear()
-        if phase is Phase.LEARN:
-            if self._problem is None or self._basis.samples == 0:
-                self._enter(Phase.RESET)
-                return
-            self._learning = LearningPhase(self.solver, self._problem, self.model.weights, self._samples_to_solve)
-            if self._learning.ready_after:
-                self._left = self._learning.ready_after
+    def _forget_last_x(self) -> None:
+        if self._last_x is not None:
+            self._learning.observe(np.array([self._last_x]), np.array([np.nan]))
+            self._last_x = None
 
-    def _hand_over(self, weights: Vector) -> None:
-        """Take new weights over if they pass; the data basis holds what was kept back."""
-        held = self._basis.problem(proximal=0.0)
-        old = float(np.sqrt(max(2.0 * held.cost(self.model.weights), 0.0)))
-        new = float(np.sqrt(max(2.0 * held.cost(weights), 0.0))) if np.all(np.isfinite(weights)) else float("nan")
-        self._decide(weights, old, new)
+    def memory(self) -> dict[str, Any]:
+        """Everything that changes while it runs, copied; settings are not part of it."""
+        return {"compensator": self.compensator.memory(), "learning": self._learning.memory(),
+                "last_x": self._last_x, "log": [asdict(event) for event in self.log]}
 
-    def _decide(self, weights: Vector, old: float, new: float) -> None:
-        if not new <= old:  # NaN compares false
-            why = "are not finite" if np.isnan(new) else "predict held-back data worse than the old ones"
-            self.log.append(Event(self.samples, "refused", f"the new weights {why}", old, new))
-            return
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
+        self.compensator.restore(memory["compensator"])
+        self._learning.restore(memory["learning"])
+        self._last_x = memory["last_x"]
+        self.log.clear()
+        self.log.extend(Event(**event) for event in memory["log"])
+
+    def save(self, path: str | Path) -> None:
+        """Write everything as JSON, in the middle of a cycle too; the file is there whole or not at all."""
+        compensator_file.write(path, self.settings.to_dict(), self.memory())
+
+    @classmethod
+    def load(cls, path: str | Path, **options: Any) -> SelfLearningCompensator:
+        """Go on, to the last bit, from a file of :meth:`save`, or start from one of ``piezobench deploy``.
+
+        Parameters
+        ----------
+        path : str or Path
+        **options
+            Where it starts afresh: any other parameter of the class, or one that is to differ from the file.
+
+        Raises
+        ------
+        ModelError
+            The file is neither, or damaged; the message is one sentence that names it.
+        """
+        if compensator_file.is_one(path):
+            if options:
+                raise ValueError(f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be given")
+            return cls._resumed(path)
+        found = Deployment.load(path)
+        chosen: dict[str, Any] = {
+            "solver": found.solver, "x_limits": found.x_limits, "mode": cast(Mode, found.mode), "model": found.model,
+            "solver_options": {"lane": found.lane, "tier": found.tier, **found.settings}}
+        return cls(found.model.structure, **{**chosen, **options})
+
+    @classmethod
+    def _resumed(cls, path: str | Path) -> SelfLearningCompensator:
+        fields, memory = compensator_file.read(path)
         try:
-            model = HysteresisCreepModel.from_weights(self.structure, weights)
-        except ModelError as error:
-            self.log.append(Event(self.samples, "refused", f"the new weights are no valid model: {error}", old, new))
-            return
-        self.compensator.change_model(model, self.fade_s)
-        self.log.append(Event(self.samples, "hand-over", "new weights", old, new))
+            settings = LearningSettings.from_dict(fields)
+            model = HysteresisCreepModel.from_dict(memory["compensator"]["model"])
+            learner = cls(model.structure, **{**asdict(settings), "find_centre": False}, model=model)
+            learner.settings = settings
+            learner.restore(memory)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ModelError(f"{path}: does not hold a whole compensator: {error}") from None
+        return learner
 
-    def _take_continuously(self, x: Vector, y: Vector, verdicts: NDArray[np.int8]) -> None:
-        learning, s = self._continuous, self.structure
-        good = verdicts == Verdict.GOOD
-        unit_y = np.where(good, s.unit_output(np.where(np.isfinite(y), y, 0.0)), 0.0)
-        rows = learning.rows(s.unit_input(x), unit_y)
-        if not np.all(good):
-            self._settling = self._lasts[Phase.RESET]
-            self._errors[:] = 0.0
-        self._settling -= x.size
-        if self._settling < 0:  # good for long enough
-            kept = rows[good]
-            S = s.inverse_slope_map
-            for i, weights in enumerate((self.model.weights, self._candidate)):
-                error = kept[:, :-1] @ (S @ weights) + kept[:, -1]
-                self._errors[i] += float(error @ error)
-            learning.take(kept)
-        if self.samples % self._interval == 0:
-            if self._errors[0] > 0.0:
-                old, new = np.sqrt(self._errors / self._interval)
-                self._decide(self._candidate, float(old), float(new))
-                self._candidate = learning.weights
-            self._errors[:] = 0.0
-
-
-def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """Stretches of equal flags as (start, stop, flag).
-
-    Examples
-    --------
-    >>> runs(np.array([True, True, False]))
-    [(0, 2, True), (2, 3, False)]
-    """
-    edges = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), flags.size]
-    return [(a, b, bool(flags[a])) for a, b in pairwise(edges) if b > a]
+    _left_until_change = samples_until_change

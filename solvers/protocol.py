@@ -140,7 +140,10 @@ class Solver(ABC):
         raise Unsupported(f"{self.name} takes no rows")
 
     def iterate(self) -> Vector | None:
-        """Return where the last solve stood when its iteration limit ended it, shape (d,); None after any other end."""
+        """Return where the last solve stood when its iteration limit ended it, shape (d,); None after any other end.
+
+        A library that then calls the answer almost solved is taken at its word that there is one.
+        """
         return None
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
@@ -155,11 +158,11 @@ class Solver(ABC):
         """
         raise Unsupported(f"{self.name} has no compiled loop over rows")
 
-    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
+    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Update and solve ``count`` times inside compiled code and return the nanoseconds of each, shape (count,).
 
-        Only solvers of the kernel lane have it. None stands for updates that are not compiled; they are timed from
-        Python.
+        Every solve starts from ``warm_start`` (d,) where one is given. Only solvers of the kernel lane have it. None
+        stands for updates that are not compiled; they are timed from Python.
         """
         raise Unsupported(f"{self.name} has no compiled loop to time")
 

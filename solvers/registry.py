@@ -4,6 +4,12 @@ Nothing else is touched to add one. Modules are imported only when asked for, si
 live in one process, and one whose library is not installed is reported as absent with the reason. A file of a
 lane that serves many solvers at once (qpsolvers, cvxpy) offers ``names()`` and ``make(name)`` in
 ``solvers/<lane>_lane.py`` instead.
+
+Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the solver
+and whose value is its class; what is not in a lane is in the lane direct:
+
+    [project.entry-points."piezobench.solvers"]
+    "direct.my_solver" = "my_package.my_solver:MySolver"
 """
 
 from __future__ import annotations
@@ -12,6 +18,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import inspect
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,6 +30,11 @@ from solvers.protocol import Lane, Solver, Tier
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
+GROUP = "piezobench.solvers"
+
+
+class RegistrationError(ValueError):
+    """Another package registers a solver in a way that cannot be; the message is one sentence."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +45,13 @@ class Entry:
     lane: Lane
     module: str
     path: Path | None = None
+    of_package: str = ""
+    """Name of the class in the module, for solvers of other packages."""
 
     def load(self) -> type[Solver]:
         """Import the solver's class; raises ImportError where its library is not installed."""
+        if self.of_package:
+            return _class_of_package(self)
         module = _import_file(self.path) if self.path else importlib.import_module(self.module)
         if self.lane in FAMILIES and self.path is None:
             made: type[Solver] = module.make(self.name)
@@ -76,8 +92,52 @@ def _only_solver(module: ModuleType) -> type[Solver]:
     return found[0]
 
 
+def _class_of_package(entry: Entry) -> type[Solver]:
+    cls = vars(importlib.import_module(entry.module)).get(entry.of_package)
+    if not (inspect.isclass(cls) and issubclass(cls, Solver)):
+        raise ImportError(f"{entry.module} has no Solver class {entry.of_package}")
+    if (cls.name, cls.lane) != (entry.name, entry.lane):
+        raise ImportError(f"{entry.module}:{entry.of_package} calls itself {cls.name} in the lane {cls.lane}, and is registered "
+                          f"as {entry.name} in the lane {entry.lane}")
+    return cls
+
+
 def entries() -> Iterator[Entry]:
-    """Every solver of every lane that has a file here; the libraries of the folders are not imported for that."""
+    """Every solver of every lane, those of other packages last; no library of a solver is imported for that.
+
+    Raises
+    ------
+    RegistrationError
+        Another package registers a solver under a name that is taken or cannot be.
+    """
+    taken = set()
+    for entry in _own_entries():
+        taken.add((entry.name, entry.lane))
+        yield entry
+    for registered in importlib.metadata.entry_points(group=GROUP):
+        entry = _registered(registered)
+        if (entry.name, entry.lane) in taken:
+            raise RegistrationError(f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, where "
+                                    f"there is one already")
+        taken.add((entry.name, entry.lane))
+        yield entry
+
+
+def _registered(registered: importlib.metadata.EntryPoint) -> Entry:
+    lane, _, name = registered.name.partition(".")
+    if lane not in set(Lane):
+        lane, name = Lane.DIRECT, registered.name
+    if not re.fullmatch(r"\w[\w.+-]*", name) or not registered.attr:
+        raise RegistrationError(f"{_package(registered)} registers a solver as {registered.name!r} = {registered.value!r}; the "
+                                f"name is lane.name and the value module:Class")
+    return Entry(name, Lane(lane), registered.module, of_package=registered.attr)
+
+
+def _package(registered: importlib.metadata.EntryPoint) -> str:
+    return f"the package {registered.dist.name}" if registered.dist else "a package"
+
+
+def _own_entries() -> Iterator[Entry]:
     here = Path(__file__).parent
     for lane in FOLDERS:
         for file in sorted((here / lane).glob("[a-z]*.py")):
@@ -131,8 +191,8 @@ def describe(entry: Entry) -> Described:
         return Described(entry.name, entry.lane, "", "", "", False, absent=str(error))
     try:
         version = importlib.metadata.version(cls.distribution)
-    except importlib.metadata.PackageNotFoundError:  # a user's own file need not belong to a package
-        if entry.path is None:
+    except importlib.metadata.PackageNotFoundError:  # what is not ours need not belong to a package of that name
+        if entry.path is None and not entry.of_package:
             raise
         version = ""
     return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, cls.variants)

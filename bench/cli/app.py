@@ -6,7 +6,8 @@ import sys
 
 import typer
 
-from bench.cli import problem_verbs, race_verbs, stage_verbs
+from bench.cli import decision_verbs, experiment_verbs, export_verbs, problem_verbs, race_verbs, stage_verbs
+from bench.export.settings import ExportError
 from bench.problem_files import ProblemFileError
 from bench.problems import ProblemSetError
 from bench.race import RaceError
@@ -14,9 +15,10 @@ from bench.store import RunError
 from piezo_model import IdentificationError, ModelError, StructureError
 from piezo_model.recordings import RecordingError
 from solvers import Unsupported
+from solvers.registry import RegistrationError
 
 USER_ERRORS = (RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
-               RecordingError, Unsupported)
+               RecordingError, RegistrationError, ExportError, Unsupported)
 REFUSED = 2
 """Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""
 
@@ -25,6 +27,9 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 race_verbs.register(app)
 problem_verbs.register(app)
 stage_verbs.register(app)
+decision_verbs.register(app)
+experiment_verbs.register(app)
+export_verbs.register(app)
 
 
 def run(words: list[str]) -> int:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Annotated, Any
 
+import numpy as np
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -13,6 +18,7 @@ from bench.race import Progress as Report
 
 console = Console(highlight=False, soft_wrap=True)
 errors = Console(stderr=True, highlight=False)
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
 
 
 @contextmanager
@@ -32,3 +38,32 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
     for row in rows:
         table.add_row(*row)
     (console if console.is_terminal else Console(width=240, highlight=False)).print(table)
+
+
+def print_json(value: Any) -> None:
+    """Print a document for machines; null stands for what is not known."""
+    print(json.dumps(plain_json(value), indent=1, allow_nan=False, ensure_ascii=False))
+
+
+def plain_json(value: Any) -> Any:
+    """A value as JSON can hold it.
+
+    Examples
+    --------
+    >>> plain_json({"a": (1.0, float("nan")), "b": "x"})
+    {'a': [1.0, None], 'b': 'x'}
+    """
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, dict):
+        return {str(key): plain_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_json(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def records(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, str]]:
+    """Rows of a table by their headings."""
+    return [dict(zip(headings, row, strict=True)) for row in rows]

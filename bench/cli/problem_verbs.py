@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.console import console, print_table, progress_bar
+from bench.cli.console import AsJson, console, print_json, print_table, progress_bar, records
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, make
 from solvers.certificate import Certificate, NotCertified, verify
@@ -35,13 +35,17 @@ def problems_verb(
     output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
     folder: Annotated[Path | None, typer.Option(help="For the set foreign: NPZ, MAT, QPS and MPS files.")] = None,
     limit_s: Annotated[float, typer.Option(min=0.1, help="For the set foreign: seconds for each proof.")] = 60.0,
+    as_json: AsJson = False,
 ) -> None:
     """List the problem sets, or the problems of one; check every proof, write the problems to files."""
     if problem_set is None and source is None:
         if verify or export is not None:
             raise typer.BadParameter("which problems is not said; name a --set, or a folder with --from", param_hint="--set")
-        print_table(("set", "problems", "what it is for"),
-                    [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())], left=3)
+        sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
+        if as_json:
+            print_json(records(("set", "problems", "what it is for"), sets))
+        else:
+            print_table(("set", "problems", "what it is for"), sets, left=3)
         return
     files = {name: str(value) for name, value in (("recording", recording), ("folder", folder), ("time", time),
                                                   ("input", input), ("output", output)) if value is not None}
@@ -61,16 +65,22 @@ def problems_verb(
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
     heads = ("problem", "optimum", "variables", "rows", "condition", *(("proofs",) if verify else ()))
-    print_table(heads, [row[:len(heads)] for row in rows], left=2)
-    for name, why in left_out.items():
-        console.print(f"Not certified and therefore not raced: {name}: {why}")
-    if export is not None:
-        for name, sparse in exported.items():
-            console.print(f"Test set of qpbenchmark: {write_test_set(export, name, any(sparse))}")
+    shown = [row[:len(heads)] for row in rows]
+    test_sets = [] if export is None else [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
+    if as_json:
+        print_json({"problems": records(heads, shown), "left_out": dict(left_out), "test_sets": test_sets, "failures": failures})
+    else:
+        print_table(heads, shown, left=2)
+        for name, why in left_out.items():
+            console.print(f"Not certified and therefore not raced: {name}: {why}")
+        for path in test_sets:
+            console.print(f"Test set of qpbenchmark: {path}")
     if not rows:
         raise ProblemSetError(f"there is no certified problem in {source or problem_set}")
     if verify:
-        _say_verdict(len(rows), len(left_out), failures)
+        verdict = _verdict(len(rows), len(left_out), failures)
+        if not as_json:
+            console.print(verdict)
 
 
 def _count(cls: type[ProblemSet]) -> str:
@@ -115,10 +125,10 @@ def _optimum(certificate: Certificate) -> str:
     return "unique" if certificate.unique else "not unique"
 
 
-def _say_verdict(count: int, left_out: int, failures: list[str]) -> None:
+def _verdict(count: int, left_out: int, failures: list[str]) -> str:
     """The count of problems whose proofs hold; ProblemSetError where one does not."""
     if failures:
         more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
         raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
     share = 100.0 * count / (count + left_out)
-    console.print(f"{count} of {count + left_out} problems are certified in every scaling ({share:.0f} %): every proof holds.")
+    return f"{count} of {count + left_out} problems are certified in every scaling ({share:.0f} %): every proof holds."

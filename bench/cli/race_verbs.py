@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from bench import race
-from bench.cli.console import console, errors, print_table, progress_bar
+from bench.cli.console import AsJson, console, errors, print_json, print_table, progress_bar, records
 from bench.clock import Effort
+from bench.engine import Backend, Workers
 from bench.isolation import Child
-from bench.report import figures, markdown
+from bench.races import KINDS, kind_of
+from bench.report import figures, html, markdown
 from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
 
@@ -26,6 +27,15 @@ class Scale(StrEnum):
     raw = "raw"
 
 
+class RaceName(StrEnum):
+    """Kinds of race, as an option."""
+
+    oneshot = "oneshot"
+    anytime = "anytime"
+    stream = "stream"
+    loop = "loop"
+
+
 def register(app: typer.Typer) -> None:
     """Add the verbs."""
     app.command("race")(race_verb)
@@ -35,7 +45,10 @@ def register(app: typer.Typer) -> None:
 
 
 def race_verb(
-    problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set; may be given again.")] = None,
+    kind: Annotated[RaceName, typer.Option("--race", help="Full solves, accuracy within a time, or sample by sample at "
+                                                          "8 kHz.")] = RaceName.oneshot,
+    problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set; may be given again. A stream has its "
+                                                                         "own problem.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
                                                           "given again. All by default.")] = None,
     lane: Annotated[list[Lane] | None, typer.Option(help="Lane; may be given again. All by default.")] = None,
@@ -46,36 +59,61 @@ def race_verb(
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.02,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Megabytes that a solver may allocate.")] = 2048,
+    samples: Annotated[int | None, typer.Option(min=1, help="Samples of a stream; 30000 by default.")] = None,
+    rounds: Annotated[int, typer.Option(min=0, help="Turns of each solver in shuffled rounds with the others.")] = 20,
+    repeats: Annotated[int, typer.Option(min=1, help="Fresh processes for each solver.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Processes that race at once, each on a core of its own.")] = 1,
+    backend: Annotated[Backend, typer.Option(help="Where the workers are.")] = Backend.LOCAL,
+    scheduler: Annotated[str, typer.Option(help="Address of a Dask scheduler, whose workers reach the same folder.")] = "",
     out: Annotated[Path, typer.Option(help="Folder of the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of this run; the time by default.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Race solvers on certified problems and report who is right and how fast."""
     names, files = _names_and_files(solver or [])
-    settings = race.RaceSettings(
-        tuple(problem_set or ["paper"]), names, tuple(lane or Lane), tuple(tier or (Tier.DEFAULT, Tier.HIGH)),
-        tuple(choice.value for choice in scaling or Scale), limit, seed, Effort(budget_s=budget), time_limit, memory,
-        files)
-    _finish(race.start(out, settings, name))
+    streams, oneshot = kind is RaceName.stream, kind is RaceName.oneshot
+    if samples is not None and not streams:
+        raise typer.BadParameter("only a stream has samples; ask for --race stream", param_hint="--samples")
+    if problem_set and kind in (RaceName.stream, RaceName.loop):
+        raise typer.BadParameter(f"a {kind.value} has its own problem", param_hint="--set")
+    race = KINDS[kind.value]
+    settings = race.settings(
+        tuple(problem_set or ["paper"]), names, tuple(lane or Lane),
+        tuple(tier or ((Tier.DEFAULT, Tier.HIGH) if oneshot or kind is RaceName.loop else (Tier.HIGH,))),
+        tuple(choice.value for choice in scaling or Scale), limit, seed,
+        Effort(budget_s=budget) if oneshot else Effort(budget_s=budget, fewest=1), time_limit, memory, files, rounds,
+        repeats, **({"samples": samples} if samples else {}))
+    spread = Workers(workers, backend, scheduler)
+    race.check(spread)
+    _finish(race.start(out, settings, name), spread, as_json)
 
 
-def resume_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")]) -> None:
+def resume_verb(
+    run: Annotated[Path, typer.Argument(help="Folder of the run.")],
+    workers: Annotated[int, typer.Option(min=1, help="As of race.")] = 1,
+    backend: Annotated[Backend, typer.Option(help="As of race.")] = Backend.LOCAL,
+    scheduler: Annotated[str, typer.Option(help="As of race.")] = "",
+    as_json: AsJson = False,
+) -> None:
     """Carry on with a race that was interrupted."""
     opened = Run.open(run)
-    if opened.is_finished():
-        console.print(f"{run} is finished already.")
-        report_verb(run)
+    if opened.is_finished(kind_of(opened).schema):
+        if not as_json:
+            console.print(f"{run} is finished already.")
+        report_verb(run, as_json)
     else:
-        _finish(opened)
+        spread = Workers(workers, backend, scheduler)
+        kind_of(opened).check(spread)
+        _finish(opened, spread, as_json)
 
 
-def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")]) -> None:
-    """Write the report of a run again and show its verdict."""
+def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
+    """Write the report of a run again, as Markdown and as a page, and show its verdict."""
     opened = Run.open(run)
-    path = markdown.write(opened)
-    _show(opened, path)
+    _show(opened, _written(opened), as_json)
 
 
-def solvers_verb() -> None:
+def solvers_verb(as_json: AsJson = False) -> None:
     """List every solver in every lane, or why it is absent."""
     children = [Child(entry) for entry in entries()]
     rows = []
@@ -85,7 +123,18 @@ def solvers_verb() -> None:
             rows.append((found.name, str(found.lane), found.algorithm, found.version, found.licence,
                          "yes" if found.warm_start else "no") if not found.absent
                         else (found.name, str(found.lane), f"absent: {found.absent}", "", "", ""))
-    print_table(("solver", "lane", "algorithm", "version", "licence", "warm start"), rows, left=6)
+    headings = ("solver", "lane", "algorithm", "version", "licence", "warm start")
+    if as_json:
+        print_json(records(headings, rows))
+    else:
+        print_table(headings, rows, left=6)
+
+
+def _written(run: Run) -> Path:
+    """Write the report both ways; returns the path of the Markdown."""
+    report = kind_of(run).write(run)
+    html.write(run)
+    return report
 
 
 def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -93,33 +142,63 @@ def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]
     return tuple(text for text in asked if not text.endswith(".py")), files
 
 
-def _finish(run: Run) -> None:
+def _finish(run: Run, workers: Workers, as_json: bool) -> None:
     resume = f"what is done is kept, and 'piezobench resume {run.path}' carries on"
     try:
         with progress_bar() as progress:
-            race.carry_on(run, progress)
-        report = markdown.write(run)
+            kind_of(run).carry_on(run, progress, workers)
+        report = _written(run)
     except OSError as error:
         raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {resume}.")
         raise
-    _show(run, report)
+    _show(run, report, as_json)
 
 
-def _show(run: Run, report: Path) -> None:
+def _show(run: Run, report: Path, as_json: bool) -> None:
     """Verdict first, then the table, then where the rest is."""
+    said = kind_of(run).report
+    if as_json:
+        print_json({"run": run.path, "report": report, "page": report.with_suffix(".html"), **_document(run)})
+        return
+    if said is None:
+        _show_oneshot(run)
+    else:
+        found = said(run)
+        for sentence in found.sentences:
+            console.print(sentence)
+        for shown in found.tables:
+            console.print(f"\n{shown.title}:")
+            print_table(shown.headings, shown.rows, left=shown.left)
+    if absent := run.settings.get("absent"):
+        console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
+    for warning in run.settings.get("conditions", {}).get("warnings", []):
+        console.print(f"\n{warning}")
+    console.print(f"\nReport: {report}\nPage: {report.with_suffix('.html')}")
+
+
+def _document(run: Run) -> dict[str, Any]:
+    """Verdict and tables for machines: figures of the one-shot race as numbers, cells of the others as shown."""
+    said = kind_of(run).report
+    if said is None:
+        rows = run.rows()
+        return {"verdict": figures.verdict(rows).sentences, "rows": figures.summary(rows).to_dict("records")}
+    found = said(run)
+    return {"verdict": found.sentences,
+            "tables": [{"title": shown.title, "rows": records(shown.headings, shown.rows)} for shown in found.tables]}
+
+
+def _show_oneshot(run: Run) -> None:
     rows = run.rows()
     table = figures.summary(rows)
     for sentence in figures.verdict(rows).sentences:
         console.print(sentence)
-    for (problem_set, scaling), part in table.groupby(["problem_set", "scaling"], sort=False):
-        best = part.sort_values("tier", key=lambda tiers: tiers != "high").drop_duplicates(["solver", "lane", "settings"])
+    for (problem_set, scaling), part in table[table.status != figures.FLOOR].groupby(["problem_set", "scaling"], sort=False):
+        best = part.sort_values("tier", key=lambda tiers: tiers != "high").drop_duplicates(
+            ["solver", "lane", "start", "settings"])
         console.print(f"\n{problem_set}, {scaling} data, the most exact tier of each:")
         headings = {key: text for key, text in markdown.HEADINGS.items()
                     if key not in ("worst_primal_residual", "worst_dual_residual", "solve_us_max")}
         print_table(list(headings.values()), [[markdown.cell(row, key) for key in headings]
                     for _, row in best.sort_values(["all_right", "total_us"], ascending=[False, True]).iterrows()], left=4)
-    if absent := run.settings.get("absent"):
-        console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
-    console.print(f"\nReport: {report}")

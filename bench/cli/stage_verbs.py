@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -10,8 +11,11 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.console import console
+from bench.cli.console import AsJson, console, print_json, print_table, progress_bar
+from bench.report import recording_page
 from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
+from piezo_model.fit_review import review
+from piezo_model.order_selection import select_order
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from solvers import find
 
@@ -44,6 +48,9 @@ def identify_verb(
     lag: Annotated[LagOption, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
                                                 "ignored.")] = LagOption.estimate,
     solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
+    select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
+    page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Identify a model of hysteresis and creep from a recording."""
     try:
@@ -54,15 +61,38 @@ def identify_verb(
         raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
     _check_folder(out)
     opened = Recording.open(recording, time=time, input=input, output=output)
-    console.print(opened.describe())
-    model = identify(opened, n=n, m=m, creep_rates=_rates(creep_rates), skip=skip, lag=lag.value, solver=solver)
+    if page is not None:
+        _check_folder(page, "--page")
+    if not as_json:
+        console.print(opened.describe())
+    rates = _rates(creep_rates)
+    model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
+    orders = None
+    if select:
+        with progress_bar() as progress:
+            orders = select_order(opened, model.structure, model.report["resting_input"], solver, progress=progress)
+        model = identify(opened, n=orders.chosen.n, m=orders.chosen.m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
     try:
         model.save(out)
     except OSError as error:
         raise ModelError(f"{out}: cannot be written: {error.strerror or error}") from None
+    if page is not None:
+        recording_page.write(page, recording.name, review(opened, model), orders)
+    if as_json:
+        print_json({"model": out, "page": page, "report": dict(model.report),
+                    "orders": None if orders is None else [asdict(order) for order in orders.orders],
+                    "chosen": None if orders is None else asdict(orders.chosen)})
+        return
+    if orders is not None:
+        print_table(("n", "m", "unknowns", "error on data left out, % of range", "standard error"),
+                    [(str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}")
+                     for o in orders.orders], left=0)
+        console.print(orders.sentence)
     for sentence in model.report["sentences"]:
         console.print(sentence)
     console.print(f"Model: {out}")
+    if page is not None:
+        console.print(f"Page: {page}")
 
 
 def compensate_verb(
@@ -114,11 +144,11 @@ def _rates(text: str | None) -> tuple[float, ...] | None:
                                  param_hint="--creep-rates") from None
 
 
-def _check_folder(out: Path) -> None:
+def _check_folder(out: Path, option: str = "--out") -> None:
     """Refuse before the work and not after it."""
     if not out.parent.is_dir():
-        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint="--out")
+        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
     if out.exists() and not out.is_file():  # it would be replaced, be it /dev/null
-        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint="--out")
+        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint=option)
     if not os.access(out.parent, os.W_OK):
-        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint="--out")
+        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)

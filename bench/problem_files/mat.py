@@ -9,6 +9,7 @@ Optim. Methods Softw. 11 (1999) 671–681.
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,10 @@ def read_mat(path: Path) -> ReadProgram:
     ProblemFileError
     """
     try:
-        found: dict[str, Any] = loadmat(path)
-    except (ValueError, NotImplementedError, TypeError, MatReadError) as error:
+        found: dict[str, Any] = loadmat(str(path))
+    except FileNotFoundError as error:
+        raise ProblemFileError(f"{path}: {error.strerror}") from None
+    except (ValueError, NotImplementedError, TypeError, LookupError, OSError, zlib.error, MatReadError) as error:
         raise ProblemFileError(f"{path}: cannot be read as a MATLAB file of version 7 or before: {error}") from None
     for name in ("P", "q", *(("l", "u") if "A" in found else ())):
         if name not in found:

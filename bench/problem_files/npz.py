@@ -63,12 +63,14 @@ def unpacked_program(arrays: Mapping[str, Any], prefix: str = "") -> Problem:
 def opened(path: Path) -> Iterator[Any]:
     """Open an NPZ file; whatever shows on reading that it is damaged or another file becomes a ProblemFileError."""
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
             if isinstance(arrays, np.ndarray):
                 raise ProblemFileError(f"{path}: holds one array and not the named arrays of an NPZ file")
             yield arrays
     except ProblemFileError:
         raise
+    except OSError as error:
+        raise ProblemFileError(f"{path}: {error.strerror or error}") from None
     except KeyError as error:
         raise ProblemFileError(f"{path}: holds no array {error.args[0]!r}") from None
     except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:

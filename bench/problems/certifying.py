@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import warnings
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -31,44 +32,85 @@ STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
 GRACE_S = 3.0
 
 
-def within(limit_s: float, function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function of a module in a process of its own.
+class Prover:
+    """A process that calls functions for us, each within the time limit; another one starts after it was ended.
 
-    Raises
-    ------
-    NotCertified
-        As the function raises it, or because the time is over or the process died.
+    Parameters
+    ----------
+    limit_s : float
+        Seconds for one call.
     """
-    context = multiprocessing.get_context("forkserver")
-    connection, other = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(other, limit_s, function, arguments), daemon=True)
-    process.start()
-    other.close()
-    try:
-        if not connection.poll(limit_s):
-            raise NotCertified(f"no proof within {limit_s:g} s")
-        found = connection.recv()
-    except EOFError:
-        process.join(GRACE_S)
-        raise NotCertified(f"the process that looked for a proof ended with status {process.exitcode}") from None
-    finally:
-        process.kill()
-        process.join()
-        connection.close()
-    if isinstance(found, Exception):
-        raise NotCertified(str(found))
-    return found  # type: ignore[no-any-return]
+
+    def __init__(self, limit_s: float) -> None:
+        self.limit_s = limit_s
+        self._process: Any = None
+        self._connection: Connection | None = None
+
+    def call(self, function: Callable[..., T], *arguments: Any) -> T:
+        """Call a function of a module.
+
+        Raises
+        ------
+        NotCertified
+            As the function raises it, or because the time is over or the process died.
+        """
+        connection = self._connection or self._start()
+        try:
+            connection.recv()  # that it is ready: to import everything is no part of a proof
+            connection.send((function, arguments))
+            if not connection.poll(self.limit_s):
+                self.close()
+                raise NotCertified(f"no proof within {self.limit_s:g} s")
+            found = connection.recv()
+        except (EOFError, OSError):
+            self._process.join(GRACE_S)
+            status = self._process.exitcode
+            self.close()
+            raise NotCertified(f"the process that looked for a proof ended with status {status}") from None
+        if isinstance(found, Exception):
+            raise NotCertified(str(found))
+        return found  # type: ignore[no-any-return]
+
+    def _start(self) -> Connection:
+        context = multiprocessing.get_context("forkserver")
+        connection, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other, self.limit_s), daemon=True)
+        self._process.start()
+        other.close()
+        self._connection = connection
+        return connection
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._connection is not None:
+            self._process.kill()
+            self._process.join()
+            self._connection.close()
+            self._connection = None
+
+    def __enter__(self) -> Prover:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
-def _answer(connection: Connection, limit_s: float, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def _serve(connection: Connection, limit_s: float) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to deal with
-    signal.setitimer(signal.ITIMER_REAL, limit_s + GRACE_S)  # should the parent be gone by then
-    try:
-        connection.send(function(*arguments))
-    except (NotCertified, ValueError) as error:  # ValueError: NaN or a shape, in the program's data
-        connection.send(error)
-    except MemoryError:
-        connection.send(NotCertified("the proof needs more memory than there is"))
+    while True:
+        connection.send("ready")
+        try:
+            function, arguments = connection.recv()
+        except EOFError:
+            return
+        signal.setitimer(signal.ITIMER_REAL, limit_s + GRACE_S)  # should the parent be gone by then
+        try:
+            connection.send(function(*arguments))
+        except (NotCertified, ValueError) as error:  # ValueError: NaN or a shape, in the program's data
+            connection.send(NotCertified(str(error)))
+        except MemoryError:
+            connection.send(NotCertified("the proof needs more memory than there is"))
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def both_proofs(raw: Problem, scaled: Problem, unit: Vector) -> tuple[Certificate, Certificate]:
@@ -95,7 +137,8 @@ def start(qp: Problem) -> Vector:
             P, G, A = matrices if solver in qpsolvers.sparse_solvers else (
                 None if M is None else M.toarray() for M in matrices)
             try:
-                x = qpsolvers.solve_problem(Problem(P, qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub), solver=solver).x
+                with warnings.catch_warnings(action="ignore"):  # of a solver that has no answer
+                    x = qpsolvers.solve_problem(Problem(P, qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub), solver=solver).x
             except QPError:  # says why it has no start; the next one may have one
                 continue
             if x is not None and np.all(np.isfinite(x)):

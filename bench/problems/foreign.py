@@ -19,7 +19,7 @@ from scipy.sparse import csc_matrix, diags, identity
 
 from bench.problem_files import READERS, ProblemFileError, read
 from bench.problem_files.npz import opened
-from bench.problems.certifying import both_proofs, within
+from bench.problems.certifying import Prover, both_proofs
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from solvers.certificate import NotCertified, verify
@@ -53,14 +53,15 @@ class Foreign(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Read, scale and certify; whatever fails is left out with the reason."""
         same = Counter(path.stem for path in self.files)
-        for path in self.files:
-            name = path.stem if same[path.stem] == 1 else path.name
-            try:
-                yield self._saved(path, name) or self._certified(path, name)
-            except (ProblemFileError, NotCertified) as error:
-                self.left_out[name] = str(error)
+        with Prover(self.limit_s) as prover:
+            for path in self.files:
+                name = path.stem if same[path.stem] == 1 else path.name
+                try:
+                    yield self._saved(path, name, prover) or self._certified(path, name, prover)
+                except (ProblemFileError, NotCertified) as error:
+                    self.left_out[name] = str(error)
 
-    def _saved(self, path: Path, name: str) -> RaceProblem | None:
+    def _saved(self, path: Path, name: str, prover: Prover) -> RaceProblem | None:
         """A problem that was saved here, if it is one and its proofs hold."""
         if path.suffix.lower() != ".npz":
             return None
@@ -68,17 +69,18 @@ class Foreign(ProblemSet):
             if "meta" not in arrays:
                 return None
         problem = RaceProblem.load(path)
-        within(self.limit_s, replay, problem)
+        prover.call(replay, problem)
         return replace(problem, set_name=self.name, name=name)
 
-    def _certified(self, path: Path, name: str) -> RaceProblem:
+    def _certified(self, path: Path, name: str, prover: Prover) -> RaceProblem:
         program = read(path)
         scaled = equilibrated(program.qp)
-        raw_proof, proof = within(self.limit_s, both_proofs, program.qp, scaled.qp, scaled.unit)
+        raw_proof, proof = prover.call(both_proofs, program.qp, scaled.qp, scaled.unit)
         return RaceProblem(self.name, name, {
-            "scaled": CertifiedForm(scaled.qp, scaled.cost * program.constant, csc_matrix(diags(scaled.unit)), proof),
+            "scaled": CertifiedForm(scaled.qp, scaled.cost * program.constant, csc_matrix(diags(scaled.unit)), proof,
+                                    cost_unit=scaled.cost),
             "raw": CertifiedForm(program.qp, program.constant, csc_matrix(identity(scaled.unit.size, dtype=np.float64)),
-                                 raw_proof)})
+                                 raw_proof, cost_unit=1.0)})
 
 
 def replay(problem: RaceProblem) -> None:

@@ -48,6 +48,9 @@ class CertifiedForm:
     certificate : Certificate
     warm_start : array, shape (d,), optional
         The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
+    cost_unit : float
+        Cost below which a gap is not taken relative to V* + c. 0 where V + c is a sum of squares; the constant of a foreign
+        program means nothing, and V* + c may well be zero.
     """
 
     qp: Problem
@@ -55,6 +58,7 @@ class CertifiedForm:
     to_weights: Any
     certificate: Certificate
     warm_start: Vector | None = None
+    cost_unit: float = 0.0
 
     @property
     def optimum_is_unique(self) -> bool:
@@ -128,12 +132,12 @@ class RaceProblem:
     def save(self, path: Path) -> None:
         """Write everything as NPZ, whole or not at all."""
         arrays: dict[str, Any] = {}
-        meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}}
+        meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}, "cost_unit": {}}
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
             arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(f"{scaling}/warm_start", form.warm_start)
             meta["certificates"][scaling] = form.certificate.to_json()
-            meta["c"][scaling] = form.c
+            meta["c"][scaling], meta["cost_unit"][scaling] = form.c, form.cost_unit
         if self.validation is not None:
             v = self.validation
             meta |= {"structure": v.structure.to_dict(), "noise_um": v.noise_um}
@@ -149,7 +153,7 @@ class RaceProblem:
             meta = json.loads(str(data["meta"]))
             forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), meta["c"][scaling],
                                             unpacked(data, f"{scaling}/to_weights"), Certificate.from_json(text),
-                                            unpacked(data, f"{scaling}/warm_start"))
+                                            unpacked(data, f"{scaling}/warm_start"), meta.get("cost_unit", {}).get(scaling, 0.0))
                      for scaling, text in meta["certificates"].items()}
             if not forms:
                 raise ProblemFileError(f"{path}: holds no certificate")

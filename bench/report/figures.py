@@ -1,7 +1,8 @@
 """Every figure of a report, computed here once and rendered elsewhere.
 
-A *summary* row stands for one solver in one lane, at one tier, with its settings, in one scaling, over all problems of
-the run: how many were right, the worst cost gap, and medians over the problems of the medians of the times.
+A *summary* row stands for one solver in one lane, at one tier, with its settings, in one scaling, cold or warm, over all
+problems of the run: how many were right, the worst cost gap, and medians over the problems of the medians of the times. The
+last row of each scaling is the floor, a solver that does nothing.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from bench import null_solver
 from solvers import Status
 
-GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "settings"]
+GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "start", "settings"]
+FLOOR = "floor"
+"""Name and status of the solver that does nothing: its own name, null, would be read from a CSV as a missing value."""
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a solver, lane, tier, settings and scaling: right answers first, then by time."""
+    """One row a solver, lane, tier, start, settings and scaling: right answers first, then by time, the floor last."""
     rows = rows.assign(right=rows.status == Status.OK, total_us=rows.update_us + rows.solve_us_p50)
     table = rows.groupby(GROUP, dropna=False).agg(
         problems=("right", "size"), right=("right", "sum"), status=("status", _statuses),
@@ -24,18 +28,33 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
         worst_primal_residual=("primal_residual", _worst), worst_dual_residual=("dual_residual", _worst),
         worst_weight_error=("weight_error", _worst), model_error_percent=("model_error_percent", "median"),
         model_error_um=("model_error_um", "median"), setup_us=("setup_us", "median"), update_us=("update_us", "median"),
-        solve_us_p50=("solve_us_p50", "median"), solve_us_p99=("solve_us_p99", "median"),
-        solve_us_max=("solve_us_max", "max"), total_us=("total_us", "median"), periods=("periods", "median"),
+        solve_us_p50=("solve_us_p50", "median"), solve_us_p99=("solve_us_p99", _known),
+        solve_us_max=("solve_us_max", "max"), solve_us_spread=("solve_us_spread", "median"),
+        interleaved_us_p50=("interleaved_us_p50", _known), interleaved_us_p99=("interleaved_us_p99", _known),
+        total_us=("total_us", "median"), periods=("periods", "median"),
         repeatable=("repeatable", "all"), mutates_input=("mutates_input", "any"), message=("message", _first_message),
     ).reset_index()
     table["all_right"] = table.right == table.problems
-    return table.sort_values(["problem_set", "scaling", "all_right", "total_us"], ascending=[True, False, False, True],
-                             ignore_index=True)
+    floor = table.solver == null_solver.ENTRY.name
+    table.loc[floor, ["solver", "status"]] = FLOOR
+    order = ["problem_set", "scaling", "floor", "all_right", "total_us"]
+    return table.assign(floor=floor).sort_values(order, ascending=[True, False, True, False, True],
+                                                 ignore_index=True).drop(columns="floor")
+
+
+def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
+    """Of a summary, the rows of solvers that start cold, or warm; not the floor."""
+    return table[(table.status != FLOOR) & (table.start == start)]
 
 
 def _worst(values: pd.Series) -> float:
     """The largest; NaN where any problem has no answer, so that failing most of them does not look like exactness."""
     return float(values.max(skipna=False))
+
+
+def _known(values: pd.Series) -> float:
+    """The median; NaN where any problem has no such figure, so that the quick ones do not stand for all."""
+    return float(values.median(skipna=False))
 
 
 def _statuses(values: pd.Series) -> str:
@@ -57,7 +76,8 @@ class Verdict:
 
 def verdict(rows: pd.DataFrame) -> Verdict:
     """Say who was right and how fast, what the paper's steps reach, and whether the stage would notice."""
-    table = summary(rows)
+    whole = summary(rows)
+    table = raced(whole)
     stepping = table.settings.str.contains('"steps"')
     sentences = []
     for scaling, part in table[~stepping].groupby("scaling", sort=False):
@@ -71,8 +91,31 @@ def verdict(rows: pd.DataFrame) -> Verdict:
             sentence += (f"; the fastest is {best.solver} ({best.lane}) with {best.total_us:.3g} µs for update and solve, "
                          f"{best.periods:.2g} sampling periods")
         sentences.append(sentence + ".")
-    sentences += _paper_sentences(rows)
+    sentences += [*_paper_sentences(rows[rows.start == "cold"]), *_warm_sentences(whole), *_turn_sentences(table)]
     return Verdict(tuple(sentences))
+
+
+def _warm_sentences(table: pd.DataFrame) -> list[str]:
+    """What a start at the optimum of the problem before is worth."""
+    same = [name for name in GROUP if name != "start"]
+    both = raced(table, "warm").merge(raced(table), on=same, suffixes=("", "_cold"))
+    sentences = []
+    for scaling, part in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
+        best = part.sort_values("total_us").iloc[0]
+        ratio = part.solve_us_p50 / part.solve_us_p50_cold
+        sentences.append(f"Started from the optimum of the problem before, with {scaling} data, the fastest that is always "
+                         f"right is {best.solver} ({best.lane}) with {best.total_us:.3g} µs; a warm solve takes "
+                         f"{ratio.median():.2g} of a cold one in the median of {len(part)} solver lanes.")
+    return sentences
+
+
+def _turn_sentences(table: pd.DataFrame) -> list[str]:
+    """What cold caches cost."""
+    ratio = (table.interleaved_us_p50 / table.solve_us_p50).dropna()
+    if ratio.empty:
+        return []
+    return [f"In turns with the other solvers a solve takes {ratio.median():.2g} times as long as hot (median of "
+            f"{len(ratio)} solver lanes and tiers, from {ratio.min():.2g} to {ratio.max():.2g})."]
 
 
 def _paper_sentences(rows: pd.DataFrame) -> list[str]:
@@ -85,7 +128,7 @@ def _paper_sentences(rows: pd.DataFrame) -> list[str]:
         sentence = (f"The paper's 15 200 projected steps (1.9 s of machine time) on {scaling} data end "
                     f"{_percent(part.cost_gap.min())} to {_percent(part.cost_gap.max())} above the optimal cost (median "
                     f"{_percent(part.cost_gap.median())})")
-        both = part.set_index("problem").join(exact, rsuffix="_optimal")
+        both = part.assign(model_error_um_optimal=part.problem.map(exact))
         both = both[both.model_error_um_optimal.notna() & both.model_error_um.notna()]
         if not both.empty:
             noticed = int((both.model_error_um - both.model_error_um_optimal > both.noise_um).sum())

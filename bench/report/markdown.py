@@ -12,26 +12,32 @@ from bench.report import figures, plots
 from bench.store import Run
 from piezo_model.atomic_file import replacing, write_text
 
-HEADINGS = {"solver": "solver", "lane": "lane", "tier": "tier", "settings": "settings", "right": "right",
+HEADINGS = {"solver": "solver", "lane": "lane", "tier": "tier", "start": "start", "settings": "settings", "right": "right",
             "worst_cost_gap": "worst cost gap", "worst_primal_residual": "primal residual",
             "worst_dual_residual": "dual residual", "worst_weight_error": "weight error",
             "model_error_percent": "model error, %", "setup_us": "setup, µs", "update_us": "update, µs",
-            "solve_us_p50": "solve p50, µs", "solve_us_p99": "p99", "solve_us_max": "max", "periods": "periods",
+            "solve_us_p50": "solve p50, µs", "solve_us_p99": "p99", "solve_us_max": "max",
+            "interleaved_us_p50": "interleaved p50", "periods": "periods",
             "status": "status"}
 
 
 def cell(row: pd.Series, column: str) -> str:
-    """One cell of the table as text."""
+    """One cell of the table as Markdown."""
+    return plain(text(row, column))
+
+
+def text(row: pd.Series, column: str) -> str:
+    """One cell of the table as plain text."""
     value = row[column]
     if column == "right":
-        return f"{row.right}/{row.problems}"
+        return "–" if row.status == figures.FLOOR else f"{row.right}/{row.problems}"
     if column == "settings":
-        return plain(settings_label(str(value)))
+        return settings_label(str(value))
     if isinstance(value, float):
         if pd.isna(value):
             return "–"
         return f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
-    return plain(value)
+    return str(value)
 
 
 def plain(value: object) -> str:

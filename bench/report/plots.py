@@ -21,7 +21,7 @@ FLOOR = 1e-17
 
 def accuracy_against_time(rows: pd.DataFrame, path: Path) -> None:
     """The picture of the project: worst cost gap against time for one answer, with the sampling period as a line."""
-    table = figures.summary(rows)
+    table = figures.raced(figures.summary(rows))
     table = table[(table.scaling == "scaled") & table.worst_cost_gap.notna()]
     stepping = table.settings.str.contains('"steps"')
     mpl.rcParams["svg.hashsalt"] = "piezobench"  # the same run draws the same file

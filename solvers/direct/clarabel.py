@@ -64,7 +64,7 @@ class Clarabel(Solver):
         return np.array(self._answer.x) if self._found else self.program.no_answer()
 
     def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._answer.status == clarabel.SolverStatus.MaxIterations
+        limit_met = self._answer.status in (clarabel.SolverStatus.MaxIterations, clarabel.SolverStatus.AlmostSolved)
         return np.array(self._answer.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102

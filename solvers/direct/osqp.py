@@ -71,7 +71,8 @@ class Osqp(Solver):
         return x if self._found else self.program.no_answer()
 
     def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._result.info.status_val == osqp.SolverStatus.OSQP_MAX_ITER_REACHED
+        limit_met = self._result.info.status_val in (osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
+                                                     osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
         return np.array(self._result.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102

@@ -57,7 +57,8 @@ class Qoco(Solver):
         return x if self._result.status == "QOCO_SOLVED" else self.program.no_answer()
 
     def iterate(self) -> Vector | None:  # noqa: D102
-        return np.array(self._result.x) if self._result.status == "QOCO_MAX_ITER" else None
+        limit_met = self._result.status in ("QOCO_MAX_ITER", "QOCO_SOLVED_INACCURATE")
+        return np.array(self._result.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102
         r = self._result

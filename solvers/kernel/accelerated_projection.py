@@ -87,9 +87,9 @@ class AcceleratedProjection(Solver):
         # Scaling back can leave a bound by one bit; clipping undoes that.
         return np.clip(self._method.w * self._D, self._lb, self._ub)
 
-    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Run the steps from 0, each time from the start, timed; updates are not compiled."""
-        self._method.start(np.zeros(self._q.size))
+    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
+        """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are not compiled."""
+        self._method.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
         return None, self._method.time(count, self._steps, self._tolerance)
 
     def solution(self) -> Solution:

@@ -136,10 +136,10 @@ class ProjectedDifference(Solver):
         """Return the iterate (d,) where the recursion stands."""
         return self._unscaled()
 
-    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Run the steps from 0, each time from the start, timed; updates are not compiled."""
+    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
+        """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are not compiled."""
         assert self._recursion is not None, "setup comes first"
-        self._recursion.start(np.zeros(self._q.size))
+        self._recursion.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
         return None, self._recursion.time(count, self._steps, self._threshold)
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:

@@ -81,8 +81,8 @@ class RecursiveActiveSet(Solver):
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Start again from other data of the same size."""
-        self._P = self._P if P is None else np.array(P, dtype=np.float64, order="C")
-        self._q = self._q if q is None else np.array(q, dtype=np.float64)
+        self._P: Matrix = self._P if P is None else np.array(P, dtype=np.float64, order="C")
+        self._q: Vector = self._q if q is None else np.array(q, dtype=np.float64)
         if not (np.all(np.isfinite(self._P)) and np.all(np.isfinite(self._q))):
             raise ValueError(f"{self.name}: P or q holds a number that is not finite")
         self._check(swept.begin(self._work, self._iwork, self._numbers, self._P.reshape(-1), self._q))
@@ -119,7 +119,7 @@ class RecursiveActiveSet(Solver):
             raise ValueError(f"{self.name}: was set up with forgetting {self._numbers[swept.FORGETTING]}, not {forgetting}")
         return self.append_many(rows)
 
-    def time_kernel(self, count: int) -> tuple[Nanoseconds | None, Nanoseconds]:
+    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Start anew from P and q, which includes finding the optimum, timed as solves; there is no update apart."""
         nanoseconds = np.empty(count, dtype=np.int64)
         self._check(swept.time_begin(self._work, self._iwork, self._numbers, self._P.reshape(-1), self._q, nanoseconds))

@@ -5,6 +5,7 @@ from pathlib import Path
 import faulty_solvers
 import pandas as pd
 import pytest
+from browser import Browser
 from command_line import CommandLine, Finished
 
 from bench.store import Run
@@ -25,10 +26,10 @@ class Race:
 
 
 SMALL = ("--limit", 1, "--budget", 0.002, "--tier", "high", "--lane", "direct", "--solver", "daqp", "--solver", "osqp",
-         "--time-limit", 4, "--memory", 512)
+         "--time-limit", 4, "--memory", 512, "--rounds", 8)
 THIRD = ("--tier", "default", "--solver", "clarabel")
-TASKS = 12
-"""Three solvers at two tiers on the data in two scalings."""
+TASKS = 14
+"""Three solvers at two tiers on the data in two scalings, and the floor in each."""
 
 
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
@@ -52,3 +53,18 @@ def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactor
     folder = tmp_path_factory.mktemp("faulty")
     files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
     return raced(piezobench, folder, "faulty", *files)
+
+
+@pytest.fixture(scope="session")
+def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    """Solvers in three lanes on two problems of two sets, and the paper's method."""
+    return raced(piezobench, tmp_path_factory.mktemp("wide"), "wide", "--limit", 2, "--set", "paper", "--set", "orders",
+                 "--tier", "default", "--lane", "kernel", "--lane", "qpsolvers", "--solver", "box_active_set",
+                 "--solver", "projected_difference")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    found = Browser()
+    yield found
+    found.close()

@@ -19,11 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.store import COLUMNS, Run, RunError
+from bench.store import COLUMNS, Run, RunError, Schema
 from bench.task import Task
 from solvers.protocol import Lane, Tier
 
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, Tier.HIGH) for i in range(2)]
+
+PLAIN = Schema("rows.parquet", COLUMNS, ("problem",))
 
 
 def row(task: Task) -> dict[str, Any]:
@@ -42,7 +44,7 @@ def carry_on(folder: Path) -> None:
         for task in TASKS:
             if not run.is_done(task):
                 run.save(task, row(task), {"solve": np.arange(3)})
-        run.finish()
+        run.finish(PLAIN)
 
 
 def look(folder: Path) -> None:

@@ -36,7 +36,7 @@ def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: 
     scaled, raw, *_ = ({tuple(line[:3]) for line in table[2:]} for table in tables(report))
     rows = faulty_race.rows
     for shown, scaling in ((scaled, "scaled"), (raw, "raw")):
-        raced = rows[rows.scaling == scaling]
+        raced = rows[rows.scaling == scaling].replace({"solver": {"null": "floor"}})
         assert shown == {(markdown.plain(row.solver), row.lane, row.tier) for row in raced.itertuples()}
 
 
@@ -54,7 +54,8 @@ def test_the_csv_holds_every_row_of_the_race(faulty_race: Race) -> None:
     assert summary.problems.sum() == len(faulty_race.rows)
     assert summary.right.sum() == (faulty_race.rows.status == Status.OK).sum()
     keys = ["scaling", "solver", "lane", "tier"]
-    assert set(summary[keys].itertuples(index=False)) == set(faulty_race.rows[keys].itertuples(index=False))
+    raced = faulty_race.rows.replace({"solver": {"null": "floor"}})
+    assert set(summary[keys].itertuples(index=False)) == set(raced[keys].itertuples(index=False))
     messages = {" ".join(str(message).split()) for message in summary.message.dropna()}
     assert any("</script>" in message for message in messages)
 
@@ -67,7 +68,7 @@ def test_right_answers_come_first_and_the_fastest_of_them_first(clean_race: Race
 
 def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
     rows = clean_race.rows
-    asked = rows[(rows.tier == "high") & (rows.scaling == "scaled")]
+    asked = rows[(rows.tier == "high") & (rows.scaling == "scaled") & (rows.solver != "null")]
     sentence = figures.verdict(rows).sentences[0]
     assert f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes answer every problem right" in sentence
 

@@ -21,7 +21,9 @@ from bench.store import Run, RunError
 
 KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
 SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
-TIMES = ["setup_us", "update_us", "solve_us_p50", "solve_us_p99", "solve_us_max", "samples", "periods", "reported_us"]
+TIMES = ["setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99",
+         "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples", "interleaved_us_p50", "interleaved_us_p99",
+         "periods", "reported_us", "preemptions"]
 
 
 def assert_same(rows: pd.DataFrame, clean_race: Race) -> None:

@@ -1,0 +1,108 @@
+"""Verbs that make something of finished runs: ``compare`` them, ``deploy`` what one has found."""
+
+from __future__ import annotations
+
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.cli.console import AsJson, console, print_json, print_table, progress_bar
+from bench.compare import compare_runs
+from bench.deploy import Rule, decide, deployment
+from bench.report import comparison as pages
+from bench.store import Run
+from piezo_model import HysteresisCreepModel
+from solvers import Lane
+
+FAILED = 3
+"""Exit status of a comparison that found what it was told to fail on."""
+
+
+class FailOn(StrEnum):
+    """What makes a comparison fail."""
+
+    nothing = "nothing"
+    regression = "regression"
+    difference = "difference"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command("compare")(compare_verb)
+    app.command("deploy")(deploy_verb)
+
+
+def compare_verb(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; all are compared with "
+                                                                                       "the first.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the comparison; compare-A-B beside the last run by default.")] = None,
+    fail_on: Annotated[FailOn, typer.Option(help=f"What ends with exit status {FAILED}.")] = FailOn.nothing,
+    as_json: AsJson = False,
+) -> None:
+    """Compare runs: what is faster, slower, more or less accurate, new or gone."""
+    if len(runs) < 2:
+        raise typer.BadParameter("a comparison needs two runs or more", param_hint="RUN_A RUN_B")
+    opened = [Run.open(path) for path in runs]
+    with progress_bar() as progress:
+        found = []
+        for done, other in enumerate(opened[1:]):
+            progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
+            found.append(compare_runs(opened[0], other))
+    names = "-".join(run.path.resolve().name for run in opened)
+    page = pages.write(found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out)
+    if as_json:
+        print_json(pages.to_dict(found))
+    else:
+        for each in found:
+            for warning in each.warnings:
+                console.print(f"WARNING: {warning}", style="bold", markup=False)
+            for sentence in (*each.verdict, *each.notes):
+                console.print(sentence, markup=False)
+            grid = pages.grid(each)
+            if grid.rows:
+                print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:40]], left=grid.left)
+        console.print(f"\nComparison: {page}", markup=False)
+    bad = sum(len(each.changed if fail_on is FailOn.difference else each.regressions) for each in found)
+    if fail_on is not FailOn.nothing and bad:
+        raise typer.Exit(FAILED)
+
+
+def deploy_verb(
+    run: Annotated[Path, typer.Argument(help="Folder of a one-shot race or of a stream.")],
+    out: Annotated[Path | None, typer.Option(help="Where the decision is written; compensator.json in the run by default.")] = None,
+    accuracy: Annotated[float, typer.Option(min=0.0, help="Largest relative cost gap and violation, on every problem.")] = 1e-9,
+    deadline: Annotated[float, typer.Option(min=0.0, help="Deadline in µs.")] = 125.0,
+    misses: Annotated[int, typer.Option(min=0, help="Deadlines that may be missed beyond the machine's floor.")] = 0,
+    lane: Annotated[list[Lane] | None, typer.Option(help="Lane that the controller can have; may be given again. "
+                                                         "Kernel and direct by default.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model written by identify; by default that of the run's problem.")] = None,
+    problem: Annotated[str | None, typer.Option(help="Problem of the run whose model is taken, as set/name; the first by "
+                                                     "default.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Pick the solver for a controller, say why, and write the file that a compensator starts from."""
+    opened = Run.open(run)
+    target = run / "compensator.json" if out is None else out
+    if not target.parent.is_dir() or not os.access(target.parent, os.W_OK):
+        raise typer.BadParameter(f"nothing can be written into the folder {target.parent}", param_hint="--out")
+    if target.exists() and not target.is_file():
+        raise typer.BadParameter(f"{target} is no ordinary file", param_hint="--out")
+    rule = Rule(accuracy, deadline, tuple(lane or (Lane.KERNEL, Lane.DIRECT)), misses)
+    decision = decide(opened, rule)
+    found = deployment(decision, None if model is None else HysteresisCreepModel.load(model), problem)
+    found.save(target)
+    if as_json:
+        print_json({"file": target, "solver": found.solver, "lane": found.lane, "tier": found.tier,
+                    "settings": dict(found.settings), "mode": found.mode, "rule": rule.sentence,
+                    "why": decision.sentences(), "figures": decision.chosen.figures(),
+                    "runners_up": [each.figures() for each in decision.runners_up],
+                    "refused": [{**each.figures(), "why": why} for each, why in decision.refused]})
+        return
+    for sentence in decision.sentences():
+        console.print(sentence, markup=False)
+    for each, why in decision.refused[:12]:
+        console.print(f"Not {each.name}: it {why}.", markup=False)
+    console.print(f"Compensator: {target}", markup=False)

@@ -1,0 +1,47 @@
+"""The verb ``experiment``: the paper's Fig. 4 and what belongs to it, on a simulated stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.cli.console import console, progress_bar
+from bench.experiment.rig import Rig
+from solvers import find
+
+FOLDER = Path("results/experiment")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("experiment")(experiment_verb)
+
+
+def experiment_verb(
+    out: Annotated[Path, typer.Option(help="Folder of the figures, their numbers and the page.")] = FOLDER,
+    quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
+    solver: Annotated[str, typer.Option(help="Any registered solver; the paper's by default.")] = "projected_difference",
+) -> None:
+    """Compensate a two-axis stage while learning, and draw what comes of it."""
+    from bench.experiment.experiment import run  # the figures' library takes a while to load
+
+    try:
+        find(solver).load()
+    except KeyError as error:
+        raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
+    except ImportError as error:
+        raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
+    if out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
+    rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)
+    with progress_bar() as progress:
+        made = run(out, rig, progress)
+    console.print(made.verdict)
+    for exhibit in made.exhibits:
+        console.print(f"\n{exhibit.title}")
+        for sentence in exhibit.sentences:
+            console.print(f"- {sentence}")
+    console.print(f"\nFigures: {made.page}")

@@ -1,0 +1,290 @@
+"""From a run to a decision: which solver a controller gets, with what model, and why.
+
+The rule, in this order:
+
+1. The answer to every problem is within the accuracy asked for, cost gap and violation alike.
+2. No deadline is missed that the machine's floor does not explain: with m of M missed by a solver that does nothing
+   and r the upper 95 % bound of that rate, at most ⌈r N⌉ of N.
+3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response).
+
+A percentile that a sample cannot support is not known, so where some of those that are left have too few samples for p99.9
+all are held by p99 or the median, and that is said.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench import null_solver
+from bench.percentiles import Percentile, percentile, rate_bound
+from bench.problems.protocol import RaceProblem
+from bench.report import stream_figures
+from bench.rows import PERIOD_US
+from bench.store import ONESHOT, Run, RunError
+from bench.stream import KIND as STREAM_KIND
+from bench.stream import STREAM
+from piezo_model import HysteresisCreepModel
+from piezo_model.deployment import Deployment
+from solvers import Lane, find
+from solvers.certificate import exact_cost_gap
+
+Microseconds = NDArray[np.float64]
+
+WHO = ["solver", "lane", "tier", "settings"]
+QUANTILES = (0.999, 0.99, 0.5)
+CONTINUOUS = "recursive_active_set"
+"""The solver that follows every sample."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What is asked for.
+
+    Attributes
+    ----------
+    accuracy : float
+        Largest relative cost gap and violation.
+    deadline_us : float
+    lanes : tuple of Lane
+        Lanes that a controller can have.
+    misses : int
+        Deadlines that may be missed beyond the floor.
+    """
+
+    accuracy: float = 1e-9
+    deadline_us: float = PERIOD_US
+    lanes: tuple[Lane, ...] = (Lane.KERNEL, Lane.DIRECT)
+    misses: int = 0
+
+    @property
+    def sentence(self) -> str:
+        """The rule in words."""
+        return (f"Right to {self.accuracy:g} on every problem, at most {self.misses} deadlines of {self.deadline_us:g} µs missed "
+                f"that the machine's floor does not explain, then the lowest p99.9; lanes {', '.join(self.lanes)}.")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One solver lane with its settings, and how it stands to the rule.
+
+    Attributes
+    ----------
+    solver, lane, tier : str
+    settings : dict
+    gap : float
+        Worst of cost gap and violation over the problems; infinite where one has no answer.
+    problems, right : int
+    samples, missed, beyond_floor : int
+        Deadlines.
+    tail : tuple of Percentile
+        For QUANTILES, each with value or reason.
+    """
+
+    solver: str
+    lane: str
+    tier: str
+    settings: dict[str, Any]
+    gap: float
+    problems: int
+    right: int
+    samples: int
+    missed: int
+    beyond_floor: int
+    tail: tuple[Percentile, ...]
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        more = "".join(f", {name} {value}" for name, value in self.settings.items())
+        return f"{self.solver} ({self.lane}, {self.tier}{more})"
+
+    def failing(self, rule: Rule) -> str:
+        """Why it does not qualify; "" if it does."""
+        if self.right < self.problems:
+            return f"is right to {rule.accuracy:g} on {self.right} of {self.problems} problems only"
+        if not self.samples:
+            return "has no times"
+        if self.beyond_floor > rule.misses:
+            return f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine's floor explains"
+        return ""
+
+    def figures(self) -> dict[str, Any]:
+        """Figures as JSON can hold them."""
+        return {"solver": self.solver, "lane": self.lane, "tier": self.tier, "settings": self.settings, "samples": self.samples,
+                "worst_gap": self.gap if math.isfinite(self.gap) else None, "problems": self.problems, "right": self.right,
+                "missed": self.missed, "missed_beyond_floor": self.beyond_floor,
+                **{f"{each.name}_us": each.value for each in self.tail}}
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The choice and those that it was made among.
+
+    Attributes
+    ----------
+    chosen : Candidate
+    runners_up : tuple of Candidate
+        Those that qualify, too, in order.
+    refused : tuple of (Candidate, str)
+        The others, with why.
+    by : int
+        Index in QUANTILES of the percentile that decided.
+    """
+
+    run: Run
+    rule: Rule
+    chosen: Candidate
+    runners_up: tuple[Candidate, ...]
+    refused: tuple[tuple[Candidate, str], ...]
+    by: int
+
+    def sentences(self) -> list[str]:
+        """Why, and what else there was."""
+        it, best, name = self.chosen, self.chosen.tail[self.by], Percentile(QUANTILES[self.by]).name
+        found = [f"Rule: {self.rule.sentence}",
+                 f"Chosen: {it.name}: right on all {it.problems} problems (worst {it.gap:.1e}), {it.missed} of {it.samples} "
+                 f"deadlines missed, {it.beyond_floor} beyond the floor, {name} {best.value:.3g} µs ({best.low:.3g} to {best.high:.3g})."]
+        if self.by:
+            found.append(f"Decided by {name}, since p99.9 {self._lacking()}.")
+        found += [f"Runner-up: {each.name} with {name} {each.tail[self.by].value:.3g} µs." for each in self.runners_up[:3]]
+        count = len(self.refused)
+        return [*found, f"{count} other{'s do' if count != 1 else ' does'} not qualify."] if count else found
+
+    def _lacking(self) -> str:
+        lacking = [each for each in (self.chosen, *self.runners_up) if each.tail[0].value is None]
+        return f"{lacking[0].tail[0].reason}, and {len(lacking)} of those that qualify have fewer"
+
+    def evidence(self) -> dict[str, Any]:
+        """What the file says about where it comes from."""
+        settings = self.run.settings
+        return {"run": self.run.path.name, "race": settings.get("race", "oneshot"), "machine": settings["machine"],
+                "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
+                "rule": self.rule.sentence, "why": self.sentences(), "figures": self.chosen.figures(),
+                "runners_up": [each.figures() for each in self.runners_up[:3]]}
+
+
+def decide(run: Run, rule: Rule) -> Decision:
+    """Apply the rule.
+
+    Raises
+    ------
+    RunError
+        No solver qualifies, or the run is of a kind without deadlines.
+    """
+    race = run.settings.get("race", "oneshot")
+    if race not in ("oneshot", STREAM_KIND):
+        raise RunError(f"{run.path}: is a race of the kind {race!r}; a decision needs a one-shot race or a stream")
+    candidates = list(_of_stream(run, rule) if race == STREAM_KIND else _of_oneshot(run, rule))
+    verdicts = [(each, each.failing(rule)) for each in candidates]
+    qualified, refused = [each for each, why in verdicts if not why], tuple((each, why) for each, why in verdicts if why)
+    if not qualified:
+        nearest = min(refused, key=lambda pair: (pair[0].right < pair[0].problems, pair[0].beyond_floor, pair[0].gap), default=None)
+        raise RunError(f"{run.path}: no solver qualifies" + (f"; the nearest, {nearest[0].name}, {nearest[1]}" if nearest else
+                                                              f", none of its solvers is in the lanes {', '.join(rule.lanes)}"))
+    by = next((i for i in range(len(QUANTILES)) if all(each.tail[i].value is not None for each in qualified)), None)
+    if by is None:
+        raise RunError(f"{run.path}: too few times to tell the solvers from each other; a median {qualified[0].tail[-1].reason}")
+    ranked = sorted(qualified, key=lambda each: (float(each.tail[by].value or 0.0), each.name))
+    return Decision(run, rule, ranked[0], tuple(ranked[1:]), refused, by)
+
+
+def _of_oneshot(run: Run, rule: Rule) -> Iterable[Candidate]:
+    """Scaled data from a cold start, as the compensator solves it; times of update and solve.
+
+    Deadlines count hot and in turns with others; percentiles are hot, since only the most exact tier takes turns.
+    """
+    rows, times = run.rows(ONESHOT), run.times()
+    rows = rows[(rows.scaling == "scaled") & (rows.start == "cold")]
+    hot, raw = _pairs(times, ("",)), _pairs(times, ("", "interleaved_"))
+    floor = _all(raw, rows[rows.solver == null_solver.ENTRY.name].task)
+    bound = _bound(floor, rule.deadline_us)
+    field = rows[(rows.solver != null_solver.ENTRY.name) & rows.lane.isin([str(lane) for lane in rule.lanes])]
+    for (solver, lane, tier, settings), part in field.groupby(WHO, sort=False):
+        worst = part[["cost_gap", "violation"]].max(axis=1, skipna=False).fillna(math.inf)
+        yield _candidate((solver, lane, tier, settings), worst, _all(raw, part.task), bound, rule, _all(hot, part.task))
+
+
+def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
+    """Each sample's own answer; times from its due time to its answer. Compiled loops have none and are left out."""
+    rows, times = run.rows(STREAM), run.times()
+    bound = stream_figures.floor_bound(rows[rows.solver == stream_figures.FLOOR])
+    paced = (rows.solver != stream_figures.FLOOR) & rows.paced.astype(bool)
+    field = rows[paced & rows.lane.isin([str(lane) for lane in rule.lanes])]
+    for who, part in field.groupby(WHO, sort=False):
+        worst = part.own_gap_max.astype(float).where(part.unanswered == 0).fillna(math.inf)
+        yield _candidate(who, worst, us := stream_figures.raw(times, part.task, "response"), bound, rule, us)
+
+
+def _candidate(who: Any, worst: pd.Series, us: Microseconds, bound: float, rule: Rule, tail: Microseconds) -> Candidate:
+    """Deadlines from the times ``us``, percentiles from ``tail``."""
+    solver, lane, tier, settings = who
+    missed = int(np.count_nonzero(us > rule.deadline_us))
+    return Candidate(str(solver), str(lane), str(tier), json.loads(settings), float(worst.max()), len(worst),
+                     int((worst <= rule.accuracy).sum()), us.size, missed, max(0, missed - math.ceil(bound * us.size)),
+                     tuple(percentile(tail, q) for q in QUANTILES))
+
+
+def _pairs(times: pd.DataFrame, kinds: tuple[str, ...]) -> dict[str, list[Microseconds]]:
+    """Update and solve together by task, µs; where updates were timed apart, their median is added."""
+    found: dict[str, list[Microseconds]] = {}
+    for before in kinds:
+        both = [times[times.what == f"{before}{what}"].set_index(["task", "repeat"]).ns for what in ("update", "solve")]
+        for key in both[1].index:
+            solve = np.asarray(both[1][key], dtype=np.float64) / 1e3
+            update = np.asarray(both[0][key], dtype=np.float64) / 1e3 if key in both[0].index else np.zeros(0)
+            if solve.size:
+                found.setdefault(key[0], []).append(
+                    solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0))
+    return found
+
+
+def _all(raw: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
+    parts = [part for task in tasks for part in raw.get(task, [])]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _bound(floor: Microseconds, deadline_us: float) -> float:
+    """Upper bound of the share of deadlines that the machine misses; nothing is forgiven where it was not measured."""
+    return rate_bound(int(np.count_nonzero(floor > deadline_us)), floor.size) if floor.size else 0.0
+
+
+def deployment(decision: Decision, model: HysteresisCreepModel | None = None, problem: str | None = None) -> Deployment:
+    """The file's content: a model of one's own, or the proven optimum of a problem of the run ("set/name", else the first)."""
+    evidence = decision.evidence()
+    if model is None:
+        model, evidence["certificate"] = _proven(decision.run, problem)
+    else:
+        evidence["certificate"] = dict(model.report.get("certificate", {}))
+    s, chosen = model.structure, decision.chosen
+    continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
+    find(chosen.solver, chosen.lane)  # a solver of one's own file is not known to the compensator
+    return Deployment(model, chosen.solver, chosen.lane, chosen.tier, chosen.settings, "continuous" if continuous else "cyclic",
+                      (s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence)
+
+
+def _proven(run: Run, asked: str | None) -> tuple[HysteresisCreepModel, dict[str, Any]]:
+    """The model of a problem's optimum, and its certificate."""
+    if run.settings.get("race", "oneshot") == STREAM_KIND:
+        raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
+    rows = run.rows(ONESHOT).drop_duplicates(["problem_set", "problem"])
+    names = [(str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)]
+    chosen = [name for name in names if asked in (None, "/".join(name))]
+    if not chosen:
+        raise RunError(f"{run.path}: has no problem {asked!r}; there are {', '.join(map('/'.join, names))}")
+    for name in chosen:
+        problem: RaceProblem = run.problem(*name)
+        if problem.validation is not None:
+            form = problem.forms["scaled"]
+            gap = exact_cost_gap(form.qp, form.certificate, np.array(form.certificate.x), form.c)
+            return (HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights),
+                    {"problem_of_run": "/".join(name), "cost_gap": gap.relative, "violation": gap.violation,
+                     **json.loads(form.certificate.to_json())})
+    raise RunError(f"{run.path}: none of the problems asked for comes from an actuator; give a model with --model")

@@ -1,0 +1,70 @@
+"""All figures of the experiment from the runs that they share, and the page that puts them together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from bench.experiment import boundary, cycles, elementary_operators, loops, page, push_pull, staircases, trial
+from bench.experiment.rig import AXES, Rig
+from bench.experiment.style import Exhibit
+from piezo_model.atomic_file import write_text
+
+PAGE = "experiment.md"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What an experiment gave: its page, the verdict and the exhibits on it."""
+
+    page: Path
+    verdict: str
+    exhibits: tuple[Exhibit, ...]
+
+
+def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lambda what, done, total: None) -> Experiment:
+    """Make the experiment and write its page and figures into a folder, which is made if it is not there.
+
+    Parameters
+    ----------
+    folder : Path
+    rig : Rig
+    progress : function of (what, done, total), optional
+
+    Raises
+    ------
+    OSError
+        Where the folder cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    total, done = len(push_pull.CASES) + 5, 0
+
+    def say(what: str) -> None:
+        nonlocal done
+        progress(what, done, total)
+        done += 1
+
+    say("straight line")
+    straight = trial.straight(rig)
+    say("best straight line with hindsight")
+    hindsight = trial.best_straight(rig)
+    say("self-learning compensation")
+    learned = trial.learned(rig)
+    say("a drifting stage")
+    by_cycle = cycles.exhibit(straight, hindsight, learned)
+    rows = []
+    for case in push_pull.CASES:
+        say(str(case))
+        rows.append(case.row(rig))
+    exhibits = (*(staircases.exhibit(i, straight, hindsight, learned) for i in range(len(AXES))),
+                loops.exhibit(straight, learned), by_cycle, push_pull.exhibit(pd.DataFrame(rows)),
+                elementary_operators.exhibit(), boundary.exhibit(learned))
+    say("figures")
+    for exhibit in exhibits:
+        exhibit.write(folder)
+    sentence = page.verdict(straight, hindsight, learned)
+    write_text(folder / PAGE, page.render(rig, sentence, exhibits))
+    return Experiment(folder / PAGE, sentence, exhibits)

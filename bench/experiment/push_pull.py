@@ -1,0 +1,96 @@
+"""Does the model need the superposition operator S? One actuator an axis against two in push-pull, m = 0 against m = 3.
+
+The paper drives every axis by one actuator to show what S is for; two in push-pull make the loop point-symmetric, which the
+operator H alone is. Symmetric is not the same as Prandtl-Ishlinskii, though: the even part of a curvature cancels and an
+odd saturation does not. So the comparison is made with actuators of three kinds, and with n = 10 plays besides the paper's
+n = 5, since with few plays the dead zones also stand in for plays that are missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bench.experiment.cycles import per_cycle
+from bench.experiment.rig import Actuators, Rig
+from bench.experiment.style import LEARNED, STRAIGHT, Exhibit
+from bench.experiment.trial import learned
+
+KINDS = {"curved": Actuators("dense_prandtl_ishlinskii", (("saturation", 0.0), ("asymmetry", -0.1))),
+         "curved and saturating": Actuators("dense_prandtl_ishlinskii"),
+         "Preisach": Actuators("relay_preisach")}
+"""By what deforms their loops: an even curvature, that and an odd saturation, minor loops that depend on the bias."""
+ORDERS = (5, 10)
+WITHOUT_S, WITH_S = 0, 3
+AS_GOOD = 1.1
+"""Within 10 %."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One bar: kind of actuator, plays, push-pull or not, dead zones on either side."""
+
+    kind: str
+    n: int
+    push_pull: bool
+    m: int
+
+    def __str__(self) -> str:
+        return f"{self.kind} actuators, {'push-pull' if self.push_pull else 'single'}, n = {self.n}, m = {self.m}"
+
+    def row(self, rig: Rig) -> dict[str, Any]:
+        """Run the case with an exact learner, so that only the model counts."""
+        actuators = KINDS[self.kind]
+        trial = learned(replace(rig, actuators=(actuators, actuators), n=self.n, m=self.m, push_pull=self.push_pull,
+                                solver="box_active_set", samples_to_solve=1))
+        return {**asdict(self), "rms_percent": float(per_cycle(trial)[-1])}
+
+
+CASES = tuple(Case(kind, n, pair, m) for kind in KINDS for n in ORDERS for pair in (False, True) for m in (WITHOUT_S, WITH_S))
+
+
+def exhibit(table: pd.DataFrame) -> Exhibit:
+    """Draw the rows of all cases."""
+    wide = table.set_index(["kind", "n", "push_pull", "m"]).rms_percent
+
+    def draw(figure: Figure) -> None:
+        columns = figure.subplots(1, len(KINDS), sharey=True)
+        top = float(table.rms_percent.max())
+        for axes, kind in zip(columns, KINDS, strict=True):
+            places = [(n, pair) for pair in (False, True) for n in ORDERS]
+            for shift, m, colour, label in ((-0.22, WITHOUT_S, STRAIGHT, "without S (m = 0)"),
+                                            (0.22, WITH_S, LEARNED, f"with S (m = {WITH_S})")):
+                heights = [wide.loc[(kind, n, pair, m)] for n, pair in places]
+                bars = axes.bar(np.arange(len(places)) + shift, heights, 0.42, color=colour, label=label, zorder=3)
+                axes.bar_label(bars, [f"{height:.2g}" for height in heights], fontsize=6.5, padding=1)
+            axes.set(title=f"{kind} actuators", yscale="log", xticks=range(len(places)),
+                     xticklabels=[f"n = {n}" for n, _ in places])
+            axes.axvline(0.5 * len(places) - 0.5, color="black", lw=0.6, ls=":")
+            axes.grid(visible=False, axis="x")
+            for place, text in ((0.25, "one actuator"), (0.75, "push-pull")):
+                axes.annotate(text, (place, -0.16), xycoords="axes fraction", ha="center")
+        columns[0].set(ylabel="RMS error in the last cycle, % of range", ylim=(0.5 * float(table.rms_percent.min()), 4.0 * top))
+        columns[-1].legend(loc="upper right")
+
+    return Exhibit("push_pull", "One actuator or two in push-pull, with and without S",
+                   "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.",
+                   tuple(sentences(table)), table, draw, 4.2)
+
+
+def sentences(table: pd.DataFrame) -> Iterator[str]:
+    """Say where the model without S is as good."""
+    error = dict(zip(CASES, table.rms_percent, strict=True))
+    n = max(ORDERS)
+    for kind in KINDS:
+        (single, single_S), (pair, pair_S) = ((error[Case(kind, n, together, m)] for m in (WITHOUT_S, WITH_S))
+                                              for together in (False, True))
+        ratio = pair / pair_S
+        judged = "as good as with it" if ratio <= AS_GOOD else f"{ratio:.1f} times as bad"
+        yield (f"{kind.capitalize()} actuators, n = {n}: with one actuator the error without S is {single / single_S:.1f} times "
+               f"that with it ({single:.3f} % and {single_S:.3f} %); in push-pull the model without S is {judged} "
+               f"({pair:.4f} % and {pair_S:.4f} %).")

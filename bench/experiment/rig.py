@@ -1,0 +1,177 @@
+"""The test rig of the experiment: a two-axis stage, its reference, and what is known of it before anything is learned.
+
+The stage stands for the one of the paper's Fig. 3: an actuator an axis or two in push-pull, guided by elastic joints. It is
+given the staircase of Fig. 4 on both axes, a quarter of a period apart, so that neither moves as the other does. A step of
+the staircase takes ``step_s``: a jump would ring the structure, which is not what is looked at here.
+
+Errors are those of the measured platform, in µm or in percent of the reference's range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import oaconvolve
+
+from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
+from piezo_model.decoupling import estimate_decoupling
+from piezo_model.signals import decaying_triangle, random_walk, staircase
+from piezo_model.stage import Stage
+from piezo_model.stage_axis import Axis
+
+Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
+
+AXES = ("x", "y")
+LEVELS = 9
+AMPLITUDE_UM = 16.0
+RANGE_UM = 2.0 * AMPLITUDE_UM
+CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
+COUPLING = ((1.0, 0.06), (-0.04, 1.0))
+HOLD_BACK = 0.2
+"""Share of the building phase that judges the new weights."""
+WANDER_S = 10.0
+"""Length of the recording that the decoupling is estimated from."""
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """What drives an axis: a plant by name with its options."""
+
+    plant: str
+    options: tuple[tuple[str, float], ...] = ()
+    """Pairs of name and value."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A stage with its phases, its reference and the orders of the model; all times in s.
+
+    The defaults are the paper's: n = 5, m = 3, reset 0.1 s, building 8 s, learning 1.9 s, a sample every 125 µs.
+    """
+
+    actuators: tuple[Actuators, Actuators] = (Actuators("relay_preisach"), Actuators("dense_prandtl_ishlinskii"))
+    push_pull: bool = False
+    n: int = 5
+    m: int = 3
+    solver: str = "projected_difference"
+    lane: str | None = None
+    tier: str = "high"
+    reset_s: float = 0.1
+    build_s: float = 8.0
+    learn_s: float = 1.9
+    cycles: int = 5
+    hold_s: float = 0.25
+    step_s: float = 0.02
+    loops_s: float = 4.0
+    sample_time: float = 125e-6
+    noise_um: float = 0.002
+    quantum_um: float = 0.001
+    gain_drift_per_s: float = 0.0
+    samples: int | None = None
+    """Length of the staircases; ``cycles`` of the machine by default."""
+    samples_to_solve: int | None = None
+    """What an exact solve is taken to last; measured where None, which makes the last digits depend on the machine."""
+    seed: int = 0
+
+    @classmethod
+    def quick(cls, **options: Any) -> Rig:
+        """A rig with short phases, for a look in a few seconds."""
+        short: dict[str, Any] = {"reset_s": 0.05, "build_s": 2.0, "learn_s": 0.2, "cycles": 3, "hold_s": 0.0625,
+                                 "step_s": 0.01, "loops_s": 1.0}
+        return cls(**{**short, **options})
+
+    @property
+    def cycle(self) -> int:
+        """Samples of one cycle of the paper's machine."""
+        return sum(round(seconds / self.sample_time) for seconds in (self.reset_s, self.build_s, self.learn_s))
+
+    @property
+    def period(self) -> int:
+        """Samples of the staircase up and down."""
+        return 2 * (LEVELS - 1) * round(self.hold_s / self.sample_time)
+
+    def stage(self, number: int = 0) -> Stage:
+        """Make the stage, at rest, with noise of its own for every number."""
+        def axis(actuators: Actuators) -> Axis:
+            made = tuple(plants.get(actuators.plant, sample_time=self.sample_time, **dict(actuators.options))
+                         for _ in range(2 if self.push_pull else 1))
+            return Axis(actuators=made, gain_drift_per_s=self.gain_drift_per_s)
+
+        first, second = self.actuators
+        return Stage(axes=(axis(first), axis(second)), coupling=COUPLING, noise_um=self.noise_um, quantum_um=self.quantum_um,
+                     seed=1000 * self.seed + number)
+
+    @property
+    def decoupling(self) -> Matrix:
+        """D, estimated from a recording in which both axes wander about, before the experiment and any drift."""
+        return estimated(Rig(self.actuators, self.push_pull, sample_time=self.sample_time, noise_um=self.noise_um,
+                             quantum_um=self.quantum_um, seed=self.seed))  # once for all rigs that differ in nothing else
+
+    @cached_property
+    def structures(self) -> tuple[ModelStructure, ModelStructure]:
+        """The model structure of each axis; its ranges make it the straight line of an uncompensated drive."""
+        first, second = (ModelStructure.equidistant(self.n, self.m, axis.x_range, axis.y_range, CREEP_RATES,
+                                                    self.sample_time, offset=True) for axis in self.stage().axes)
+        return first, second
+
+    def learner(self, structure: ModelStructure) -> SelfLearningCompensator:
+        """A learner for one axis, which stands at the low end of its drive."""
+        limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
+        return SelfLearningCompensator(structure, self.reset_s, self.build_s, self.learn_s, self.solver, limits,
+                                       hold_back=HOLD_BACK, state=at_low_end(structure),
+                                       samples_to_solve=self.samples_to_solve,
+                                       solver_options={"lane": self.lane, "tier": self.tier})
+
+    @cached_property
+    def y_ref(self) -> Matrix:
+        """Staircases for all cycles, shape (N, 2), µm."""
+        quarter = self.period // 4
+        count = self.samples or self.cycles * self.cycle
+        steps = staircase(duration_s=(count + quarter) * self.sample_time, sample_time=self.sample_time,
+                          low=-AMPLITUDE_UM, high=AMPLITUDE_UM, levels=LEVELS, hold_s=self.hold_s)
+        return np.column_stack([self._smooth(steps[:count]), self._smooth(steps[quarter:quarter + count])])
+
+    @cached_property
+    def loop_ref(self) -> Matrix:
+        """Triangles of falling amplitude for hysteresis loops, shape (N, 2), µm; they begin where the staircases end."""
+        loops = []
+        for i, cycles in enumerate((3.5, 4.5)):
+            triangle = decaying_triangle(duration_s=self.loops_s, sample_time=self.sample_time, low=-AMPLITUDE_UM,
+                                         high=AMPLITUDE_UM, cycles=cycles, final_share=0.1)
+            loops.append(self._smooth(np.concatenate([self.y_ref[-1:, i], triangle]))[1:])
+        return np.column_stack(loops)
+
+    def _smooth(self, steps: Vector) -> Vector:
+        """Let every step take ``step_s``."""
+        window = np.hanning(round(self.step_s / self.sample_time) + 2)[1:-1]
+        held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
+        return np.clip(oaconvolve(held, window / window.sum(), "valid"), -AMPLITUDE_UM, AMPLITUDE_UM)
+
+
+@cache
+def estimated(rig: Rig) -> Matrix:
+    """The decoupling matrix of a rig from ``WANDER_S`` seconds."""
+    stage = rig.stage(number=1)
+    x = np.column_stack([random_walk(duration_s=WANDER_S, sample_time=rig.sample_time, low=axis.x_range[0],
+                                     high=axis.x_range[1], seed=1000 * rig.seed + i) for i, axis in enumerate(stage.axes)])
+    return estimate_decoupling(x, stage.run(x))
+
+
+def at_low_end(structure: ModelStructure) -> OperatorState:
+    """Operator states of an axis at the low end of its drive, where it came from the high end."""
+    return OperatorState.at_rest(structure, -1.0, 1.0)
+
+
+def percent(error_um: Matrix) -> Matrix:
+    """Errors in µm in percent of the reference's range."""
+    return 100.0 / RANGE_UM * error_um
+
+
+def rms(error: Matrix) -> Vector:
+    """Root of the mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

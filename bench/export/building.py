@@ -1,0 +1,125 @@
+"""The exported C built and run on this machine: with any compiler, replayed over recorded samples, counted by callgrind."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.export.c_source import FILES, render
+from bench.export.settings import ExportError, ExportSettings
+from piezo_model import HysteresisCreepModel
+
+Vector = NDArray[np.float64]
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+EXACT = ("-ffp-contract=off",)
+"""No fused multiplication and addition, so that every compiler and machine gives the same numbers to rounding of sums."""
+FAST = ("-O3", "-march=native", "-ffp-contract=fast")
+COUNTABLE = ("-O3", "-march=x86-64-v3", "-ffp-contract=fast")
+"""What valgrind understands: no AVX-512."""
+PROGRAMS = {"replay.c": "replay.c.jinja", "realtime.c": "realtime.c.jinja"}
+
+
+def tool(*names: str) -> str:
+    """Path of the first of these programs that is here; ExportError names the Debian package where none is."""
+    for name in names:
+        if found := shutil.which(name):
+            return found
+    raise ExportError(f"there is no {' or '.join(names)} on this machine; apt-get install {names[0]} brings it on Debian")
+
+
+def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSettings) -> None:
+    """Write the export and the programs that measure it."""
+    for name, text in render(model, settings, files={**FILES, **PROGRAMS}).items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def build(folder: Path, program: str, compiler: str, flags: Sequence[str]) -> Path:
+    """Build ``program`` (replay or realtime) in a folder of :func:`write_sources`; ExportError where that fails."""
+    target = folder / f"{program}-{Path(compiler).name}{''.join(flags).replace('/', '_').replace('=', '_')}"[:200]
+    posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ()
+    done = subprocess.run([compiler, "-std=c99", *posix, *flags, f"{program}.c", "piezo.c", "-o", str(target), "-lm"],
+                          cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
+        raise ExportError(f"{compiler} does not build the export: {first}")
+    return target
+
+
+@dataclass(frozen=True)
+class StepTime:
+    """What a step takes, ns, and the memory of an axis, bytes."""
+
+    fastest_ns: float
+    slowest_ns: float
+    axis_bytes: int
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay gave.
+
+    Attributes
+    ----------
+    x : array (N,)
+        Drives.
+    events : tuple of int
+        With learning: hand-overs, refusals, faults of the sensor, numerical faults.
+    time : StepTime or None
+    """
+
+    x: Vector
+    events: tuple[int, ...]
+    time: StepTime | None
+
+
+def replay(program: Path, samples: ArrayLike, repetitions: int = 0) -> Replay:
+    """Run the exported step over samples.
+
+    Parameters
+    ----------
+    program : Path
+        Of :func:`build`.
+    samples : array (N,) or (N, 2)
+        References; with learning, beside them the outputs measured before.
+    repetitions : int
+        Runs to time; none by default.
+    """
+    samples = np.ascontiguousarray(samples, dtype=np.float64)
+    source, target = program.with_suffix(".in"), program.with_suffix(".out")
+    samples.tofile(source)
+    words = [str(program), str(source), str(target), *([str(repetitions)] if repetitions else [])]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise ExportError(f"the exported C ended with status {done.returncode}: {done.stderr.strip()[:400]}")
+    x = np.fromfile(target)
+    source.unlink()
+    target.unlink()
+    time = None
+    if repetitions:
+        fastest, slowest, size = done.stdout.split()
+        time = StepTime(float(fastest), float(slowest), int(size))
+    return Replay(x, tuple(int(word) for word in done.stderr.split()), time)
+
+
+def instructions_per_step(program: Path, samples: ArrayLike) -> float:
+    """Instructions of a step and of all that it calls, counted by valgrind's callgrind over a replay (``COUNTABLE`` build)."""
+    samples = np.ascontiguousarray(samples, dtype=np.float64)
+    source, target, counts = (program.with_suffix(suffix) for suffix in (".in", ".out", ".callgrind"))
+    samples.tofile(source)
+    done = subprocess.run([tool("valgrind"), "--tool=callgrind", "--toggle-collect=piezo_step",
+                           f"--callgrind-out-file={counts}", str(program), str(source), str(target)],
+                          capture_output=True, text=True, check=False)
+    found = re.search(r"Collected : (\d+)", done.stderr)
+    if done.returncode != 0 or found is None:
+        raise ExportError(f"valgrind did not count: {done.stderr.strip()[-200:]}")
+    for path in (source, target, counts):
+        path.unlink()
+    return int(found[1]) / samples.shape[0]

@@ -1,0 +1,130 @@
+"""The compensator as an FMU for Co-Simulation, FMI 2.0 or 3.0, from the same C source.
+
+One communication step of one sampling period takes the reference at its start; the drive is there at its end. The FMU carries
+a binary for the machine it was made on and the source for any other.
+
+Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
+"""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import tempfile
+import uuid
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.export.building import EXACT, WARNINGS, tool
+from bench.export.c_source import environment, known, render
+from bench.export.settings import ExportError, ExportSettings
+from piezo_model import HysteresisCreepModel
+from piezo_model.atomic_file import replacing
+from piezo_model.structure import ModelStructure
+
+NAMESPACE = uuid.UUID("6f0d5a1e-57a4-5a0b-9d0e-0f6a4b8f7c11")
+METRE = 'm="1"'
+BASE_UNITS = {
+    "s": 's="1"', "V": 'kg="1" m="2" s="-3" A="-1"', "mV": 'kg="1" m="2" s="-3" A="-1" factor="1e-3"',
+    "kV": 'kg="1" m="2" s="-3" A="-1" factor="1e3"', "m": METRE, "mm": f'{METRE} factor="1e-3"',
+    "um": f'{METRE} factor="1e-6"', "µm": f'{METRE} factor="1e-6"', "nm": f'{METRE} factor="1e-9"', "rad": 'rad="1"',
+    "mrad": 'rad="1" factor="1e-3"', "urad": 'rad="1" factor="1e-6"', "A": 'A="1"', "N": 'kg="1" m="1" s="-2"'}
+"""What the standard's base units make of the units of recordings; others are named without a definition."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of the FMU."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    start: float
+    unit: str
+    description: str
+
+
+def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
+    """Input, output and parameters with units and start values."""
+    numbers = settings.numbers(s)
+    x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
+    return [
+        Variable("reference", 1, "input", "discrete", s.y_centre, y, "Wanted output of the actuator"),
+        Variable("drive", 2, "output", "discrete", s.x_centre, x, "Drive of the actuator"),
+        Variable("lowest_drive", 3, "parameter", "fixed", numbers["low"], x, "Lower limit of the drive"),
+        Variable("highest_drive", 4, "parameter", "fixed", numbers["high"], x, "Upper limit of the drive"),
+        Variable("rate_limit", 5, "parameter", "fixed", rate, f"{x}/s" if x else "",
+                 "Largest change of the drive per second, 0 for none"),
+    ]
+
+
+def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, fmi: int = 3) -> None:
+    """Write the FMU.
+
+    Parameters
+    ----------
+    model : HysteresisCreepModel
+    settings : ExportSettings
+        Of the compensator alone, in double precision.
+    out : Path
+        The file; it is there whole or not at all.
+    fmi : 2 or 3
+
+    Raises
+    ------
+    ExportError
+        The settings ask for something else, or there is no C compiler.
+    """
+    if settings.learning or settings.precision != "double":
+        raise ExportError("an FMU holds the compensator alone, in double precision")
+    if fmi not in (2, 3):
+        raise ExportError(f"there is an FMU for FMI 2 and 3, not {fmi}")
+    name = settings.name
+    title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
+    files = {f"{name}_parameters.h": "parameters.h.jinja", f"{name}.h": "header.h.jinja", f"{name}.c": "source.c.jinja"}
+    sources = render(model, settings, title, {key.replace(name, "piezo"): value for key, value in files.items()})
+    token = f"{{{uuid.uuid5(NAMESPACE, ''.join(sources.values()) + str(fmi))}}}"
+    about = _about(model.structure, settings, token, fmi)
+    sources |= render(model, settings, title, {f"fmi{fmi}.c": f"fmi{fmi}.c.jinja"}, about)
+    data = {**known(model, settings, title), **about}
+    contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in sources.items()}
+    contents["modelDescription.xml"] = environment.get_template(f"modelDescription{fmi}.xml.jinja").render(data)
+    if fmi == 3:
+        contents["sources/buildDescription.xml"] = environment.get_template("buildDescription.xml.jinja").render(data)
+    contents[f"binaries/{_platform(fmi)}/{name}.so"] = _library(sources, name, fmi)
+    with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path, content in contents.items():
+            archive.writestr(path, content)
+
+
+def _about(s: ModelStructure, settings: ExportSettings, token: str, fmi: int) -> dict[str, Any]:
+    found = variables(s, settings)
+    units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)], "")
+    for unit in units:
+        units[unit] = BASE_UNITS.get(unit, "")
+        if unit.endswith("/s") and unit[:-2] == "V":
+            units[unit] = BASE_UNITS["V"].replace('s="-3"', 's="-4"')
+    return {"name": settings.name, "token": token, "fmi": fmi, "variables": found, "units": units,
+            "rate_limit": settings.rate_limit or 0.0}
+
+
+def _platform(fmi: int) -> str:
+    machine, system = platform.machine(), platform.system()
+    if system != "Linux":
+        raise ExportError(f"an FMU is made on Linux only, and this is {system}")
+    return "linux64" if fmi == 2 and machine == "x86_64" else f"{machine}-linux"
+
+
+def _library(sources: dict[str, str], name: str, fmi: int) -> bytes:
+    compiler = tool("cc", "gcc", "clang")
+    with tempfile.TemporaryDirectory(prefix="piezobench-fmu-") as folder:
+        for path, text in sources.items():
+            (Path(folder) / path).write_text(text, encoding="utf-8")
+        done = subprocess.run([compiler, *WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared", f"{name}.c",
+                               f"fmi{fmi}.c", "-o", "library.so", "-lm"], cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise ExportError(f"{compiler} does not build the FMU: {done.stderr.strip()[:300]}")
+        return (Path(folder) / "library.so").read_bytes()

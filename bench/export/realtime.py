@@ -1,0 +1,143 @@
+"""The exported step in real time: an absolute schedule, and what the machine made of it.
+
+Sample k is due at t₀ + k T. The loop sleeps until then (``clock_nanosleep`` with an absolute time, SCHED_FIFO and locked memory
+where the system allows), wakes up late by the *wake-up latency*, takes its step, the *service time*, and ends at the
+*response time* after t₀ + k T. A deadline is missed where that is above T. A step that does nothing on the same schedule is
+the floor of the machine.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.export.building import FAST, build, tool, write_sources
+from bench.export.settings import ExportError, ExportSettings
+from bench.percentiles import needed
+from piezo_model import HysteresisCreepModel
+
+Nanoseconds = NDArray[np.int64]
+
+MET = 0.9999
+SEARCH_S = 3.0
+"""Seconds of each trial in the search for the highest rate, more where the samples would be too few."""
+FASTEST_HZ = 1_000_000.0
+
+
+@dataclass(frozen=True)
+class Paced:
+    """One run on the schedule.
+
+    Attributes
+    ----------
+    rate_Hz : float
+    wake_ns, service_ns, response_ns : array (N,)
+    allowed : mapping
+        What the system allowed: memory, core, fifo → "yes" or why not.
+    """
+
+    rate_Hz: float
+    wake_ns: Nanoseconds
+    service_ns: Nanoseconds
+    response_ns: Nanoseconds
+    allowed: dict[str, str]
+
+    @property
+    def missed(self) -> int:
+        """Samples whose response came after the next was due."""
+        return int(np.count_nonzero(self.response_ns > 1e9 / self.rate_Hz))
+
+    @property
+    def met(self) -> float:
+        """Share of deadlines met."""
+        return 1.0 - self.missed / self.response_ns.size
+
+
+class RealTime:
+    """The exported step, built for this machine.
+
+    Parameters
+    ----------
+    model : HysteresisCreepModel
+    settings : ExportSettings
+    priority : int
+        Of SCHED_FIFO, 1 to 99; 0 does not ask for it.
+    core : int, optional
+        To be pinned to; the last that may be used by default.
+
+    Raises
+    ------
+    ExportError
+        There is no C compiler, or it does not build.
+    """
+
+    def __init__(self, model: HysteresisCreepModel, settings: ExportSettings, priority: int = 80,
+                 core: int | None = None) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="piezobench-realtime-")
+        self._priority, self._core = priority, max(os.sched_getaffinity(0)) if core is None else core
+        write_sources(Path(self._folder.name), model, settings)
+        self._program = build(Path(self._folder.name), "realtime", tool("cc", "gcc", "clang"), FAST)
+
+    def __enter__(self) -> RealTime:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.cleanup()
+
+    def run(self, rate_Hz: float, seconds: float, null: bool = False) -> Paced:
+        """Run the step, or one that does nothing, at a rate."""
+        out = Path(self._folder.name) / "times"
+        words = [str(self._program), repr(rate_Hz), repr(seconds), str(self._priority), str(self._core), str(out)]
+        done = subprocess.run([*words, *(["null"] if null else [])], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise ExportError(f"the real-time program ended with status {done.returncode}: {done.stderr.strip()[:300]}")
+        wake, end = np.fromfile(out, dtype=np.int64).reshape(-1, 2).T
+        allowed = dict(line.split(" ", 1) for line in done.stdout.splitlines())
+        return Paced(rate_Hz, wake, end - wake, end, allowed)
+
+    def highest_rate(self, from_Hz: float, seconds: float = SEARCH_S,
+                     told: Callable[[float, float], None] = lambda rate, met: None) -> float:
+        """Highest rate found at which 99.99 % of the deadlines are met, to a quarter of an octave; 0 where none was.
+
+        Rates go up by half an octave until one fails (or down until one holds), then once by half of that. A trial is no
+        shorter than the sample that p99.99 needs.
+        """
+        def holds(rate: float) -> bool:
+            met = self.run(rate, max(seconds, needed(MET) / rate)).met
+            told(rate, met)
+            return met >= MET
+
+        step = 2.0**0.5
+        rate = from_Hz
+        if holds(rate):
+            while rate * step <= FASTEST_HZ and holds(rate * step):
+                rate *= step
+        else:
+            rate /= step
+            while not holds(rate):
+                rate /= step
+                if rate < 10.0:
+                    return 0.0
+        middle = rate * step**0.5
+        return middle if middle <= FASTEST_HZ and holds(middle) else rate
+
+
+def histogram(times_ns: Nanoseconds) -> dict[float, int]:
+    """Counts by upper bound in µs: powers of two from 1/8 µs on, from the first to the last that holds any.
+
+    Examples
+    --------
+    >>> histogram(np.array([100, 200, 900]))
+    {0.125: 1, 0.25: 1, 0.5: 0, 1.0: 1}
+    """
+    octave = np.maximum(np.ceil(np.log2(np.maximum(times_ns, 1) / 125.0)), 0.0).astype(int)
+    counts = np.bincount(octave)
+    first = int(np.flatnonzero(counts)[0])
+    return {0.125 * 2.0**k: int(counts[k]) for k in range(first, counts.size)}

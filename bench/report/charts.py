@@ -1,0 +1,283 @@
+"""Interactive plots from the tables of `plot_data` and its neighbours, as Vega-Lite specifications.
+
+Made with Altair and drawn by Vega, both of the University of Washington's Interactive Data Lab and in use since 2013. Its
+bundle of 0.9 MB comes offline in the package vl-convert-python (the one of plotly is 4.6 MB), a plot is a small declarative
+text in which no code of ours runs, and it is drawn as SVG: text that takes the page's colours, light or dark, and prints
+sharp. Colours are those of Okabe and Ito; lanes differ in shape and dash, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import altair as alt
+import numpy as np
+import pandas as pd
+import vl_convert
+
+from bench.report.plot_data import FULL_SOLVE, PAPERS_PACE, STAGES
+from bench.report.plots import COLOURS, FLOOR
+from bench.rows import PERIOD_US
+
+INK = "currentColor"
+MACHINE = "the machine"
+"""Stands among the lanes for the solver that does nothing."""
+LANES = {**COLOURS, MACHINE: INK}
+DASHES = dict(zip(LANES, ([1, 0], [6, 3], [2, 2], [8, 2, 2, 2], [1, 0]), strict=True))
+SHAPES = dict(zip(LANES, ("circle", "square", "triangle-up", "diamond", "cross"), strict=True))
+PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
+HEIGHT = 380
+ROW = 20
+"""Height of one bar, pixels."""
+MOST_BARS = 24
+CONFIG: dict[str, Any] = {
+    "background": "transparent", "font": "system-ui, sans-serif", "view": {"stroke": None},
+    "axis": {"labelColor": INK, "titleColor": INK, "domainColor": INK, "tickColor": INK, "gridColor": INK,
+             "gridOpacity": 0.12, "titleFontWeight": "normal", "labelFontSize": 11, "titleFontSize": 12},
+    "legend": {"labelColor": INK, "titleColor": INK, "orient": "top", "title": None, "labelFontSize": 12, "symbolSize": 80},
+    "header": {"labelColor": INK, "titleColor": INK}, "title": {"color": INK},
+    "text": {"color": INK, "fontSize": 11}, "rule": {"color": INK}}
+
+
+def library() -> str:
+    """The JavaScript that draws, of the version that Altair writes for; it holds no end of a script element."""
+    version = alt.SCHEMA_VERSION.removeprefix("v").rpartition(".")[0]
+    text: str = vl_convert.javascript_bundle(vl_version=version)  # type: ignore[call-arg]
+    return text.replace("</script", "<\\/script")
+
+
+def specification(chart: alt.TopLevelMixin) -> dict[str, Any]:
+    """What the page hands to the library."""
+    found: dict[str, Any] = chart.to_dict()
+    found["config"] = CONFIG
+    return found
+
+
+def data(table: pd.DataFrame) -> alt.Data:
+    """The table in the specification; what is not finite is null."""
+    plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
+    return alt.Data(  # type: ignore[no-untyped-call]
+        values=[{str(key): value.item() if isinstance(value, np.generic) else value
+                             for key, value in row.items()} for row in plain.to_dict("records")])
+
+
+def views(table: pd.DataFrame, column: str = "view", called: str = "Show ") -> alt.Parameter | None:
+    """A choice between the views of a table; None for one view only."""
+    names = list(dict.fromkeys(map(str, table[column])))
+    scaled = [name for name in names if "scaled" in name]
+    if len(names) < 2:
+        return None
+    return alt.param(name=column, value=(scaled or names)[0], bind=alt.binding_select(options=names, name=called))
+
+
+def finished(chart: Any, choice: alt.Parameter | None, height: int = HEIGHT) -> alt.TopLevelMixin:
+    """The chart or layers of charts over the page's whole width; shows the view that is chosen."""
+    if choice is not None:
+        chart = chart.add_params(choice).transform_filter(f"datum.{choice.name} == {choice.name}")
+    whole: alt.TopLevelMixin = chart.properties(width="container", height=height)
+    return whole
+
+
+def lane_scale(table: pd.DataFrame, values: Mapping[str, Any]) -> alt.Scale:
+    """What stands for the lanes that a table holds."""
+    lanes = [lane for lane in LANES if (table.lane == lane).any()]
+    return alt.Scale(domain=lanes, range=[values[lane] for lane in lanes])
+
+
+def duration(us: float) -> str:
+    """Microseconds for a reader.
+
+    Examples
+    --------
+    >>> duration(2.705), duration(1860.0), duration(2.5e6)
+    ('2.71 µs', '1.86 ms', '2.5 s')
+    """
+    factor, unit = next((factor, unit) for factor, unit in ((1e6, "s"), (1e3, "ms"), (0.0, "µs")) if us >= factor)
+    return f"{us / (factor or 1.0):.3g} {unit}"
+
+
+def log(field: str, title: str, values: pd.Series, power_of_ten: bool = False) -> dict[str, Any]:
+    """Arguments of a logarithmic axis over these values, with lines where a reader counts."""
+    known = values[np.isfinite(values.astype(float)) & (values > 0.0)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (1.0, 10.0)
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    steps, every = ((1, 2, 5), 1) if last - first <= 3 else ((1,), 1 + (last - first) // 12)
+    axis = alt.Axis(values=[step * 10.0**k for k in range(first, last + 1, every) for step in steps], labelOverlap=True,
+                    format=".0e" if power_of_ten else "~s" if last - first > 5 else "~g")
+    return {"shorthand": f"{field}:Q", "scale": alt.Scale(type="log", nice=False, padding=8), "title": title, "axis": axis}
+
+
+def named(table: pd.DataFrame, x: str, y: str, wide: int = 980, high: int = 420) -> list[bool]:
+    """Which points have room for their names, those of the front first; a name takes 6 by 13 pixels a letter."""
+    taken: dict[str, list[tuple[float, float, float]]] = {}
+    found = pd.Series(False, index=table.index)
+    at = pd.DataFrame({name: np.log10(table[name].astype(float)) for name in (x, y)})
+    for view, part in table.groupby("view", sort=False):
+        here = at.loc[part.index]
+        scale = np.array([wide, high]) / np.maximum((here.max() - here.min()).to_numpy(), 1e-9)
+        places = taken.setdefault(str(view), [])
+        for index in part.sort_values(["front", x], ascending=[False, True]).index:
+            (left, top), width = here.loc[index].to_numpy() * scale, 6.0 * len(table.solver[index]) + 12.0
+            if all(left + width < other or left > end or abs(top - level) > 13.0 for other, end, level in places):
+                places.append((left, left + width, top))
+                found[index] = True
+    return found.tolist()
+
+
+def accuracy(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """The picture of the project: worst cost gap against time, with the sampling period as a line."""
+    table = table.assign(drawn=np.maximum(table.worst_cost_gap, FLOOR), period=PERIOD_US)
+    solved = table[table.pace == FULL_SOLVE]
+    table["named"] = pd.Series(named(solved, "total_us", "drawn"), index=solved.index).reindex(table.index, fill_value=False)
+    paced = table[table.pace == PAPERS_PACE]
+    table["last"] = table.total_us == paced.groupby(["view", "solver"]).total_us.transform("max").reindex(table.index)
+    source, lane = data(table), alt.selection_point(fields=["lane"], bind="legend")
+    tips = [alt.Tooltip(f"{name}:N") for name in ("solver", "lane", "tier", "settings")] + [
+        alt.Tooltip("worst_cost_gap:Q", format=".1e", title="worst cost gap"),
+        alt.Tooltip("total_us:Q", format=".3~g", title="update and solve, µs"), alt.Tooltip("right:Q"),
+        alt.Tooltip("problems:Q")]
+    base = alt.Chart(source).encode(
+        x=alt.X(**log("total_us", "time for one answer, µs (update and solve)", table.total_us)),
+        y=alt.Y(**log("drawn", "worst relative cost gap to the certified optimum", table.drawn, power_of_ten=True)))
+    points = base.transform_filter(f"datum.pace == '{FULL_SOLVE}'").mark_point(filled=True, size=70).encode(
+        color=alt.Color("lane:N", scale=lane_scale(table, LANES)),
+        shape=alt.Shape("lane:N", scale=lane_scale(table, SHAPES)), tooltip=tips,
+        opacity=alt.condition(lane, alt.value(0.9), alt.value(0.08))).add_params(lane)
+    names = base.transform_filter("datum.named").mark_text(align="left", dx=7, dy=-6).encode(
+        text="solver:N", opacity=alt.condition("width > 600 || datum.front", alt.value(1), alt.value(0)))
+    steps = base.transform_filter(f"datum.pace == '{PAPERS_PACE}'").mark_line(
+        strokeWidth=1.5, point={"size": 25, "color": PALETTE[5]}, color=PALETTE[5]).encode(
+        detail="solver:N", order="total_us:Q", tooltip=tips)
+    paces = base.transform_filter("datum.last").mark_text(align="right", dy=14).encode(text="label:N").transform_calculate(
+        label=f"datum.solver + ', {PAPERS_PACE}'")
+    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(period):Q")
+    word = alt.Chart(source).mark_text(align="left", dx=4, baseline="top").encode(
+        x="min(period):Q", y=alt.value(2), text=alt.value(f"sampling period, {PERIOD_US:g} µs"))
+    return [finished(alt.layer(rule, word, steps, paces, points, names), views(table), 460)]
+
+
+def lines(table: pd.DataFrame, x: alt.X, y: alt.Y, tips: Sequence[alt.Tooltip], labels: str, log_y: bool,
+          step: bool = False, deadline: bool = False) -> list[alt.TopLevelMixin]:
+    """One line a solver lane; that under the pointer is strong and named, and those marked ``front`` have names."""
+    table = spread_labels(table, labels, log_y).assign(period=PERIOD_US)
+    source = data(table)  # one for all layers, or the choice of the view would not reach some
+    near = alt.selection_point(fields=["name"], on="pointerover", nearest=True, empty=False, clear="pointerout")
+    lane = alt.selection_point(fields=["lane"], bind="legend")
+    colour = alt.Color("lane:N", scale=lane_scale(table, LANES))
+    dash = alt.StrokeDash("lane:N", scale=lane_scale(table, DASHES))
+    base = alt.Chart(source).encode(x=x, y=y)
+    drawn = base.mark_line(interpolate="step-after" if step else "linear", strokeWidth=1.6, clip=True).encode(
+        color=colour, strokeDash=dash, detail=["name:N"],
+        opacity=alt.when(near).then(alt.value(1.0)).when(lane).then(alt.value(0.55)).otherwise(alt.value(0.05)),
+        strokeWidth=alt.when(near).then(alt.value(4)).otherwise(alt.value(1.6))).add_params(lane)
+    points = base.mark_point(filled=True, size=30, clip=True).encode(
+        color=colour, tooltip=list(tips), opacity=alt.when(near).then(alt.value(1)).otherwise(alt.value(0.25))).add_params(near)
+    text = alt.Chart(source).transform_filter("datum.label_at != null").mark_text(align="right", dx=-4, baseline="middle")
+    words = text.encode(x=alt.value("width"), y=alt.Y("label_at:Q"), text="name:N", color=colour)
+    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="min(period):Q")
+    return [finished(alt.layer(drawn, points, *([rule] if deadline else []), words), views(table))]
+
+
+def spread_labels(table: pd.DataFrame, column: str, log_scale: bool, apart: float = 0.055) -> pd.DataFrame:
+    """Add ``label_at``: where the names of the lines marked ``front`` stand at their right ends, not on each other."""
+    table = table.reset_index(drop=True).assign(label_at=np.nan)
+    if not table.front.any():
+        return table
+    values = np.log10(table[column].where(table[column] > 0.0)) if log_scale else table[column].astype(float)
+    for _, part in table.groupby("view"):
+        low, high = float(values[part.index].min()), float(values[part.index].max())
+        step = apart * ((high - low) or 1.0)
+        last = part[part.front & values[part.index].notna()].groupby("name", sort=False).tail(1).index
+        at = high + step
+        for index in values[last].sort_values(ascending=False, kind="stable").index:
+            at = min(float(values[index]), at - step)
+            table.loc[index, "label_at"] = 10.0**at if log_scale else at
+    return table
+
+
+def performance_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """ρ(τ) of each solver lane."""
+    return lines(table, alt.X(**log("factor", "τ: times as long as the fastest right answer to the problem", table.factor)),
+                 alt.Y("share:Q", title="ρ(τ): share of the problems answered right", axis=alt.Axis(format="%", tickCount=5),
+                       scale=alt.Scale(domain=[0, 1])),
+                 [alt.Tooltip("name:N"), alt.Tooltip("factor:Q", format=".3~g"), alt.Tooltip("share:Q", format=".0%")],
+                 "share", log_y=False, step=True)
+
+
+def sizes(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Time against the number of unknowns."""
+    x = alt.X("d:Q", scale=alt.Scale(type="log", nice=False, padding=8), title="unknowns d",
+              axis=alt.Axis(values=sorted(set(table.d.tolist())), labelOverlap=True, format="d"))
+    return lines(table.sort_values("d"), x,
+                 alt.Y(**log("time_us", "time for one answer, µs (update and solve)", table.time_us)),
+                 [alt.Tooltip("name:N"), alt.Tooltip("d:Q"), alt.Tooltip("time_us:Q", format=".3~g", title="µs"),
+                  alt.Tooltip("problems:Q")], "time_us", log_y=True, deadline=True)
+
+
+def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Stacked shares of an answer's time, one plot a lane; set-up, paid once, is added on request."""
+    charts = []
+    for lane in [lane for lane in LANES if (table.lane == lane).any()]:
+        part = table[table.lane == lane]
+        shown = part[part.groupby("view").update_and_solve_us.rank(method="dense") <= MOST_BARS]
+        shown = shown.assign(at=shown.stage.map(STAGES.index), label=[
+            f"{solver}, {duration(us)}" for solver, us in zip(shown.solver, shown.update_and_solve_us, strict=True)])
+        with_setup = alt.param(name="with_setup", value=False, bind=alt.binding_checkbox(name="with the set-up, paid once "))
+        bars = alt.Chart(data(shown)).transform_filter(f"with_setup || datum.stage != '{STAGES[0]}'").mark_bar().encode(
+            y=alt.Y("label:N", title=None, axis=alt.Axis(labelLimit=220), sort=alt.EncodingSortField(
+                "update_and_solve_us", op="min")),
+            x=alt.X("us:Q", stack="normalize", title=f"share of the time in the lane {lane}",
+                    axis=alt.Axis(format="%", tickCount=5)),
+            color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2", "#e69f00"])),
+            order="at:O", tooltip=[alt.Tooltip("name:N"), alt.Tooltip("stage:N"), alt.Tooltip("us:Q", format=".3~g")])
+        count = int(shown.groupby("view").name.nunique().max())
+        charts.append(finished(bars.add_params(with_setup), views(shown), 30 + ROW * count))
+    return charts
+
+
+def deadline_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Share of samples answered within k periods."""
+    return lines(table, alt.X(**log("periods", f"k: sampling periods of {PERIOD_US:g} µs after the due time", table.periods)),
+                 alt.Y("share:Q", title="share of samples answered within k periods", axis=alt.Axis(format="%", tickCount=5),
+                       scale=alt.Scale(domain=[0, 1])),
+                 [alt.Tooltip("name:N"), alt.Tooltip("periods:Q"), alt.Tooltip("share:Q", format=".3%")], "share",
+                 log_y=False, step=True)
+
+
+def latency_tails(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Response time against percentile, with the deadline."""
+    tick = "'p' + format(100 * (1 - 1 / datum.value), '.6~f')"
+    x = alt.X("one_in:Q", scale=alt.Scale(type="log", nice=False, padding=8), title="percentile of the samples",
+              axis=alt.Axis(values=[2, 10, 100, 1_000, 10_000, 100_000, 1_000_000], labelExpr=tick))
+    return lines(table, x, alt.Y(**log("us", "response time, µs", table.us)),
+                 [alt.Tooltip("name:N"), alt.Tooltip("us:Q", format=".3~g", title="µs"), alt.Tooltip("one_in:Q", format=".3~s")],
+                 "us", log_y=True, deadline=True)
+
+
+def anytime(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Gap within a budget of sampling periods."""
+    table = table.assign(drawn=np.maximum(table.median_gap, FLOOR))
+    return lines(table, alt.X(**log("budget", f"sampling periods of {PERIOD_US:g} µs", table.budget)),
+                 alt.Y(**log("drawn", "relative cost gap within them, median over the problems", table.drawn, power_of_ten=True)),
+                 [alt.Tooltip("name:N"), alt.Tooltip("budget:Q"), alt.Tooltip("median_gap:Q", format=".1e"),
+                  alt.Tooltip("worst_gap:Q", format=".1e")], "drawn", log_y=True, step=True)
+
+
+def closed_loop(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Tracking error against cost gap, by stage."""
+    table = table.assign(drawn=np.maximum(table.cost_gap, FLOOR), view="", front=False)
+    table["named"] = named(table, "drawn", "rms_percent")
+    source = data(table)
+    base = alt.Chart(source).encode(
+        x=alt.X(**log("drawn", "relative cost gap of the weights in use", table.drawn, power_of_ten=True)),
+        y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
+    stage = alt.Color("problem:N", scale=alt.Scale(range=PALETTE[:2]))
+    points = base.mark_point(filled=True, size=70).encode(
+        color=stage, shape="problem:N", tooltip=[
+            alt.Tooltip("name:N"), alt.Tooltip("problem:N", title="stage"), alt.Tooltip("cost_gap:Q", format=".1e"),
+            alt.Tooltip("rms_percent:Q", format=".3~g"), alt.Tooltip("learn_samples:Q", format=".3~s")])
+    words = base.transform_filter("datum.named").mark_text(align="left", dx=7, dy=-6).encode(
+        text="name:N", opacity=alt.condition("width > 600", alt.value(1), alt.value(0)))
+    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="median(straight_rms_percent):Q")
+    return [finished(alt.layer(rule, points, words), None)]

@@ -1,0 +1,70 @@
+"""Settings of a self-learning compensator: everything about it that is neither model nor memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal, get_args
+
+import solvers
+
+Mode = Literal["cyclic", "continuous"]
+
+MIN_SLOPE = 0.1
+"""Smallest slope of S⁻¹, in unit amplitudes, that is learned. With a much smaller one a single wrong slope in an outer piece would
+be there for ever: the drive would hardly rise with the reference, so the output would never come to where it is put right."""
+
+
+@dataclass(frozen=True)
+class LearningSettings:
+    """See :class:`piezo_model.self_learning.SelfLearningCompensator`; ValueError names the setting that cannot be."""
+
+    reset_s: float = 0.1
+    build_s: float = 8.0
+    learn_s: float = 1.9
+    solver: str = "projected_difference"
+    x_limits: tuple[float, float] | None = None
+    mode: Mode = "cyclic"
+    hold_back: float = 0.2
+    memory_s: float = 2.0
+    hand_over_s: float = 0.01
+    fade_s: float = 0.002
+    rate_limit: float | None = None
+    samples_to_solve: int | None = None
+    find_centre: bool | None = None
+    proximal: float = 1e-6
+    solver_options: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        if self.mode not in get_args(Mode):
+            raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, not {self.mode!r}")
+        for name in ("reset_s", "build_s", "learn_s", "memory_s", "hand_over_s", "fade_s"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and 0.0 < value < float("inf")):
+                raise ValueError(f"{name} must be a positive number of seconds, not {value!r}")
+        if not (isinstance(self.hold_back, int | float) and 0.0 < self.hold_back < 1.0):
+            raise ValueError(f"hold_back must be between 0 and 1, not {self.hold_back!r}")
+        if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
+            raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
+        steps = self.samples_to_solve
+        if steps is not None and not (isinstance(steps, int) and steps >= 1):
+            raise ValueError(f"samples_to_solve must be a whole number of at least 1, not {steps!r}")
+        try:
+            solvers.find(self.solver, (self.solver_options or {}).get("lane"))
+        except KeyError as error:
+            raise ValueError(error.args[0]) from None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields as JSON can hold them."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> LearningSettings:
+        """Make the settings of some of the fields; ValueError names an unknown one."""
+        unknown = sorted(set(data) - {field.name for field in fields(cls)})
+        if unknown:
+            raise ValueError(f"there is no setting {unknown[0]!r}; known are {', '.join(f.name for f in fields(cls))}")
+        values = dict(data)
+        if isinstance(values.get("x_limits"), list):
+            values["x_limits"] = tuple(values["x_limits"])
+        return cls(**values)

@@ -1,0 +1,174 @@
+"""One axis of a stage up to its platform: actuators, their drift, the lever and the structure; itself a plant.
+
+    one actuator         f(k) = y_c + g(k Ts) (Γ[x](k) − y_c)
+    push-pull            f(k) = ½ g(k Ts) (Γ₁[x](k) − Γ₂[2 x_c − x](k)),   x_c the bias, the centre of the drive
+    lever and structure  z̈ + 2 ζ ω ż + ω² z = ω² ℓ f(k)   while f(k) is held,   p(k) = z(k Ts + Ts)
+
+With two equal actuators about the bias the sum is odd: an even part of Γ, which shifts or bends the loop, cancels. The
+gain g drifts with temperature and age (`sensor`), ℓ is the ratio of the lever, and a solid-state stage is a linear
+structure (the paper's introduction). Its response to a held input is solved exactly: with s = (z, ż/ω) the deviation from
+rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
+
+    s(k+1) − s∞ = e^(ω Ts A) (s(k) − s∞),   s∞ = (ℓ f(k), 0)
+
+(K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", 3rd ed., 1997, section 2.3). A sample is taken at the end
+of the period in which its drive was held, so p(k) is the answer to x[0..k].
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm
+
+from piezo_model.plants.actuator import Actuator
+from piezo_model.plants.protocol import Memory, Plant, Vector, replace
+from piezo_model.plants.sensor import gain_from
+
+Matrix = NDArray[np.float64]
+
+FOREVER_S = 1e12
+"""A sampling period in which every creep has settled; the states of an actuator do not depend on its own."""
+
+
+@njit(cache=True)
+def structure_response(f: Vector, F: Matrix, s: Vector) -> Vector:
+    """Positions (N,) at the ends of the periods in which f (N,) was held; advances s = (z, ż/ω)."""
+    z = np.empty_like(f)
+    for k in range(f.size):
+        deviation, speed = s[0] - f[k], s[1]
+        s[0] = f[k] + F[0, 0] * deviation + F[0, 1] * speed
+        s[1] = F[1, 0] * deviation + F[1, 1] * speed
+        z[k] = s[0]
+    return z
+
+
+@dataclass(kw_only=True, eq=False)
+class Axis(Plant):
+    """The axis of the module: drive in V, displacement of the platform in µm.
+
+    Parameters
+    ----------
+    actuators : one or two Actuator
+        Two are driven in push-pull and must have the same ranges and sampling period. From then on driven through this
+        object only.
+    lever : float
+        ℓ, displacement of the platform over that of the actuator.
+    natural_frequency_Hz, damping_ratio : float
+        ω / 2π and ζ, at least 0.
+    gain_drift_per_s : float
+        Ageing: the rate at which g changes, 1/s.
+    gain_swing, gain_swing_period_s : float
+        Temperature: amplitude (a pure number) and period (s) of a sine in g.
+
+    Raises
+    ------
+    ValueError
+        Where an option makes no axis; the sentence names it.
+
+    Examples
+    --------
+    >>> from piezo_model import plants
+    >>> pair = Axis(actuators=tuple(plants.get("relay_preisach", creep_share=0.0) for _ in range(2)), lever=2.0)
+    >>> pair.y_range
+    (-40.0, 40.0)
+    >>> low, high = pair.run([0.0] * 800 + [150.0] * 800)[[799, 1599]]
+    >>> bool(abs(low + high) < 1e-6 * (high - low))
+    True
+    """
+
+    actuators: tuple[Actuator, ...]
+    lever: float = 1.0
+    natural_frequency_Hz: float = 800.0
+    damping_ratio: float = 0.1
+    gain_drift_per_s: float = 0.0
+    gain_swing: float = 0.0
+    gain_swing_period_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Check the options and go to rest."""
+        if len(self.actuators) not in (1, 2):
+            raise ValueError(f"an axis has one actuator or two in push-pull, not {len(self.actuators)}")
+        if len({id(actuator) for actuator in self.actuators}) != len(self.actuators):
+            raise ValueError("the two actuators of an axis must be two objects, since each has a memory of its own")
+        first = self.actuators[0]
+        for option in ("x_range", "y_range", "sample_time"):
+            values = [getattr(actuator, option) for actuator in self.actuators]
+            if values[0] != values[-1]:
+                raise ValueError(f"the actuators in push-pull must have the same {option}, not {values[0]} and {values[1]}")
+        for option in ("lever", "natural_frequency_Hz", "gain_swing_period_s"):
+            if not 0.0 < getattr(self, option) < math.inf:
+                raise ValueError(f"{option} must be a positive number, not {getattr(self, option)}")
+        if not 0.0 <= self.damping_ratio < math.inf:
+            raise ValueError(f"damping_ratio must be a finite number of at least 0, not {self.damping_ratio}")
+        for option in ("gain_drift_per_s", "gain_swing"):
+            if not math.isfinite(getattr(self, option)):
+                raise ValueError(f"{option} must be a finite number, not {getattr(self, option)}")
+        self.x_range, self.sample_time = first.x_range, first.sample_time
+        low, high = first.y_range
+        self._centre = 0.0 if self.push_pull else 0.5 * (low + high)
+        half = 0.5 * (high - low)
+        self.y_range = (self.lever * (self._centre - half), self.lever * (self._centre + half))
+        angle = 2.0 * math.pi * self.natural_frequency_Hz * self.sample_time
+        self._F = np.ascontiguousarray(expm(angle * np.array([[0.0, 1.0], [-1.0, -2.0 * self.damping_ratio]])))
+        self.reset()
+
+    @property
+    def push_pull(self) -> bool:
+        """Whether two opposing actuators drive the axis."""
+        return len(self.actuators) == 2
+
+    def run(self, x: ArrayLike) -> Vector:
+        """Drive the axis on from where it stands; see :meth:`Plant.run`."""
+        x = np.asarray(x, dtype=np.float64)
+        force = self._force(x)
+        samples = self._memory["samples"]
+        gain = gain_from(int(samples[0]), force.size, self.sample_time, self.gain_drift_per_s, self.gain_swing,
+                         self.gain_swing_period_s)
+        samples += force.size
+        p: Vector = structure_response(self.lever * (self._centre + gain * (force - self._centre)), self._F,
+                                       self._memory["structure"])
+        return p
+
+    def _force(self, x: Vector) -> Vector:
+        """What the actuators give, before drift, lever and structure."""
+        pushed = self.actuators[0].run(x)
+        return 0.5 * (pushed - self.actuators[1].run(sum(self.x_range) - x)) if self.push_pull else pushed
+
+    def reset(self) -> None:
+        """Go to rest at the low end of the drive, time zero; an opposing actuator is then settled at its high end."""
+        for actuator in self.actuators:
+            actuator.reset()
+        if self.push_pull:
+            opposing = self.actuators[1]
+            settled = dataclasses.replace(opposing, sample_time=FOREVER_S)
+            settled.run(np.full(3, self.x_range[1]))
+            opposing.restore(settled.state())
+        self._memory: Memory = {"structure": np.zeros(2), "samples": np.zeros(1, dtype=np.int64)}
+        states = [actuator.state() for actuator in self.actuators]
+        at_rest = self._force(np.full(1, self.x_range[0]))[0]
+        for actuator, state in zip(self.actuators, states, strict=True):
+            actuator.restore(state)
+        self._memory["structure"][0] = self.lever * at_rest
+
+    def state(self) -> Memory:
+        """Return a copy of the structure's state, the time and, under ``0.`` and ``1.``, those of the actuators."""
+        return {**{name: array.copy() for name, array in self._memory.items()},
+                **{f"{i}.{name}": array for i, actuator in enumerate(self.actuators)
+                   for name, array in actuator.state().items()}}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Put back what :meth:`state` gave."""
+        parts = [{name.removeprefix(f"{i}."): array for name, array in state.items() if name.startswith(f"{i}.")}
+                 for i in range(len(self.actuators))]
+        prefixes = tuple(f"{i}." for i in range(len(self.actuators)))
+        replace(self._memory, {name: array for name, array in state.items() if not name.startswith(prefixes)}, "Axis")
+        for actuator, part in zip(self.actuators, parts, strict=True):
+            actuator.restore(part)

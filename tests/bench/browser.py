@@ -1,0 +1,96 @@
+"""Headless Chromium, that looks at pages from disk and says what they did."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update",
+         "--disable-sync", "--no-first-run", "--hide-scrollbars", "--disable-dev-shm-usage")
+WIDTHS = {"desktop": 1400, "phone": 390}
+PATIENCE_S = 60.0
+
+MARKS = """
+return [...document.querySelectorAll('.plot')].map(plot => {
+  const box = plot.querySelector('svg')?.getBoundingClientRect();
+  const marks = [...plot.querySelectorAll('svg .mark-symbol path, svg .mark-line path, svg .mark-rect path, svg .mark-rule line')];
+  const shown = marks.filter(mark => { const b = mark.getBoundingClientRect(); return b.width + b.height > 0; });
+  return {drawn: plot.dataset.drawn || '', width: box ? box.width : 0, height: box ? box.height : 0, marks: shown.length,
+          right: box ? box.right : 0};
+});
+"""
+
+
+class Browser:
+    """One browser with a user of its own."""
+
+    def __init__(self) -> None:
+        programs = [shutil.which(name) for name in ("chromium", "chromedriver")]
+        if None in programs:
+            pytest.fail("Chromium is missing, and these tests look at pages with it: apt-get install chromium chromium-driver")
+        self.profile = tempfile.mkdtemp(prefix="chromium-")
+        options = Options()
+        options.binary_location = str(programs[0])
+        for flag in (*FLAGS, f"--user-data-dir={self.profile}"):
+            options.add_argument(flag)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        self.driver = webdriver.Chrome(options=options, service=Service(str(programs[1])))
+
+    def open(self, page: Path, width: str = "desktop", dark: bool = False) -> None:
+        """Open a page from disk and wait until its plots are drawn."""
+        self.console(), self.requests()  # what was before is nobody's
+        pixels = WIDTHS[width]
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": width == "phone"})
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
+            "features": [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]})
+        self.driver.get(page.resolve().as_uri())
+        end = time.monotonic() + PATIENCE_S
+        while not all(plot["drawn"] for plot in self.plots()):
+            assert time.monotonic() < end, (self.plots(), self.console())
+            time.sleep(0.1)
+
+    def run(self, script: str, *arguments: Any) -> Any:
+        """What a script of the test returns."""
+        return self.driver.execute_script(script, *arguments)
+
+    def plots(self) -> list[dict[str, Any]]:
+        """What is there of each plot."""
+        return self.run(MARKS)
+
+    def console(self) -> list[str]:
+        """Everything that was said on the console since it was last asked for."""
+        return [entry["message"] for entry in self.driver.get_log("browser")]
+
+    def requests(self) -> list[str]:
+        """Addresses that were asked for since this was last asked."""
+        events = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
+
+    def screenshot(self, path: Path) -> None:
+        """Take a picture of the whole page."""
+        taken = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"})
+        path.write_bytes(base64.b64decode(taken["data"]))
+
+    def close(self) -> None:
+        """End it."""
+        self.driver.quit()
+        shutil.rmtree(self.profile, ignore_errors=True)
+
+
+def screenshots(fallback: Path) -> Path:
+    """Folder for pictures to look at: what PIEZOBENCH_SCREENSHOTS names, else a temporary one."""
+    folder = Path(os.environ.get("PIEZOBENCH_SCREENSHOTS", fallback))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

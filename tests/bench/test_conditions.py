@@ -1,0 +1,108 @@
+"""What a run says of the machine it was measured on: floor, sentinel, disturbances, and a core of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import Race
+
+from bench import cores, machine, sentinel
+from bench.report import figures
+
+HOLD = "from bench import cores; core = cores.claim(); print(core.number, flush=True); input()"
+
+
+def quiet(**change: float) -> dict[str, float]:
+    return {"seconds": 10.0, "throttled": 0, "steal_percent": 0.0, "busy_cores": 1.0, "preemptions": 0,
+            "timed_calls": 10_000, **change}
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"steal_percent": 3.0}, "A hypervisor gave 3.0 %"), ({"throttled": 2}, "slowed down 2 times"),
+    ({"busy_cores": 2.5}, "kept 1.5 cores busy"), ({"preemptions": 100}, "taken off their core 100 times in 10000")])
+def test_each_disturbance_is_one_warning(change: dict[str, float], said: str) -> None:
+    (sentence,) = machine.disturbances([quiet(**change)])
+    assert said in sentence
+
+
+def test_a_quiet_machine_gives_no_warning_and_each_worker_may_keep_a_core_busy() -> None:
+    assert machine.disturbances([quiet(), quiet()]) == []
+    assert machine.disturbances([quiet(busy_cores=2.0)], workers=2) == []
+    assert machine.disturbances([]) == []
+
+
+def test_counters_of_this_machine_only_grow() -> None:
+    before = machine.counters()
+    sum(range(10**6))
+    after = machine.counters()
+    assert after.ticks >= after.busy >= before.busy
+    assert after.switches >= before.switches
+    between = machine.between(before, after)
+    assert between["seconds"] > 0.0
+    assert 0.0 <= between["steal_percent"] <= 100.0
+
+
+def looks(*levels: float) -> pd.DataFrame:
+    return sentinel.table([{"host": "here", "core": 0, "sentinel": [(float(i), [round(1e5 * level)] * 5)
+                                                                    for i, level in enumerate(levels)]}])
+
+
+def test_a_drift_of_more_than_a_tenth_is_a_warning_and_less_is_none() -> None:
+    assert sentinel.sentences(looks(1.0, 1.0, 1.0, 1.09, 0.95)) == []
+    (sentence,) = sentinel.sentences(looks(1.0, 1.0, 1.0, 1.25, 0.95))
+    assert "from -5 % to +25 %" in sentence
+
+
+def test_cores_of_different_speed_are_no_drift() -> None:
+    notes = [{"host": "here", "core": core, "sentinel": [(0.0, [100 * (core + 1)])]} for core in range(2)]
+    assert sentinel.drift(sentinel.table(notes)) == 0.0
+
+
+def test_a_run_holds_the_sentinels_looks_from_first_to_last_and_what_disturbed_it(clean_race: Race) -> None:
+    stored = pd.read_parquet(clean_race.run.path / "sentinel.parquet")
+    assert len(stored) >= 4  # at both ends of two units
+    assert stored.at_s.is_monotonic_increasing
+    assert all(level == np.median(ns) for level, ns in zip(stored.level_ns, stored.ns, strict=True))
+    conditions = clean_race.run.settings["conditions"]
+    assert len(conditions["parts"]) == 2
+    assert conditions["sentinel_drift"] == pytest.approx(sentinel.drift(stored))
+    assert sum(part["timed_calls"] for part in conditions["parts"]) == clean_race.rows.samples.sum()
+    report = (clean_race.run.path / "report.md").read_text()
+    for warning in conditions["warnings"]:
+        assert warning in report
+        assert warning in clean_race.call.stdout
+
+
+def test_the_floor_is_the_last_row_of_each_table_and_no_solver_of_the_verdict(clean_race: Race) -> None:
+    table = figures.summary(clean_race.rows)
+    for _, part in table.groupby("scaling"):
+        assert part.solver.tolist().index("floor") == len(part) - 1
+        assert part.solve_us_p50.iloc[-1] == part.solve_us_p50.min()
+    assert "floor" not in figures.raced(table).solver.tolist()
+    assert not any("null" in sentence for sentence in figures.verdict(clean_race.rows).sentences)
+
+
+def test_a_core_is_claimed_by_one_process_at_a_time_and_free_when_that_was_killed(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    holder = subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None
+    assert holder.stdin is not None
+    theirs = int(holder.stdout.readline())
+    if len(cores.usable()) > 1:
+        with cores.claim() as core:
+            assert core.number != theirs
+    holder.kill()
+    holder.wait()
+    holder.stdin.close()
+    holder.stdout.close()
+    with cores.claim() as core:
+        assert core.number == theirs
+        with core.pinned():
+            assert os.sched_getaffinity(0) == {theirs}
+    assert os.sched_getaffinity(0) == set(cores.usable())

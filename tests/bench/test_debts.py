@@ -1,0 +1,94 @@
+"""What a resumed run reads, what is damaged on disk, and what a killed race leaves behind."""
+
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from command_line import CommandLine, wait_until_gone
+from conftest import SMALL, THIRD, Race
+
+from bench import problems, race
+from bench.race import RaceSettings
+from bench.store import Run, RunError
+from piezo_model.atomic_file import write_text
+
+
+def nothing(what: str, done: int, total: int) -> None:
+    """No progress."""
+
+
+def unfinished(clean_race: Race, tmp_path: Path) -> Run:
+    """A copy of a run before its first task."""
+    shutil.copytree(clean_race.run.path, tmp_path / "run")
+    run = Run(tmp_path / "run")
+    (run.path / "rows.parquet").unlink()
+    (run.path / "tasks").mkdir()
+    return run
+
+
+def test_a_resumed_run_makes_no_problem_that_is_kept(clean_race: Race, tmp_path: Path,
+                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    run = unfinished(clean_race, tmp_path)
+    settings = race.settings_of(run, RaceSettings)
+
+    def made(self: problems.ProblemSet) -> None:
+        raise AssertionError("a problem that is kept is made again")
+
+    monkeypatch.setattr(problems.find("paper"), "problems", made)
+    (loaded,) = race.problems_of(run, settings, nothing)
+    assert [loaded.name] == run.settings["problems"]["paper"]
+
+
+def test_a_problem_whose_file_has_gone_is_made_again(clean_race: Race, tmp_path: Path) -> None:
+    run = unfinished(clean_race, tmp_path)
+    (path,) = (run.path / "problems").iterdir()
+    path.unlink()
+    (loaded,) = race.problems_of(run, race.settings_of(run, RaceSettings), nothing)
+    assert path.is_file()
+    assert [loaded.name] == run.settings["problems"]["paper"]
+
+
+@pytest.mark.parametrize("damage", [lambda whole: whole[:len(whole) // 2], lambda whole: b"", lambda whole: b"PK nonsense",
+                                    lambda whole: whole[:200] + bytes(400) + whole[600:]],
+                         ids=["half", "empty", "nonsense", "hole"])
+def test_a_damaged_problem_is_one_sentence_with_the_file_named(piezobench: CommandLine, clean_race: Race, tmp_path: Path,
+                                                              damage: object) -> None:
+    run = unfinished(clean_race, tmp_path)
+    (path,) = (run.path / "problems").iterdir()
+    assert callable(damage)
+    path.write_bytes(damage(path.read_bytes()))
+    refusal = piezobench("resume", run.path).refusal
+    assert path.name in refusal
+    with pytest.raises(RunError, match="remove the file and resume"):
+        run.problem("paper", run.settings["problems"]["paper"][0])
+
+
+def test_a_killed_race_leaves_nothing_in_the_folder_for_temporary_files(piezobench: CommandLine, tmp_path: Path) -> None:
+    def left() -> set[str]:
+        return {path.name for path in piezobench.folder.rglob("*piezobench*") if not path.name.endswith(".lock")}
+
+    before = left()
+    run = Run(tmp_path / "run")
+    call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
+    while call.running() and not list((run.path / "tasks").glob("*.npz")):
+        time.sleep(0.01)
+    call.kill()
+    call.wait()
+    wait_until_gone(call)
+    assert left() == before
+
+
+def test_an_atomic_file_is_synced_before_its_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced = []
+
+    def fsync(descriptor: int) -> None:
+        synced.append(Path(f"/proc/self/fd/{descriptor}").resolve())
+
+    monkeypatch.setattr("os.fsync", fsync)
+    write_text(tmp_path / "file.txt", "whole")
+    assert (tmp_path / "file.txt").read_text() == "whole"
+    assert [path.parent if path != tmp_path else path for path in synced] == [tmp_path, tmp_path]
+    assert synced[-1] == tmp_path
+    assert tempfile.gettempdir() not in map(str, synced)

@@ -1,0 +1,112 @@
+"""A race on several workers gives the rows of a race on one, whoever the workers are."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command_line import CommandLine, wait_until_gone
+from conftest import SMALL, THIRD, Race
+from test_store import TIMES
+
+from bench import cores
+from bench.store import Run
+
+TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
+DASK = str(Path(sys.executable).with_name("dask"))
+
+
+def same_but_for_times(run: Run, race: Race) -> None:
+    pd.testing.assert_frame_equal(run.rows().drop(columns=TIMES), race.rows.drop(columns=TIMES))
+
+
+def places(run: Run) -> set[tuple[str, int]]:
+    return {(part["host"], part["core"]) for part in run.settings["conditions"]["parts"]}
+
+
+@TWO_CORES
+def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(piezobench: CommandLine, tmp_path: Path,
+                                                                     clean_race: Race) -> None:
+    call = piezobench("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
+    assert call.status == 0, call.stderr
+    run = Run(tmp_path / "run")
+    same_but_for_times(run, clean_race)
+    assert len(places(run)) == 2
+    assert not (run.path / "tasks").exists()
+
+
+@TWO_CORES
+def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(piezobench: CommandLine, tmp_path: Path,
+                                                                    clean_race: Race) -> None:
+    run = Run(tmp_path / "run")
+    call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
+    while call.running() and len(list((run.path / "tasks").glob("*.npz"))) < 3:
+        time.sleep(0.01)
+    call.kill()
+    call.wait()
+    wait_until_gone(call)
+    assert piezobench("resume", run.path).status == 0
+    same_but_for_times(run, clean_race)
+
+
+def test_more_workers_than_cores_are_refused(piezobench: CommandLine, tmp_path: Path) -> None:
+    count = len(cores.usable())
+    words = ("race", *SMALL, "--out", tmp_path, "--workers", count + 1)
+    assert f"{count + 1} workers need a core each, and this machine has {count}" in piezobench(*words).refusal
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--backend", "dask"], "needs the address of a scheduler"), (["--scheduler", "tcp://here:1"], "goes with --backend dask"),
+    (["--backend", "cloud"], "'local', 'dask'"), (["--workers", "0"], "--workers")])
+def test_a_way_of_spreading_that_cannot_be_is_refused(piezobench: CommandLine, tmp_path: Path, options: list[str],
+                                                      said: str) -> None:
+    assert said in piezobench("race", *SMALL, "--out", tmp_path, *options).refusal
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A cluster as a user starts it: a scheduler and two workers under their nannies, one thread each."""
+    pytest.importorskip("distributed", reason="the optional extra dask is not installed")
+    folder = tmp_path_factory.mktemp("cluster")
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
+    with (folder / "log").open("w") as log:
+        def start(*words: str) -> subprocess.Popen[bytes]:
+            return subprocess.Popen([DASK, *words], cwd=folder, env=environment, stdout=log, stderr=log)
+
+        said = folder / "scheduler.json"
+        processes = [start("scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(said))]
+        processes.append(start("worker", "--scheduler-file", str(said), "--nworkers", "2", "--nthreads", "1",
+                               "--no-dashboard", "--local-directory", str(folder)))
+        from distributed import Client
+
+        with Client(scheduler_file=str(said), timeout="60s") as client:
+            client.wait_for_workers(2, timeout=60)
+            address = client.scheduler.address
+        yield address
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
+
+
+@TWO_CORES
+def test_a_dask_cluster_gives_the_rows_of_a_local_race_time_after_time(piezobench: CommandLine, tmp_path: Path,
+                                                                      clean_race: Race, scheduler: str) -> None:
+    for name in ("first", "second"):  # the cluster's workers have given back what the first race held
+        call = piezobench("race", *SMALL, *THIRD, "--out", tmp_path, "--name", name, "--backend", "dask", "--scheduler",
+                          scheduler)
+        assert call.status == 0, call.stderr
+        run = Run(tmp_path / name)
+        same_but_for_times(run, clean_race)
+        assert len(places(run)) == 2
+
+
+def test_a_scheduler_that_is_not_there_is_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the optional extra dask is not installed")
+    call = piezobench("race", *SMALL, "--out", tmp_path, "--backend", "dask", "--scheduler", "tcp://127.0.0.1:9")
+    assert "there is no Dask scheduler at tcp://127.0.0.1:9" in call.refusal

@@ -1,0 +1,160 @@
+"""Cold and warm, hot and interleaved, and several fresh processes: what the clock's figures are made of."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import faulty_solvers
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+from conftest import Race, raced
+from qpsolvers import Problem
+
+from bench import null_solver
+from bench.clock import Effort
+from bench.isolation import Child, entry_of_file
+from bench.percentiles import percentile
+from bench.report import markdown
+from bench.rows import over_repeats
+from bench.task import Task
+from bench.turns import take_turns
+from solvers import Status, Tier, find
+
+QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
+
+
+@pytest.fixture(scope="module")
+def drift_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    """Two problems that follow each other, in two fresh processes; one solver has no use for a start."""
+    return raced(piezobench, tmp_path_factory.mktemp("drift"), "drift", "--set", "drift", "--limit", 2, "--lane", "kernel",
+                 "--solver", "quadprog", "--solver", "box_active_set", "--scaling", "scaled", "--repeats", 2)
+
+
+def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race: Race) -> None:
+    rows = drift_race.rows
+    warm = set(rows.solver[rows.start == "warm"])
+    assert warm == {"daqp", "osqp", "box_active_set"}
+    assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "null"}
+    both = rows[rows.solver.isin(["daqp", "box_active_set"])]
+    assert (both.status == Status.OK).all()
+    assert len(both) == 2 * 2 * (1 + 2)  # problems, starts, lanes
+
+
+def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
+    report = (drift_race.run.path / "report.md").read_text()
+    assert re.search(r"\| box_active_set \| kernel \| high \| warm \|", report)
+    assert "Started from the optimum of the problem before" in report
+    assert "in 2 fresh processes" in report
+
+
+def test_problems_without_a_predecessor_are_raced_cold_only(clean_race: Race) -> None:
+    assert set(clean_race.rows.start) == {"cold"}
+
+
+def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift_race: Race) -> None:
+    rows, times = drift_race.rows, drift_race.run.times()
+    assert (rows.repeats == 2).all()
+    assert rows.task.is_unique
+    hot = times[times.what == "solve"]
+    for row in rows.itertuples():
+        ns = dict(hot[hot.task == row.task][["repeat", "ns"]].itertuples(index=False))
+        assert sorted(ns) == [0, 1]
+        p50 = [np.median(each) / 1e3 for each in ns.values()]
+        assert row.solve_us_p50 == pytest.approx(np.median(p50))
+        assert row.solve_us_spread == pytest.approx(np.ptp(p50) / np.median(p50))
+        assert row.samples == sum(each.size for each in ns.values())
+
+
+def test_each_repeat_has_processes_of_its_own(piezobench: CommandLine, tmp_path: Path) -> None:
+    file = faulty_solvers.written(tmp_path, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')")
+    raced(piezobench, tmp_path, "run", "--solver", file, "--repeats", 3, "--scaling", "scaled")
+    assert len(set((tmp_path / "says_who.py.pids").read_text().split())) == 3
+
+
+def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_the_exact_tier(clean_race: Race) -> None:
+    rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
+    turns = times[times.what == "interleaved_solve"].set_index("task").ns
+    assert {ns.size for ns in turns} == {8}
+    quick = rows[(rows.tier == "high") & (rows.update_us + rows.solve_us_p50 <= 1000.0)]
+    assert set(turns.index) == set(quick.index)
+    assert set(rows.index[rows.interleaved_us_p50.notna()]) == set(quick.index)
+    for task, ns in turns.items():
+        assert rows.interleaved_us_p50[task] == pytest.approx(np.median(ns) / 1e3)
+    assert rows.interleaved_us_p99.isna().all()  # eight turns cannot support it
+
+
+def test_a_tail_is_there_where_the_sample_supports_it_and_a_dash_elsewhere(clean_race: Race) -> None:
+    times = clean_race.run.times()
+    solves = times[times.what == "solve"].set_index("task").ns
+    for row in clean_race.rows.itertuples():
+        wanted = percentile(solves[row.task] / 1e3, 0.99)
+        if wanted.value is None:
+            assert np.isnan(row.solve_us_p99)
+            assert np.isnan(row.solve_us_p99_high)
+        else:
+            assert (row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high) == (wanted.low, wanted.value, wanted.high)
+    assert markdown.cell(pd.Series({"solve_us_p99": np.nan, "status": "ok"}), "solve_us_p99") == "–"
+
+
+def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_leaves_the_others(tmp_path: Path) -> None:
+    note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
+    files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
+    files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
+    unit = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))  # a diagonal of one is what their faults look for
+    orders = []
+    for seed in ("a", "a", "b"):
+        (tmp_path / "order").write_text("")
+        children = {(entry.name, str(entry.lane)): Child(entry, time_limit_s=5.0) for entry in map(entry_of_file, files)}
+        tasks = [Task("none", "none", "scaled", name, lane, Tier.HIGH) for name, lane in children]
+        times = take_turns(tasks, children, unit, None, 12, seed)
+        orders.append((tmp_path / "order").read_text())
+        for child in children.values():
+            child.__exit__(None, None, None)
+        assert [(task.solver, outcome.solve_ns.size) for task, outcome in times] == [("one", 12), ("two", 12)]
+    assert orders[0] == orders[1] != orders[2]
+
+
+@pytest.mark.parametrize(("name", "lane"), [("daqp", "direct"), ("box_active_set", "kernel"), ("box_active_set", "direct"),
+                                            ("accelerated_projection", "kernel"), ("projected_difference", "kernel")])
+def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(name: str, lane: str) -> None:
+    entry = find(name, lane)
+    task = Task("none", "none", "scaled", entry.name, entry.lane, Tier.HIGH, start="warm")
+    best = np.array([0.0, 2.0])
+    with Child(entry) as child:
+        outcome = child.run(task, QP, Effort(0.0, 7, 7), best)
+    assert outcome.failure == ""
+    np.testing.assert_allclose(outcome.x, best, atol=1e-9)
+    assert not outcome.mutated
+    assert outcome.solve_ns.size == 7
+    np.testing.assert_array_equal(best, [0.0, 2.0])
+
+
+def test_the_solver_that_does_nothing_answers_what_it_is_told_to_start_from() -> None:
+    solver = null_solver.NullSolver()
+    solver.setup(QP)
+    assert not solver.solution().found
+    start = np.ones(2)
+    assert solver.solve(start) is start
+
+
+def test_a_start_is_part_of_the_tasks_key_and_cold_tasks_keep_theirs() -> None:
+    task = Task("set", "problem", "scaled", "daqp", find("daqp").lane, Tier.HIGH)
+    keys = {replace(task, start=start, repeat=repeat).key for start in ("cold", "warm") for repeat in (0, 1)}
+    assert len(keys) == 4
+    assert task.key in keys
+
+
+def test_what_goes_wrong_in_one_repeat_is_what_the_row_says() -> None:
+    times = dict.fromkeys(("setup_us", "update_us", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low",
+                           "solve_us_p99_high", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us",
+                           "solve_us_max"), np.nan)
+    good = {**times, "task": "t", "repeat": 0, "status": "ok", "message": "", "solve_us_p50": 2.0, "samples": 5,
+            "preemptions": 0, "mutates_input": False, "repeatable": True}
+    lost = {**good, "repeat": 1, "status": "crashed", "message": "SIGSEGV", "solve_us_p50": np.nan, "samples": 0}
+    last = {**good, "repeat": 2, "solve_us_p50": 3.0}
+    (row,) = over_repeats([last, lost, good])
+    assert (row["status"], row["message"], row["repeats"], row["samples"]) == ("crashed", "SIGSEGV", 3, 10)
+    assert row["solve_us_p50"] == 2.5
+    assert row["solve_us_spread"] == pytest.approx(0.4)

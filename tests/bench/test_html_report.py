@@ -1,0 +1,231 @@
+"""The report's page as a reader meets it: in a real browser, from disk."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from browser import WIDTHS, Browser, screenshots
+from command_line import CommandLine
+from conftest import Race
+
+from bench.report import charts, figures, html, plot_data
+from bench.store import Run
+from solvers import Status
+
+LARGEST = 6_000_000
+EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
+
+
+def column(browser: Browser, heading: str) -> list[str]:
+    """Texts of a column of the first table, as far as its rows are shown."""
+    return browser.run("""
+        const grid = document.querySelector('.grid');
+        const at = [...grid.querySelectorAll('th')].findIndex(head => head.innerText.trim().replace(/ [▲▼]$/, '') === arguments[0]);
+        return [...grid.querySelectorAll('tbody tr')].filter(row => !row.hidden).map(row => row.cells[at].textContent);""", heading)
+
+
+def click(browser: Browser, heading: str) -> None:
+    browser.run("""[...document.querySelectorAll('.grid')[0].querySelectorAll('th button')]
+        .find(button => button.textContent.trim() === arguments[0]).click()""", heading)
+
+
+def choose(browser: Browser, label: str, value: str) -> None:
+    browser.run("""
+        const box = [...document.querySelectorAll('.grid')[0].querySelectorAll('label')].find(l => l.textContent.trim().startsWith(arguments[0]));
+        const choice = box.querySelector('select');
+        choice.value = arguments[1]; choice.dispatchEvent(new Event('input', {bubbles: true}));""", label, value)
+
+
+@pytest.fixture(scope="module")
+def page(wide_race: Race) -> Path:
+    return wide_race.run.path / "report.html"
+
+
+@pytest.fixture(scope="module")
+def other_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Pages of a stream and of an anytime race."""
+    out = tmp_path_factory.mktemp("others")
+    few = ("--solver", "daqp", "--solver", "box_active_set", "--lane", "direct", "--out", out)
+    calls = {"stream": ("--samples", 400), "anytime": ("--limit", 1, "--budget", 0.002, "--solver", "projected_difference",
+                                                       "--lane", "kernel")}
+    for name, words in calls.items():
+        call = piezobench("race", "--race", name, *few, *words, "--name", name)
+        assert call.status == 0, call.stderr
+    return {name: out / name / "report.html" for name in calls}
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every_plot(
+        browser: Browser, page: Path, width: str, dark: bool, tmp_path: Path) -> None:
+    browser.open(page, width, dark)
+    assert browser.console() == []
+    assert {address for address in browser.requests() if not address.startswith(("data:", "blob:"))} == {page.resolve().as_uri()}
+    plots = browser.plots()
+    assert len(plots) >= 5
+    for plot in plots:
+        assert plot["marks"] > 0
+        assert plot["height"] > 0
+        assert 0.5 * WIDTHS[width] < plot["width"] <= WIDTHS[width]
+        assert plot["right"] <= WIDTHS[width]
+    assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
+    picture = screenshots(tmp_path) / f"report-{width}{'-dark' if dark else ''}.png"
+    browser.screenshot(picture)
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("name", "sections"), [("stream", ["deadline_profile", "latency_tails"]), ("anytime", ["anytime"])])
+def test_the_pages_of_the_other_races_draw_what_they_have(browser: Browser, other_races: dict[str, Path], name: str,
+                                                          sections: list[str], tmp_path: Path) -> None:
+    for width in WIDTHS:
+        browser.open(other_races[name], width)
+        assert browser.console() == []
+        assert all(plot["marks"] > 0 for plot in browser.plots())
+        browser.screenshot(screenshots(tmp_path) / f"{name}-{width}.png")
+    assert browser.run("return [...document.querySelectorAll('section[id]')].map(s => s.id)") == sections
+
+
+def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(browser: Browser, page: Path,
+                                                                                      wide_race: Race) -> None:
+    browser.open(page)
+    table = figures.summary(wide_race.rows)
+    for heading, values in (("solve p50, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
+        known = values.notna().sum()
+        click(browser, heading)
+        rising = [float(text) for text in column(browser, heading)[:known]]
+        assert rising == sorted(rising)
+        assert set(column(browser, heading)[known:]) <= {"–"}
+        click(browser, heading)
+        falling = [float(text) for text in column(browser, heading)[:known]]
+        assert falling == sorted(falling, reverse=True)
+    click(browser, "solver")
+    assert column(browser, "solver") == sorted(column(browser, "solver"))
+
+
+def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser, page: Path, wide_race: Race) -> None:
+    browser.open(page)
+    table = figures.summary(wide_race.rows)
+    assert len(column(browser, "lane")) == len(table)
+    choose(browser, "lane", "direct")
+    choose(browser, "tier", "high")
+    choose(browser, "scaling", "raw")
+    choose(browser, "problem set", "orders")
+    asked = table[(table.lane == "direct") & (table.tier == "high") & (table.scaling == "raw") & (table.problem_set == "orders")]
+    assert sorted(column(browser, "solver")) == sorted(asked.solver)
+    choose(browser, "status", "ok")
+    assert sorted(column(browser, "solver")) == sorted(asked[asked.status == "ok"].solver)
+    browser.run("""const s = document.querySelector('.grid input'); s.value = 'DAQP'; s.dispatchEvent(new Event('input', {bubbles: true}))""")
+    assert set(column(browser, "solver")) == {"daqp"}
+    assert browser.run("return document.querySelector('.grid output').textContent").startswith("1 of ")
+
+
+def test_the_button_turns_light_into_dark(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    light = browser.run(paper)
+    browser.run("document.getElementById('colours').click()")
+    assert browser.run(paper) != light
+
+
+def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    points = """return [...document.querySelectorAll('#accuracy svg .mark-symbol path')].map(p => p.getAttribute('transform')).join()"""
+    before = browser.run(points)
+    browser.run("""const s = document.querySelector('#accuracy select'); s.value = 'orders, raw data'; s.dispatchEvent(new Event('input'))""")
+    browser.driver.implicitly_wait(1)
+    assert browser.run(points) != before
+
+
+def test_the_page_is_one_small_file_with_its_data_beside_it(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert page.stat().st_size < LARGEST
+    assert "default-src 'none'" in text
+    for name in ("accuracy", "performance_profile", "sizes", "stages"):
+        assert f'href="figures/{name}.csv"' in text
+        assert len(pd.read_csv(page.parent / "figures" / f"{name}.csv"))
+
+
+def test_markdown_and_page_say_the_same_verdict_and_hold_the_same_rows(page: Path, wide_race: Race) -> None:
+    text, markdown = page.read_text(encoding="utf-8"), page.with_suffix(".md").read_text(encoding="utf-8")
+    for sentence in figures.verdict(wide_race.rows).sentences:
+        assert sentence in markdown
+        assert sentence.replace("'", "&#39;") in text
+    assert text.count("<tr>") - text.count("<thead>") >= len(figures.summary(wide_race.rows))
+
+
+def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
+    folder = tmp_path / "<img src=x onerror=document.title='run'>"
+    shutil.copytree(wide_race.run.path, folder)
+    rows = wide_race.rows.copy()
+    rows["solver"] = rows.solver.replace("daqp", EVIL)
+    rows["message"] = EVIL
+    rows["problem"] = rows.problem + EVIL
+    rows["settings"] = rows.settings.where(rows.solver != EVIL, json.dumps({EVIL: EVIL}))
+    rows.to_parquet(folder / "rows.parquet")
+    run = Run.open(folder)
+    noted = run.settings
+    noted["machine"]["warnings"] = [EVIL]
+    noted["field"] = {EVIL: EVIL}
+    (folder / "run.json").write_text(json.dumps(noted))
+    browser.open(html.write(run))
+    assert browser.console() == []
+    assert browser.run("return document.title") == f"Oneshot race {folder.name}"
+    assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
+    assert EVIL in column(browser, "solver")
+    assert any(EVIL in text for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)"))
+
+
+def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
+    folder = tmp_path / "lost"
+    shutil.copytree(wide_race.run.path, folder)
+    rows = wide_race.rows.copy()
+    numbers = [name for name in rows.select_dtypes("floating").columns if name != "noise_um"]
+    rows[numbers] = np.nan
+    rows["status"], rows["message"] = str(Status.CRASHED), "gone"
+    rows.to_parquet(folder / "rows.parquet")
+    browser.open(html.write(Run.open(folder)))
+    assert browser.console() == []
+    assert browser.plots() == []
+    assert set(column(browser, "status")) <= {"crashed", "floor"}
+
+
+def test_a_picture_of_an_experiment_in_the_run_is_on_its_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
+    folder = tmp_path / "with"
+    shutil.copytree(wide_race.run.path, folder)
+    (folder / "experiment").mkdir()
+    (folder / "experiment" / "fig_4.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="40" height="30"/>')
+    browser.open(html.write(Run.open(folder)))
+    assert browser.console() == []
+    assert browser.run("return document.querySelector('img.picture').naturalWidth") == 40
+
+
+def rows_of(times: dict[str, list[float]], right: dict[str, list[bool]]) -> pd.DataFrame:
+    """A race of solvers in the lane direct on a few problems of one set."""
+    lines = [{"problem_set": "paper", "problem": f"p{i}", "d": 18, "solver": solver, "lane": "direct", "tier": "high",
+              "scaling": "scaled", "start": "cold", "settings": "{}", "status": "ok" if right[solver][i] else "inaccurate",
+              "update_us": 0.0, "solve_us_p50": us} for solver, all_us in times.items() for i, us in enumerate(all_us)]
+    return pd.DataFrame(lines)
+
+
+def test_the_performance_profile_is_that_of_dolan_and_more() -> None:
+    profile = plot_data.performance_profile(rows_of({"a": [1.0, 2.0, 9.0], "b": [2.0, 1.0, 3.0], "c": [1.0, 1.0, 1.0]},
+                                                    {"a": [True] * 3, "b": [True] * 3, "c": [False] * 3}))
+    shares = {(line.solver, line.factor): line.share for line in profile.itertuples()}
+    assert shares["a", 1.0] == pytest.approx(1 / 3)
+    assert shares["b", 1.0] == pytest.approx(2 / 3)
+    assert shares["a", 2.0] == pytest.approx(2 / 3)
+    assert shares["a", 3.0] == shares["b", 3.0] == 1.0
+    assert "c" not in set(profile.solver)
+
+
+def test_only_what_no_other_beats_is_on_the_front() -> None:
+    table = pd.DataFrame({"view": "v", "time": [1.0, 2.0, 3.0, 2.0], "gap": [1e-3, 1e-6, 1e-3, 1e-6]})
+    assert plot_data.front(table, "time", "gap").tolist() == [True, True, False, True]
+
+
+def test_what_is_not_finite_is_null_in_a_plot() -> None:
+    values = charts.data(pd.DataFrame({"a": [1.0, np.nan, np.inf]})).to_dict()["values"]
+    assert [value["a"] for value in values] == [1.0, None, None]

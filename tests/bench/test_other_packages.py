@@ -1,0 +1,80 @@
+"""Solvers of other packages, found by their entry points; the packages are real ones on the path of a real process."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import faulty_solvers
+import pytest
+
+from bench.store import Run
+
+ROOT = Path(__file__).parents[2]
+
+
+def installed(target: Path, entry_points: str, package: str = "tiny-solvers", version: str = "1.2.3") -> Path:
+    """Put a package with one solver into a folder as an installer does."""
+    module = package.replace("-", "_")
+    target.mkdir(exist_ok=True)
+    faulty_solvers.written(target, module)
+    path = target / f"{module}.py"
+    path.write_text(path.read_text().replace(f'name = "{module}"', 'name = "tiny"').replace("nobody's", package))
+    metadata = target / f"{module}-{version}.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n")
+    (metadata / "entry_points.txt").write_text(f"[piezobench.solvers]\n{entry_points}\n")
+    return target
+
+
+def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
+    return subprocess.run([sys.executable, "-m", "bench", *map(str, words)], env=environment, capture_output=True, text=True,
+                          check=False, cwd=target)
+
+
+def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
+    target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
+    call = piezobench(target, "race", "--solver", "tiny", "--limit", 1, "--tier", "high", "--budget", 0.001, "--scaling", "scaled",
+                      "--out", tmp_path, "--name", "run")
+    assert call.returncode == 0, call.stderr
+    run = Run(tmp_path / "run")
+    assert run.settings["field"] == {"tiny (direct)": "1.2.3"}
+    assert run.rows().set_index("solver").status["tiny"] == "ok"
+
+
+def listed(target: Path, code: str) -> str:
+    """What Python prints with the folder on its path."""
+    return piezobench_code(target, f"import solvers\nfrom solvers.registry import describe, entries, find\n{code}")
+
+
+def piezobench_code(target: Path, code: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
+    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_name_without_a_lane_is_in_the_lane_direct(tmp_path: Path) -> None:
+    target = installed(tmp_path / "site", "tiny = tiny_solvers:Mine")
+    assert listed(target, "print(find('tiny').lane, solvers.get('tiny').name)").split() == ["direct", "tiny"]
+
+
+@pytest.mark.parametrize(("entry_point", "said"), [
+    ("direct.tiny = tiny_solvers:Yours", "has no Solver class Yours"),
+    ("kernel.tiny = tiny_solvers:Mine", "calls itself tiny in the lane direct, and is registered as tiny in the lane kernel"),
+    ("direct.tiny = no_such_module:Mine", "No module named 'no_such_module'")])
+def test_a_solver_that_does_not_keep_its_promise_is_absent_with_the_reason(tmp_path: Path, entry_point: str, said: str) -> None:
+    target = installed(tmp_path / "site", entry_point)
+    assert said in listed(target, "print(describe(find('tiny')).absent)")
+
+
+@pytest.mark.parametrize(("entry_point", "said"), [
+    ("direct.daqp = tiny_solvers:Mine", "the package tiny-solvers registers a solver daqp in the lane direct, where there is one"),
+    ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
+    ("direct.tiny = tiny_solvers", "the name is lane.name and the value module:Class")])
+def test_a_registration_that_cannot_be_is_refused_with_the_package_named(tmp_path: Path, entry_point: str, said: str) -> None:
+    target = installed(tmp_path / "site", entry_point)
+    call = piezobench(target, "race", "--solver", "daqp", "--out", tmp_path, "--name", "run")
+    assert call.returncode == 2
+    assert call.stderr.startswith("piezobench race: ")
+    assert said in call.stderr
+    assert not (tmp_path / "run").exists()

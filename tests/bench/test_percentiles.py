@@ -1,0 +1,131 @@
+"""Percentiles against what they mean, by exhaustive sums and by samples of known distributions."""
+
+from fractions import Fraction
+from math import ceil, comb
+
+import numpy as np
+import pytest
+
+from bench import latency_histogram
+from bench.percentiles import QUANTILES, needed, percentile, ranks, rate_bound
+
+
+def below(k: int, samples: int, q: Fraction) -> Fraction:
+    """P(K ≤ k) of a binomial K, term by term."""
+    return sum((comb(samples, i) * q**i * (1 - q)**(samples - i) for i in range(k + 1)), Fraction(0))
+
+
+def test_a_percentile_needs_as_many_samples_as_its_range_takes_to_cover_it() -> None:
+    assert [needed(q) for q in QUANTILES] == [6, 299, 2995, 29956]
+    for q in (0.1, 0.5, 0.9, 0.99, 0.999, 0.9999):
+        N = needed(q)
+        assert q**N + (1 - q)**N <= 0.05 < q**(N - 1) + (1 - q)**(N - 1)
+
+
+@pytest.mark.parametrize("q", [0.5, 0.75, 0.9, 0.99, 0.999, 0.9999])
+def test_one_sample_too_few_is_refused_with_the_number_that_is_needed(q: float) -> None:
+    N = needed(q)
+    refused, given = percentile(np.arange(N - 1), q), percentile(np.arange(N), q)
+    assert (refused.value, refused.low, refused.high, refused.reason) == (None, None, None, f"needs {N} samples")
+    assert given.value is not None
+    assert given.reason == ""
+
+
+def test_nothing_has_no_percentile() -> None:
+    assert percentile([], 0.5).reason == "needs 6 samples"
+
+
+@pytest.mark.parametrize("q", [0.0, 1.0, -0.1, 99.9])
+def test_a_percentile_is_a_share_between_nothing_and_all(q: float) -> None:
+    with pytest.raises(ValueError, match="between 0 and 1 as a share"):
+        needed(q)
+
+
+@pytest.mark.parametrize("q", [Fraction(1, 10), Fraction(1, 2), Fraction(7, 10), Fraction(9, 10), Fraction(19, 20)])
+def test_the_interval_is_the_tightest_that_covers_by_exhaustive_sums(q: Fraction) -> None:
+    for N in range(needed(float(q)), needed(float(q)) + 40):
+        low, high = ranks(N, float(q))
+        assert 1 <= low < high <= N
+        tail_below, tail_above = below(low - 1, N, q), 1 - below(high - 1, N, q)
+        assert tail_below + tail_above <= Fraction(1, 20) + Fraction(1, 10**12)
+        half = Fraction(1, 40)
+        # Neither end can move inwards: its tail would be more than its share, which is one half where the other allows it.
+        share_above = max(half, q**N)
+        share_below = max(half, (1 - q)**N) if share_above == half else Fraction(1, 20) - share_above
+        share_above = share_above if share_below <= half else Fraction(1, 20) - share_below
+        assert below(low, N, q) > share_below
+        assert 1 - below(high - 2, N, q) > share_above
+
+
+@pytest.mark.parametrize("q", QUANTILES[:3])
+@pytest.mark.parametrize("extra", [0, 1, 17, 4001])
+def test_the_value_is_the_observed_order_statistic_and_lies_in_its_interval(q: float, extra: int) -> None:
+    sample = np.random.default_rng(extra).permutation(np.random.default_rng(1).lognormal(size=needed(q) + extra))
+    found = percentile(sample, q)
+    rank = ceil(Fraction(str(q)) * sample.size)
+    assert found.value == np.sort(sample)[rank - 1] == np.quantile(sample, q, method="inverted_cdf")
+    assert found.low is not None
+    assert found.high is not None
+    assert found.low <= found.value <= found.high
+    assert {found.low, found.high} <= set(sample.tolist())
+
+
+@pytest.mark.parametrize(("q", "samples"), [(0.5, 20), (0.9, 60), (0.99, 299), (0.99, 700)])
+def test_intervals_cover_the_true_percentile_as_often_as_they_say(q: float, samples: int) -> None:
+    generator, low_high = np.random.default_rng(7), ranks(samples, q)
+    ordered = np.sort(generator.random((4000, samples)), axis=1)  # of the uniform distribution, whose quantile is q
+    covered = np.mean((ordered[:, low_high[0] - 1] <= q) & (q <= ordered[:, low_high[1] - 1]))
+    assert covered >= 0.95 - 3 * np.sqrt(0.95 * 0.05 / 4000)
+
+
+def test_names_are_the_usual_ones() -> None:
+    assert [percentile([], q).name for q in QUANTILES] == ["p50", "p99", "p99.9", "p99.99"]
+
+
+@pytest.mark.parametrize(("events", "samples"), [(0, 30), (1, 30), (7, 50), (29, 30)])
+def test_the_bound_of_a_rate_is_where_so_few_events_become_unlikely(events: int, samples: int) -> None:
+    bound = rate_bound(events, samples)
+    likely = below(events, samples, Fraction(bound))
+    assert float(likely) == pytest.approx(0.05, rel=1e-9)
+
+
+def test_the_bound_of_a_rate_is_one_where_it_always_happened() -> None:
+    assert rate_bound(5, 5) == 1.0
+    with pytest.raises(ValueError, match="6 events in 5 samples is no count"):
+        rate_bound(6, 5)
+
+
+@pytest.fixture(scope="module")
+def latencies() -> np.ndarray:
+    return np.random.default_rng(3).lognormal(9.0, 1.5, 20_000).astype(np.int64)
+
+
+def test_merged_histograms_are_the_histogram_of_everything(latencies: np.ndarray) -> None:
+    parts = [latency_histogram.recorded(part) for part in np.array_split(latencies, 7)]
+    assert latency_histogram.merged(parts) == latency_histogram.recorded(latencies)
+    assert latency_histogram.total(latency_histogram.merged([])) == 0
+
+
+def test_quantiles_of_a_histogram_are_right_to_a_thousandth(latencies: np.ndarray) -> None:
+    found = latency_histogram.quantiles(latency_histogram.recorded(latencies), QUANTILES)
+    exact = np.quantile(latencies, QUANTILES, method="inverted_cdf")
+    np.testing.assert_allclose(found, exact, rtol=1e-3)
+    assert np.isnan(latency_histogram.quantiles(latency_histogram.recorded([]), 0.5)).all()
+
+
+def test_corrected_recording_adds_what_waited_behind_long_calls(latencies: np.ndarray) -> None:
+    period, waited = 20_000, []
+    for value in latencies.tolist():
+        while True:
+            waited.append(value)
+            if value <= period:
+                break
+            value -= period
+    assert len(waited) > latencies.size
+    assert latency_histogram.recorded(latencies, period) == latency_histogram.recorded(waited)
+
+
+@pytest.mark.parametrize("value", [-1, 4_000_000_000_000])
+def test_a_latency_that_would_be_lost_is_refused(value: int) -> None:
+    with pytest.raises(ValueError, match="not between 0 and one hour"):
+        latency_histogram.recorded([5, value])

@@ -1,0 +1,191 @@
+"""Problem sets: what they span, what they carry, what they need, and that every proof of theirs holds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import CommandLine
+
+from bench.metrics import judge
+from bench.problems import ProblemSetError, RaceProblem, all_sets, make, sets
+from bench.problems.protocol import SCALINGS
+from bench.problems.recorded import ORDERS, WINDOWS
+from bench.worker import Outcome
+from piezo_model import plants
+from piezo_model.recordings import write_table
+from piezo_model.signals import SIGNALS
+from solvers import Status, Tier
+from solvers.certificate import verify
+
+
+@pytest.fixture(scope="module")
+def excitation(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, RaceProblem]]:
+    """What ``--verify`` says of the set, and its problems."""
+    folder = tmp_path_factory.mktemp("excitation")
+    call = piezobench("problems", "--set", "excitation", "--verify", "--export", folder)
+    assert call.status == 0, call.stderr
+    problems = [RaceProblem.load(path) for path in folder.glob("*.npz")]
+    return call.stdout, {problem.name: problem for problem in problems}
+
+
+@pytest.fixture(scope="module")
+def drift() -> list[RaceProblem]:
+    return list(make("drift").problems())
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six seconds of the Preisach actuator, its sensor off by some micrometres."""
+    sample_time = 1e-3
+    plant = plants.get("relay_preisach", sample_time=sample_time)
+    x = SIGNALS["multi_sine"](duration_s=6.0, sample_time=sample_time, low=0.0, high=150.0, seed=3)
+    path = tmp_path_factory.mktemp("recording") / "stage.csv"
+    write_table(path, {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": plant.run(x) + 7.0})
+    return path
+
+
+@pytest.fixture(scope="module")
+def recorded(recording: Path) -> list[RaceProblem]:
+    return list(make("recorded", options={"recording": str(recording)}).problems())
+
+
+def test_every_proof_of_the_excitation_set_holds_and_is_counted(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
+    said, problems = excitation
+    assert f"{len(problems)} of {len(make('excitation'))} problems are certified in every scaling (100 %)" in said
+
+
+def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_ones(
+        excitation: tuple[str, dict[str, RaceProblem]]) -> None:
+    bare = [problem for name, problem in excitation[1].items() if name.endswith("bare")]
+    assert all(np.allclose(problem.forms["scaled"].qp.P.diagonal()[problem.forms["scaled"].qp.P.diagonal() > 0], 1.0)
+               for problem in bare)
+    finite = [problem.condition for problem in bare if np.isfinite(problem.condition)]
+    assert min(finite) < 3e4
+    assert max(finite) > 5e11
+    assert len({int(np.log10(value)) for value in finite}) >= 6
+    assert any(not problem.forms["scaled"].certificate.unique for problem in bare)
+    assert any(problem.forms["scaled"].certificate.convexity_shift > 0 for problem in bare)
+
+
+def test_the_proximal_term_makes_every_optimum_unique(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
+    proximal = [problem for name, problem in excitation[1].items() if name.endswith("proximal")]
+    assert all(form.optimum_is_unique for problem in proximal for form in problem.forms.values())
+
+
+def test_singular_and_rounding_indefinite_problems_are_stated(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
+    lines = {line.split()[0]: line for line in excitation[0].splitlines() if line.startswith("n")}
+    for name, problem in excitation[1].items():
+        certificate = problem.forms["scaled"].certificate
+        assert ("not unique" in lines[name]) == (not certificate.unique)
+        assert ("since rounding left P indefinite" in lines[name]) == (certificate.convexity_shift > 0)
+        assert ("singular" in lines[name]) == (not problem.forms["scaled"].optimum_is_unique)
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_weights_are_not_judged_where_the_data_leave_them_open(excitation: tuple[str, dict[str, RaceProblem]],
+                                                               scaling: str) -> None:
+    for problem in excitation[1].values():
+        form = problem.forms[scaling]
+        verdict = judge(problem, scaling, Tier.HIGH, Outcome(found=True, x=np.array(form.certificate.x)))
+        assert verdict.status == Status.OK
+        assert np.isnan(verdict.weight_error) == (not form.optimum_is_unique)
+
+
+def test_snapshots_of_the_drift_follow_each_other_every_quarter_of_a_second(drift: list[RaceProblem]) -> None:
+    assert len(drift) == len(make("drift")) == len({problem.name for problem in drift})
+    times = [float(problem.name.strip("ts")) for problem in drift]
+    assert np.allclose(np.diff(times), 0.25)
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_a_warm_start_is_the_optimum_before_it_and_feasible(drift: list[RaceProblem], scaling: str) -> None:
+    for before, problem in pairwise(drift):
+        form = problem.forms[scaling]
+        assert form.warm_start is not None
+        np.testing.assert_allclose(form.to_weights @ form.warm_start, before.optimal_weights, rtol=0.0, atol=1e-9)
+        assert np.all(form.warm_start >= form.qp.lb)
+
+
+def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_the_start_of_the_drift(
+        drift: list[RaceProblem]) -> None:
+    moved = [float(np.max(np.abs(problem.optimal_weights - drift[0].optimal_weights))) for problem in drift[16:]]
+    steps = [float(np.max(np.abs(b.optimal_weights - a.optimal_weights))) for a, b in pairwise(drift[15:])]
+    assert 0.0 < np.median(steps) < np.median(moved)
+
+
+def test_a_warm_start_survives_saving_to_the_last_bit(drift: list[RaceProblem], tmp_path: Path) -> None:
+    drift[3].save(tmp_path / "problem.npz")
+    loaded = RaceProblem.load(tmp_path / "problem.npz")
+    for scaling in SCALINGS:
+        assert loaded.forms[scaling].warm_start.tobytes() == drift[3].forms[scaling].warm_start.tobytes()
+        verify(loaded.forms[scaling].qp, loaded.forms[scaling].certificate)
+
+
+def test_a_recording_gives_problems_of_every_order_over_every_window(recorded: list[RaceProblem]) -> None:
+    assert len(recorded) == len(ORDERS) * len(WINDOWS) == len({problem.name for problem in recorded})
+    assert sorted({problem.d for problem in recorded}) == [9, 19, 27, 39, 61]
+    for problem in recorded[:4]:
+        for form in problem.forms.values():
+            verify(form.qp, form.certificate)
+
+
+def test_the_offset_of_a_recording_is_a_free_variable_and_found(recorded: list[RaceProblem]) -> None:
+    for problem in recorded:
+        assert problem.validation is not None
+        assert problem.validation.structure.offset
+        assert [np.isneginf(form.qp.lb).nonzero()[0].tolist() for form in problem.forms.values()] == [[problem.d - 1]] * 2
+
+
+def test_the_last_fifth_of_a_recording_is_what_the_model_is_judged_with(recorded: list[RaceProblem], recording: Path) -> None:
+    x, y = np.loadtxt(recording, delimiter=",", skiprows=1, unpack=True)[1:]
+    for problem in recorded:
+        assert problem.validation is not None
+        np.testing.assert_array_equal(problem.validation.x, x[4800:])
+        np.testing.assert_array_equal(problem.validation.y, y[4800:])
+    best = next(problem for problem in recorded if problem.name == "n12-m6-whole")
+    assert best.validation is not None
+    assert best.validation.error_percent(best.optimal_weights) < 2.0
+
+
+def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path) -> None:
+    x = np.concatenate([np.linspace(0, 1, 100), np.linspace(1, 0, 100)])
+    write_table(tmp_path / "short.csv", {"time_s": np.arange(200) / 100, "voltage_V": x, "displacement_um": x**2})
+    made = make("recorded", options={"recording": str(tmp_path / "short.csv")})
+    found = [problem.name for problem in made.problems()]
+    assert sorted([*found, *made.left_out]) == sorted(f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS)
+    assert made.left_out["n5-m3-tenth"] == "16 samples are too few for 19 weights"
+
+
+def test_sets_that_need_a_file_are_listed_apart_and_say_what_is_missing() -> None:
+    assert set(all_sets()) - set(sets()) == {"recorded", "foreign"}
+    with pytest.raises(ProblemSetError, match="'recorded' needs --recording, a CSV or Parquet file"):
+        make("recorded")
+    with pytest.raises(ProblemSetError, match="takes no option 'recording'"):
+        all_sets()["drift"](recording="stage.csv")
+    with pytest.raises(ProblemSetError, match="no problem set 'drfit'; known are"):
+        make("drfit")
+
+
+@pytest.mark.parametrize(("words", "sentence"), [
+    (("--set", "recorded"), "needs --recording"),
+    (("--set", "foreign"), "needs --folder"),
+    (("--set", "recorded", "--recording", "none.csv"), "none.csv: no such file"),
+    (("--set", "foreign", "--folder", "nowhere"), "nowhere: is not a folder"),
+    (("--set", "unheard"), "there is no problem set 'unheard'"),
+    (("--from", "nowhere"), "nowhere: is not a folder"),
+    (("--verify",), "which problems is not said"),
+])
+def test_what_is_missing_is_one_sentence_at_the_command_line(piezobench: CommandLine, words: tuple[str, ...],
+                                                             sentence: str) -> None:
+    assert sentence in piezobench("problems", *words).refusal
+
+
+def test_the_verb_lists_every_set_and_the_problems_of_one(piezobench: CommandLine, recording: Path) -> None:
+    listed = piezobench("problems")
+    assert all(name in listed.stdout for name in all_sets())
+    one = piezobench("problems", "--set", "recorded", "--recording", recording, "--input", "voltage_V", "--limit", 2)
+    assert one.status == 0, one.stderr
+    assert [line.split()[0] for line in one.stdout.splitlines()[1:]] == ["n5-m3-whole", "n5-m3-half"]
