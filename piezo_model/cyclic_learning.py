@@ -177,7 +177,8 @@ class CyclicLearning:
 
     def _hand_over(self) -> None:
         """Take new weights over if they pass; the data basis holds what was kept back."""
-        assert self._learning is not None and self._problem is not None
+        assert self._learning is not None
+        assert self._problem is not None
         weights, held = self._learning.weights, self._basis.problem(proximal=0.0)
         if not np.all(np.isfinite(weights)):
             self._refuse(f"the solver {self._settings.solver} found no finite weights")
@@ -237,7 +238,8 @@ def _share(excitation: Excitation) -> float:
 
 
 def _excitation(data: Mapping[str, Any]) -> Excitation:
-    return Excitation(**{name: tuple(value) if isinstance(value, list) else value for name, value in data.items()})
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in data.items()}
+    return Excitation(**values)
 
 
 def with_constant(model: HysteresisCreepModel) -> HysteresisCreepModel:

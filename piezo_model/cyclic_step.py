@@ -42,7 +42,7 @@ class SteppedSolver(NamedTuple):
     d: int
     A: Matrix
     b: Vector
-    index: Integers
+    index: Integers  # type: ignore[assignment]
     dual: Matrix
     idual: NDArray[np.int64]
 
@@ -65,7 +65,7 @@ def cyclic_step(c: CyclicArrays, x: float, y: float) -> int:
     c.counts[VERDICTS + verdict] += 1
     c.counts[SAMPLE] += 1
     phase, signal = c.counts[PHASE], NONE
-    if (phase == BUILD or phase == HOLD) and verdict == GOOD:
+    if (phase == BUILD or phase == HOLD) and verdict == GOOD:  # noqa: SIM109 (compiled)
         count_step(c.basis, unit_x, unit_y)
     else:
         advance(c.basis.regressors.operators, unit_x, c.basis.play, c.basis.creep)

@@ -63,7 +63,7 @@ class LearningPhase:
         self.arrays = NO_STEPS
         if isinstance(self._engine, ProjectedDifference):
             self._engine.begin(start if answer is None else answer)
-            self.arrays = stepped(self._engine._recursion, problem.structure.d)
+            self.arrays = stepped(self._engine.recursion, problem.structure.d)
             return
         if answer is None:
             begin = perf_counter()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -169,7 +169,7 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
     limits = (lowest if low is None else low, highest if high is None else high)
     if rate_limit is not None and not rate_limit > 0.0:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
-    return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, rate_limit=rate_limit, **options)
+    return model, ExportSettings(solver=cast(Any, chosen or SOLVERS[0]), x_limits=limits, rate_limit=rate_limit, **options)
 
 
 def _format(path: Path) -> str | None:

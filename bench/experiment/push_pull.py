@@ -87,8 +87,8 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
     error = dict(zip(CASES, table.rms_percent, strict=True))
     n = max(ORDERS)
     for kind in KINDS:
-        (single, single_S), (pair, pair_S) = ((error[Case(kind, n, together, m)] for m in (WITHOUT_S, WITH_S))
-                                              for together in (False, True))
+        single, single_S, pair, pair_S = (error[Case(kind, n, together, m)] for together in (False, True)
+                                          for m in (WITHOUT_S, WITH_S))
         ratio = pair / pair_S
         judged = "as good as with it" if ratio <= AS_GOOD else f"{ratio:.1f} times as bad"
         yield (f"{kind.capitalize()} actuators, n = {n}: with one actuator the error without S is {single / single_S:.1f} times "

@@ -122,15 +122,19 @@ class ProjectedDifference(Solver):
         self._taken = recursion.run(self._steps, self._threshold)
         return self._unscaled()
 
+    @property
+    def recursion(self) -> Recursion:
+        """The recursion itself, for compiled loops that take its steps."""
+        assert self._recursion is not None, "setup comes first"
+        return self._recursion
+
     def begin(self, start: Vector) -> None:
         """Put the recursion at ``start`` (d,), to be moved on by ``advance`` as the machine runs."""
-        assert self._recursion is not None, "setup comes first"
-        self._recursion.start(start / self._D)
+        self.recursion.start(start / self._D)
 
     def advance(self, steps: int) -> None:
         """Take so many steps from where the recursion stands."""
-        assert self._recursion is not None, "setup comes first"
-        self._recursion.run(steps)
+        self.recursion.run(steps)
 
     def answer(self) -> Vector:
         """Return the iterate (d,) where the recursion stands."""

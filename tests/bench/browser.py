@@ -8,6 +8,7 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +57,12 @@ class Browser:
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
             "features": [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]})
         self.driver.get(page.resolve().as_uri())
+        self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
+
+    def wait_until(self, done: Callable[[], bool]) -> None:
+        """Wait; what never comes about fails the test."""
         end = time.monotonic() + PATIENCE_S
-        while not all(plot["drawn"] for plot in self.plots()):
+        while not done():
             assert time.monotonic() < end, (self.plots(), self.console())
             time.sleep(0.1)
 

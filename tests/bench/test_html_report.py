@@ -34,7 +34,8 @@ def click(browser: Browser, heading: str) -> None:
 
 def choose(browser: Browser, label: str, value: str) -> None:
     browser.run("""
-        const box = [...document.querySelectorAll('.grid')[0].querySelectorAll('label')].find(l => l.textContent.trim().startsWith(arguments[0]));
+        const box = [...document.querySelectorAll('.grid')[0].querySelectorAll('label')]
+            .find(label => label.textContent.trim().startsWith(arguments[0]));
         const choice = box.querySelector('select');
         choice.value = arguments[1]; choice.dispatchEvent(new Event('input', {bubbles: true}));""", label, value)
 
@@ -117,7 +118,8 @@ def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser,
     assert sorted(column(browser, "solver")) == sorted(asked.solver)
     choose(browser, "status", "ok")
     assert sorted(column(browser, "solver")) == sorted(asked[asked.status == "ok"].solver)
-    browser.run("""const s = document.querySelector('.grid input'); s.value = 'DAQP'; s.dispatchEvent(new Event('input', {bubbles: true}))""")
+    browser.run("""const search = document.querySelector('.grid input');
+        search.value = 'DAQP'; search.dispatchEvent(new Event('input'))""")
     assert set(column(browser, "solver")) == {"daqp"}
     assert browser.run("return document.querySelector('.grid output').textContent").startswith("1 of ")
 
@@ -132,11 +134,12 @@ def test_the_button_turns_light_into_dark(browser: Browser, page: Path) -> None:
 
 def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> None:
     browser.open(page)
-    points = """return [...document.querySelectorAll('#accuracy svg .mark-symbol path')].map(p => p.getAttribute('transform')).join()"""
+    points = """return [...document.querySelectorAll('#accuracy svg .mark-symbol path')]
+        .map(point => point.getAttribute('transform')).join()"""
     before = browser.run(points)
-    browser.run("""const s = document.querySelector('#accuracy select'); s.value = 'orders, raw data'; s.dispatchEvent(new Event('input'))""")
-    browser.driver.implicitly_wait(1)
-    assert browser.run(points) != before
+    browser.run("""const s = document.querySelector('#accuracy select');
+        s.value = 'orders, raw data'; s.dispatchEvent(new Event('change'))""")
+    browser.wait_until(lambda: browser.run(points) != before)
 
 
 def test_the_page_is_one_small_file_with_its_data_beside_it(page: Path) -> None:

@@ -1,0 +1,153 @@
+"""The closed-loop race in its quick form: rows, judgement, resumption, report."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench import closed_loop, race
+from bench.closed_loop import DRIFTING, LOOP, PAPER, STILL, LoopSettings
+from bench.closed_loop_worker import drive
+from bench.race_settings import RaceError
+from bench.races import KINDS, kind_of
+from bench.store import Run
+from bench.task import Task
+from bench.worker import Outcome
+from solvers import Lane, Tier
+
+SETTINGS = LoopSettings(solvers=("box_active_set", "daqp", PAPER, "scipy_nnls"), lanes=(Lane.KERNEL, Lane.DIRECT),
+                        tiers=(Tier.HIGH,), quick=True, windows=3, learn_steps=(1, 1000))
+STEPS_1, STEPS_1000 = '{"steps": 1}', '{"steps": 1000}'
+
+
+def silent(what: str, done: int, total: int) -> None:
+    """Progress that nobody looks at."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A race that was interrupted in its middle and resumed."""
+    started = race.start(tmp_path_factory.mktemp("loop"), SETTINGS, "loop", closed_loop.KIND)
+
+    def interrupt(what: str, done: int, total: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        closed_loop.carry_on(started, interrupt)
+    assert len(list((started.path / "tasks").glob("*.npz"))) == 3
+    before = {path.name: path.stat().st_mtime_ns for path in (started.path / "tasks").glob("*.npz")}
+    seen: dict[str, int] = {}
+
+    def look(what: str, done: int, total: int) -> None:
+        seen.update({path.name: path.stat().st_mtime_ns for path in (started.path / "tasks").glob("*.npz")})
+
+    closed_loop.carry_on(started, look)
+    assert {name: seen[name] for name in before} == before
+    return started
+
+
+@pytest.fixture(scope="module")
+def rows(run: Run) -> pd.DataFrame:
+    return run.rows(LOOP)
+
+
+def last(rows: pd.DataFrame, solver: str, settings: str = "{}", problem: str = STILL) -> pd.DataFrame:
+    return rows[(rows.solver == solver) & (rows.settings == settings) & (rows.problem == problem) & (rows.window == 2)]
+
+
+def test_there_is_a_row_for_every_learner_stage_axis_and_window(rows: pd.DataFrame) -> None:
+    assert len(rows) == 5 * 2 * 2 * SETTINGS.windows
+    assert not rows.duplicated(["problem", "solver", "settings", "axis", "window"]).any()
+    assert set(rows.problem) == {STILL, DRIFTING}
+
+
+def test_exact_solvers_take_over_proven_optima_and_track_alike(rows: pd.DataFrame) -> None:
+    ours, theirs = last(rows, "box_active_set"), last(rows, "daqp")
+    for each in (ours, theirs):
+        assert (each.cost_gap < 1e-9).all()
+        assert (each.status == "ok").all()
+        assert (each.rms_percent < 0.1 * each.straight_rms_percent).all()
+    np.testing.assert_allclose(ours.rms_percent, theirs.rms_percent, rtol=0.05)
+
+
+def test_too_few_steps_leave_a_gap_that_the_stage_notices(rows: pd.DataFrame) -> None:
+    few, exact = last(rows, PAPER, STEPS_1000), last(rows, "box_active_set")
+    assert (few.cost_gap > 1e-3).all()
+    assert np.sqrt(np.mean(few.rms_percent**2)) > 1.2 * np.sqrt(np.mean(exact.rms_percent**2))
+    assert np.mean(last(rows, PAPER, STEPS_1).rms_percent) > 5.0 * np.mean(few.rms_percent)
+
+
+def test_a_learner_of_steps_takes_one_sample_a_step_and_is_stale_by_that_and_the_hold_back(rows: pd.DataFrame) -> None:
+    taken = last(rows, PAPER, STEPS_1000)
+    held = round(SETTINGS.stage(STILL).build_s * 0.2 / SETTINGS.stage(STILL).sample_time)
+    assert (taken.learn_samples == 1000).all()
+    assert (taken.stale_samples == 1000 + held).all()
+
+
+def test_a_solver_that_cannot_take_the_problem_leaves_the_stage_on_its_straight_line(rows: pd.DataFrame) -> None:
+    none = last(rows, "scipy_nnls")
+    assert (none.status == "solver_failed").all()
+    assert none.message.str.contains("scipy_nnls").all()
+    assert none.cost_gap.isna().all()
+    np.testing.assert_allclose(none.rms_percent, none.straight_rms_percent, rtol=0.02)
+
+
+def test_errors_in_percent_and_micrometres_agree(rows: pd.DataFrame) -> None:
+    np.testing.assert_allclose(rows.rms_um, 0.32 * rows.rms_percent, rtol=1e-12)
+    np.testing.assert_allclose(rows.max_um, 0.32 * rows.max_percent, rtol=1e-12)
+    assert (rows.max_percent >= rows.rms_percent).all()
+
+
+def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
+    def rig(settings: dict[str, Any]) -> Any:
+        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, Tier.HIGH, settings))
+
+    np.testing.assert_array_equal(rig({"steps": 1}).y_ref, rig({"steps": 15200}).y_ref)
+    assert rig({"steps": 1}).stage().seed == rig({"steps": 15200}).stage().seed
+
+
+def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
+    rig = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set", samples_to_solve=1)
+    driven = drive(rig)
+    for decisions in driven.decisions:
+        decision = decisions[0]
+        assert decision.taken
+        assert decision.problem is not None
+        assert decision.sample == decision.held_until + 1
+        assert closed_loop.cost_gap(decision.problem, decision.weights) < 1e-12
+        assert closed_loop.cost_gap(decision.problem, 1.01 * decision.weights) > 1e-6
+
+
+def test_a_process_that_fails_gives_one_row_that_says_how() -> None:
+    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, Tier.HIGH)
+    (row,) = closed_loop.rows_of(SETTINGS, task, Outcome("crashed", "the process ended with SIGSEGV"))
+    assert set(LOOP.columns) <= set(row)
+    assert (row["status"], row["window"], row["message"]) == ("crashed", -1, "the process ended with SIGSEGV")
+
+
+def test_the_report_answers_whether_accuracy_matters(run: Run) -> None:
+    assert kind_of(run) is KINDS["loop"]
+    path = kind_of(run).write(run)
+    text = path.read_text(encoding="utf-8")
+    assert "On the still stage the least error is" in text
+    assert "On the drifting stage the least error is" in text
+    assert "projected_difference, steps 1000" in text
+    assert "scipy_nnls" in text.split("What went wrong")[1]
+    assert "<svg" in (run.path / "loop.svg").read_text(encoding="utf-8")
+    summary = pd.read_csv(run.path / "summary.csv")
+    assert len(summary) == 5 * 2
+
+
+def test_what_cannot_race_in_the_loop_is_refused() -> None:
+    with pytest.raises(RaceError, match="a learner asks for its solver by name"):
+        LoopSettings(solver_files=("mine.py",))
+    with pytest.raises(RaceError, match="at least one sample"):
+        LoopSettings(learn_steps=(0,))
+
+
+def test_each_solver_races_in_its_fastest_lane() -> None:
+    chosen = {entry.name: entry.lane for entry in closed_loop.check(LoopSettings(solvers=("daqp", "box_active_set")))}
+    assert chosen == {"daqp": Lane.DIRECT, "box_active_set": Lane.KERNEL}

@@ -1,0 +1,168 @@
+"""Comparisons of runs: a run with itself, with a copy in which something changed, with one from elsewhere."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from browser import Browser, screenshots
+from command_line import CommandLine
+from conftest import Race
+
+from bench.compare import compare_runs
+from bench.report import comparison
+from bench.store import Run, RunError
+from solvers import Status
+
+Change = Callable[[Path], None]
+SLOWED = ("osqp", "direct")
+EVIL = "<script>document.title='run'</script>|`x`"
+
+
+def copied(race: Race, folder: Path, change: Change) -> Run:
+    shutil.copytree(race.run.path, folder)
+    change(folder)
+    return Run.open(folder)
+
+
+def of_solver(rows: pd.DataFrame) -> pd.Series:
+    return (rows.solver == SLOWED[0]) & (rows.lane == SLOWED[1])
+
+
+def slower(folder: Path) -> None:
+    """Every time of one solver lane 20 % longer."""
+    rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
+    tasks = set(rows[of_solver(rows)].task)
+    times["ns"] = [np.round(1.2 * ns).astype(np.int64) if task in tasks else ns for task, ns in zip(times.task, times.ns, strict=True)]
+    times.to_parquet(folder / "times.parquet")
+
+
+def less_accurate(folder: Path) -> None:
+    rows = pd.read_parquet(folder / "rows.parquet")
+    rows.loc[of_solver(rows), "cost_gap"] = 0.5
+    rows.loc[of_solver(rows), "status"] = str(Status.INACCURATE)
+    rows.to_parquet(folder / "rows.parquet")
+
+
+def without(folder: Path) -> None:
+    rows = pd.read_parquet(folder / "rows.parquet")
+    rows[~of_solver(rows)].to_parquet(folder / "rows.parquet")
+
+
+def other_settings(folder: Path) -> None:
+    noted = json.loads((folder / "run.json").read_text())
+    noted["settings"]["seed"] = 7
+    noted["machine"]["processor"] = "An abacus"
+    noted["field"] = {**noted["field"], "daqp (direct)": "0.0.1"}
+    (folder / "run.json").write_text(json.dumps(noted))
+
+
+def evil(folder: Path) -> None:
+    less_accurate(folder)
+    rows = pd.read_parquet(folder / "rows.parquet")
+    rows["problem"] = EVIL
+    rows.to_parquet(folder / "rows.parquet")
+
+
+def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    path = wide_race.run.path
+    call = piezobench("compare", path, path, path, "--out", tmp_path / "c", "--fail-on", "difference")
+    assert call.status == 0, call.stderr
+    assert call.stdout.count("no difference") == 2
+    assert "WARNING" not in call.stdout
+
+
+def test_a_solver_that_is_slowed_by_a_fifth_is_found_and_no_other(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    other = copied(wide_race, tmp_path / "slow", slower)
+    found = compare_runs(wide_race.run, other)
+    assert set(map(tuple, found.changed[["solver", "lane"]].to_numpy())) == {SLOWED}
+    assert set(found.changed.changes) == {("slower",)}
+    assert found.changed.ratio.to_numpy() == pytest.approx(1.2, rel=1e-3)
+    assert (found.changed.ratio_low <= found.changed.ratio).all()
+    assert (found.changed.ratio <= found.changed.ratio_high).all()
+    back = compare_runs(other, wide_race.run)
+    assert set(back.changed.changes) == {("faster",)}
+    assert back.regressions.empty
+    call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
+    assert call.status == 3
+    assert re.search(r"osqp \(direct\) is slower in \d+ of \d+ rows, by \+20\.0 %", call.stdout)
+
+
+def test_the_other_way_round_is_no_regression(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    other = copied(wide_race, tmp_path / "slow", slower)
+    words = ("compare", other.path, wide_race.run.path, "--out", tmp_path / "c", "--fail-on")
+    assert piezobench(*words, "regression").status == 0
+    assert piezobench(*words, "difference").status == 3
+
+
+def test_what_is_less_accurate_changes_its_status_and_is_a_regression(wide_race: Race, tmp_path: Path) -> None:
+    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "worse", less_accurate))
+    assert found.count("less accurate") == len(found.regressions) == of_solver(found.rows).sum()
+    assert found.count("slower") == found.count("faster") == 0
+    assert any("less accurate" in sentence for sentence in found.verdict)
+
+
+def test_what_is_gone_is_a_regression_and_what_is_new_is_not(wide_race: Race, tmp_path: Path) -> None:
+    fewer = copied(wide_race, tmp_path / "fewer", without)
+    gone, new = compare_runs(wide_race.run, fewer), compare_runs(fewer, wide_race.run)
+    assert gone.count("gone") == len(gone.regressions) == of_solver(wide_race.rows).sum()
+    assert new.count("new") == of_solver(wide_race.rows).sum()
+    assert new.regressions.empty
+
+
+def test_other_settings_and_another_machine_are_said_first(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    other = copied(wide_race, tmp_path / "elsewhere", other_settings)
+    call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c")
+    first, second, *_ = call.stdout.splitlines()
+    assert first.startswith("WARNING: Different machines: processor")
+    assert second == "WARNING: Different settings: seed 0 and 7."
+    assert "The solver daqp (direct) is" in call.stdout
+    markdown = (tmp_path / "c" / "comparison.md").read_text()
+    assert markdown.index("An abacus") < markdown.index("no difference")
+
+
+def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    other = copied(wide_race, tmp_path / "slow", slower)
+    call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--json")
+    said, written = json.loads(call.stdout), json.loads((tmp_path / "c" / "comparison.json").read_text())
+    assert said == written
+    assert (said["format"], said["version"]) == ("piezobench-comparison", 1)
+    (one,) = said["comparisons"]
+    assert len(one["rows"]) == len(wide_race.rows)
+    assert one["regressions"] == sum("slower" in row["changes"] for row in one["rows"]) > 0
+
+
+def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
+    first = copied(wide_race, tmp_path / "<b>a", lambda folder: evil(folder) or slower(folder))
+    second = copied(wide_race, tmp_path / "b", lambda folder: evil(folder) or less_accurate(folder))
+    rows = pd.read_parquet(second.path / "rows.parquet")
+    rows.loc[of_solver(rows), "cost_gap"] = 1e-5
+    rows.to_parquet(second.path / "rows.parquet")
+    found = compare_runs(first, second)
+    page = comparison.write([found], tmp_path / "c")
+    for width in ("desktop", "phone"):
+        browser.open(page, width)
+        assert browser.console() == []
+        assert all(plot["marks"] > 0 for plot in browser.plots())
+        browser.screenshot(screenshots(tmp_path) / f"comparison-{width}.png")
+    assert browser.run("return document.title") == "Comparison of <b>a, b"
+    assert browser.run("return document.querySelectorAll('main b').length") == 0
+    assert EVIL in browser.run("return document.querySelector('tbody').textContent")
+    table = [line for line in page.with_suffix(".md").read_text().splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in table}) == 1
+    assert "<script>" not in page.with_suffix(".md").read_text()
+
+
+def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Race) -> None:
+    assert "two runs or more" in piezobench("compare", wide_race.run.path).refusal
+
+
+def test_runs_of_another_kind_are_refused(wide_race: Race, tmp_path: Path) -> None:
+    def stream(folder: Path) -> None:
+        (folder / "run.json").write_text(json.dumps({**json.loads((folder / "run.json").read_text()), "race": "stream"}))
+    with pytest.raises(RunError, match="only one-shot races"):
+        compare_runs(wide_race.run, copied(wide_race, tmp_path / "stream", stream))

@@ -1,0 +1,144 @@
+"""Decisions: the rule, the file, and that a compensator starts from it."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+from conftest import Race
+
+from bench import deploy
+from bench.deploy import Rule
+from bench.store import Run, RunError
+from piezo_model import ModelError, SelfLearningCompensator, plants
+from piezo_model.deployment import Deployment
+from solvers import Lane
+
+SHORT = {"reset_s": 0.01, "build_s": 0.2, "learn_s": 0.05}
+
+
+@pytest.fixture
+def run(wide_race: Race, tmp_path: Path) -> Run:
+    shutil.copytree(wide_race.run.path, tmp_path / "run")
+    return Run.open(tmp_path / "run")
+
+
+def with_times(run: Run, solver: str, us: Callable[[int], np.ndarray], lane: str = "direct") -> None:
+    """Replace the times of a solver's solves, shape (N,) for N of them, and leave nothing of its updates."""
+    rows, times = pd.read_parquet(run.path / "rows.parquet"), pd.read_parquet(run.path / "times.parquet")
+    tasks = set(rows[(rows.solver == solver) & (rows.lane == lane)].task)
+    times["ns"] = [
+        ns if task not in tasks else np.round(1e3 * us(len(ns))).astype(np.int64) if what.endswith("solve") else 0 * np.asarray(ns)
+        for task, what, ns in zip(times.task, times.what, times.ns, strict=True)]
+    times.to_parquet(run.path / "times.parquet")
+
+
+def test_the_file_starts_a_compensator_that_runs_and_learns(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "compensator.json", "--deadline", 1e6)
+    assert call.status == 0, call.stderr
+    learner = SelfLearningCompensator.load(tmp_path / "compensator.json", **SHORT)
+    s = learner.structure
+    plant = plants.get("bouc_wen", sample_time=s.sample_time)
+    y_ref = s.y_centre + 0.7 * s.y_scale * np.sin(np.arange(6000) / 300)
+    x, _ = learner.run(y_ref, plant.run)
+    low, high = s.x_centre - s.x_scale, s.x_centre + s.x_scale
+    assert np.all((x >= low) & (x <= high))
+    assert any(event.what in ("hand-over", "refused") for event in learner.log)
+
+
+def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--json")
+    said, written = json.loads(call.stdout), json.loads((tmp_path / "c.json").read_text())
+    assert (written["format"], written["version"]) == ("piezobench-compensator", 1)
+    assert (written["solver"], written["lane"], written["tier"]) == (said["solver"], said["lane"], said["tier"])
+    evidence = written["evidence"]
+    assert evidence["run"] == wide_race.run.path.name
+    assert evidence["machine"] == wide_race.run.settings["machine"]
+    assert evidence["certificate"]["unique"]
+    assert evidence["certificate"]["cost_gap"] < 1e-12
+    assert evidence["figures"]["right"] == evidence["figures"]["problems"]
+    problem = wide_race.run.problem(*evidence["certificate"]["problem_of_run"].split("/"))
+    model = Deployment.load(tmp_path / "c.json").model
+    assert model.weights == pytest.approx(problem.optimal_weights, rel=1e-12, abs=1e-15)
+
+
+def test_the_lowest_tail_wins_among_those_that_are_right_and_in_time(run: Run) -> None:
+    chance = np.random.default_rng(0)
+    with_times(run, "daqp", lambda n: 1.0 + 0.1 * chance.random(n))
+    with_times(run, "box_active_set", lambda n: 0.5 + 20.0 * (chance.random(n) < 0.05))
+    with_times(run, "osqp", lambda n: np.full(n, 0.01))
+    decision = deploy.decide(run, Rule(lanes=(Lane.DIRECT,), deadline_us=100.0))
+    assert decision.chosen.solver == "daqp"
+    assert "box_active_set" in {each.solver for each in decision.runners_up}
+    assert any(each.solver == "osqp" and "is right to 1e-09 on" in why for each, why in decision.refused)
+
+
+def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(run: Run) -> None:
+    with_times(run, "null", lambda n: np.full(n, 0.1))
+    with_times(run, "box_active_set", lambda n: np.full(n, 2.0))
+    with_times(run, "daqp", lambda n: np.where(np.arange(n) % 2, 300.0, 1.0))
+    strict = deploy.decide(run, Rule(lanes=(Lane.DIRECT,)))
+    assert strict.chosen.solver == "box_active_set"
+    assert any(each.solver == "daqp" and "deadlines" in why for each, why in strict.refused)
+    lenient = deploy.decide(run, Rule(lanes=(Lane.DIRECT,), misses=10**6))
+    assert "daqp" in {each.solver for each in (lenient.chosen, *lenient.runners_up)}
+
+
+def test_what_the_floor_misses_too_is_forgiven(run: Run) -> None:
+    for solver in ("null", "daqp"):
+        with_times(run, solver, lambda n: np.where(np.arange(n) % 2, 300.0, 1.0))
+    decision = deploy.decide(run, Rule(lanes=(Lane.DIRECT,)))
+    assert "daqp" in {each.solver for each in (decision.chosen, *decision.runners_up)}
+
+
+def test_the_percentile_that_decides_is_one_that_every_sample_supports(run: Run) -> None:
+    with_times(run, "null", lambda n: np.full(n, 0.1))
+    with_times(run, "daqp", lambda n: np.full(n, 1.0))
+    decision = deploy.decide(run, Rule(lanes=(Lane.DIRECT,), deadline_us=1e6))
+    qualified = (decision.chosen, *decision.runners_up)
+    assert all(each.tail[decision.by].value is not None for each in qualified)
+    assert decision.by == 0 or any(each.tail[decision.by - 1].value is None for each in qualified)
+    assert (decision.by > 0) == any("Decided by" in sentence for sentence in decision.sentences())
+
+
+def test_a_run_in_which_no_solver_qualifies_says_so_and_writes_nothing(piezobench: CommandLine, run: Run) -> None:
+    before = sorted(run.path.rglob("*"))
+    sentence = piezobench("deploy", run.path, "--accuracy", 1e-60).refusal
+    assert "no solver qualifies; the nearest, " in sentence
+    assert "is right to 1e-60 on" in sentence
+    assert sorted(run.path.rglob("*")) == before
+
+
+def test_lanes_that_nobody_raced_in_leave_nobody(run: Run) -> None:
+    with pytest.raises(RunError, match="no solver qualifies, none of its solvers is in the lanes cvxpy"):
+        deploy.decide(run, Rule(lanes=(Lane.CVXPY,)))
+
+
+def test_a_problem_can_be_named_and_an_unknown_one_is_refused(run: Run) -> None:
+    decision = deploy.decide(run, Rule(deadline_us=1e6))
+    names = ["/".join(name) for name in run.rows()[["problem_set", "problem"]].drop_duplicates().to_numpy()]
+    for name in names:
+        assert deploy.deployment(decision, problem=name).evidence["certificate"]["problem_of_run"] == name
+    with pytest.raises(RunError, match="has no problem 'paper/none'; there are "):
+        deploy.deployment(decision, problem="paper/none")
+
+
+@pytest.mark.parametrize(("change", "reason"), [
+    (lambda data: data.pop("solver"), "'solver' is missing"), (lambda data: data.update(version=2), "version 2"),
+    (lambda data: data.update(format="x"), "format"), (lambda data: data.update(x_limits=[1, 0]), "x_limits"),
+    (lambda data: data.update(mode="lazy"), "'lazy'"), (lambda data: data["model"].pop("w_H"), "w_H"),
+    (lambda data: data.pop("model"), "'model' is missing")])
+def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(run: Run, tmp_path: Path, change: Callable[[dict], object],
+                                                                 reason: str) -> None:
+    path = tmp_path / "c.json"
+    deploy.deployment(deploy.decide(run, Rule(deadline_us=1e6))).save(path)
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    with pytest.raises(ModelError, match=reason) as caught:
+        Deployment.load(path)
+    assert str(caught.value).startswith(str(path))

@@ -1,0 +1,145 @@
+"""The page of a recording, the advice on it, and orders by cross-validation."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from browser import Browser, screenshots
+from command_line import CommandLine
+
+from piezo_model import HysteresisCreepModel, IdentificationError, ModelStructure, Recording, identify, plants
+from piezo_model.fit_review import review
+from piezo_model.order_selection import select_order
+from piezo_model.recordings import write_table
+from piezo_model.signals import multi_sine
+
+SAMPLE_TIME = 1e-3
+COLUMNS = ("<b>t</b>_s", "<script>x</script>_V", "y\"'><img src=x>_um")
+
+
+def signals(plant: str = "relay_preisach", low: float = 0.0, high: float = 150.0, duration_s: float = 6.0) -> tuple[np.ndarray, np.ndarray]:
+    x = multi_sine(duration_s=duration_s, sample_time=SAMPLE_TIME, low=low, high=high, highest_Hz=10.0)
+    return x, plants.get(plant, sample_time=SAMPLE_TIME).run(x)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("<i>desk")
+    x, y = signals()
+    write_table(folder / "<u>stage.csv", dict(zip(COLUMNS, (np.arange(x.size) * SAMPLE_TIME, x, y), strict=True)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def said(piezobench: CommandLine, desk: Path) -> str:
+    """What identify says; page and model are on the desk afterwards."""
+    call = piezobench("identify", "<u>stage.csv", "--time", COLUMNS[0], "--input", COLUMNS[1], "--output", COLUMNS[2], "--out",
+                      "model.json", "--page", "stage page.html", "--select-order", folder=desk)
+    assert (call.status, call.stderr) == (0, "")
+    return call.stdout
+
+
+def recording(x: np.ndarray, y: np.ndarray) -> Recording:
+    return Recording.from_arrays(x, y, SAMPLE_TIME, input_unit="V", output_unit="um")
+
+
+@pytest.mark.usefixtures("said")
+def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, desk: Path, tmp_path: Path) -> None:
+    for width, pixels in (("desktop", 1400), ("phone", 390)):
+        browser.open(desk / "stage page.html", width)
+        assert browser.console() == []
+        assert all(address.startswith(("file:", "data:", "blob:")) for address in browser.requests())
+        plots = browser.plots()
+        assert len(plots) == 5
+        assert all(plot["marks"] > 0 and plot["right"] <= pixels for plot in plots)
+        browser.screenshot(screenshots(tmp_path) / f"recording-{width}.png")
+    assert browser.run("return document.title") == "Recording <u>stage.csv"
+    assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
+    for link in browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))"):
+        assert (desk / link.replace("%20", " ")).is_file()
+
+
+def test_the_order_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:
+    structure = HysteresisCreepModel.load(desk / "model.json").structure
+    assert f"takes n = {structure.n}, m = {structure.dead_zones // 2} " in said
+    assert said.rstrip().endswith("Page: stage page.html")
+
+
+def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+    call = piezobench("identify", desk / "<u>stage.csv", "--time", COLUMNS[0], "--input", COLUMNS[1], "--output", COLUMNS[2],
+                      "--out", tmp_path / "m.json", "--n", 2, "--m", 1, "--json")
+    found = json.loads(call.stdout)
+    assert found["report"] == json.loads((tmp_path / "m.json").read_text())["report"]
+    assert found["orders"] is None
+
+
+@pytest.mark.usefixtures("said")
+def test_every_plot_has_its_data_as_csv(desk: Path) -> None:
+    x, _ = signals()
+    for name in ("loops", "error", "weights", "spectrum"):
+        assert len(pd.read_csv(desk / "stage page-figures" / f"{name}.csv"))
+    loops = pd.read_csv(desk / "stage page-figures" / "loops.csv")
+    measured = loops[loops.what == "measured"]
+    assert measured.x.to_numpy() == pytest.approx(x[measured["sample"]], abs=1e-6)
+
+
+def test_the_review_repeats_the_fit_that_the_report_speaks_of() -> None:
+    x, y = signals()
+    for lag in ("estimate", "remove"):
+        model = identify(recording(x, np.concatenate([y[:1], y[:1], y[:-2]])), lag=lag)
+        found = review(recording(x, np.concatenate([y[:1], y[:1], y[:-2]])), model)
+        counted = found.error[found.skipped:]
+        assert np.sqrt(np.mean(counted**2)) == pytest.approx(model.report["fit"]["rms"], rel=0.02)
+    assert any("lag of the sensor" in sentence for sentence in found.advice())
+
+
+def test_thresholds_that_were_never_reached_are_named_in_the_advice() -> None:
+    x, y = signals(low=60.0, high=90.0)
+    plant = plants.get("relay_preisach", sample_time=SAMPLE_TIME)
+    structure = ModelStructure.equidistant(5, 3, plant.x_range, plant.y_range, (10.0, 1.0), SAMPLE_TIME, offset=True)
+    model = identify(recording(x, y), structure=structure)
+    found = review(recording(x, y), model)
+    (first, *_) = found.advice()
+    unreached = [weight.name for weight in found.weights if not weight.reached]
+    assert unreached
+    assert all(name in first for name in unreached)
+    assert all(np.isnan(weight.half_width) for weight in found.weights if not weight.reached or weight.at_bound)
+
+
+def test_intervals_of_weights_hold_the_truth_when_the_model_is_true() -> None:
+    structure = ModelStructure.equidistant(2, 1, (0.0, 150.0), (-20.0, 20.0), (), SAMPLE_TIME)
+    truth = HysteresisCreepModel.from_weights(structure, [0.3, 0.2, 0.1, 1.2, 0.15])
+    chance, held, counted = np.random.default_rng(3), 0, 0
+    x = multi_sine(duration_s=8.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
+    y = truth.simulate(x)
+    for _ in range(8):
+        noisy = recording(x, y + chance.normal(0.0, 0.05, x.size))
+        model = identify(noisy, structure=structure, lag="ignore")
+        for weight, value in zip(review(noisy, model).weights, truth.weights, strict=True):
+            held += abs(weight.value - value) <= weight.half_width
+            counted += 1
+    assert held >= 0.75 * counted
+
+
+def test_cross_validation_finds_the_order_that_the_data_were_made_with() -> None:
+    structure = ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), (), SAMPLE_TIME)
+    truth = HysteresisCreepModel.from_weights(structure, [0.5, 0.4, 1.0])
+    x = multi_sine(duration_s=8.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
+    y = truth.simulate(x) + np.random.default_rng(0).normal(0.0, 0.02, x.size)
+    chosen = select_order(recording(x, y), structure, None, ns=(1, 2, 3, 5), ms=(0, 1)).chosen
+    assert (chosen.n, chosen.m) == (2, 0)
+
+
+def test_a_recording_that_is_too_short_for_cross_validation_is_refused() -> None:
+    x, y = signals()
+    structure = identify(recording(x, y)).structure
+    with pytest.raises(IdentificationError, match="too few for cross-validation"):
+        select_order(recording(x[:200], y[:200]), structure, None)
+
+
+def test_a_page_cannot_be_written_where_there_is_no_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+    sentence = piezobench("identify", desk / "<u>stage.csv", "--out", tmp_path / "m.json", "--page", tmp_path / "no" / "p.html").refusal
+    assert "--page" in sentence
+    assert not (tmp_path / "m.json").exists()
