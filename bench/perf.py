@@ -6,9 +6,11 @@ arithmetic written with whole-array operations wherever the recursion over time 
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from time import perf_counter_ns
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -17,21 +19,30 @@ from numpy.typing import NDArray
 import solvers
 from bench.cli.console import console, print_table
 from bench.problems import find
-from piezo_model import DataBasis, ModelStructure, OperatorState
+from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
+from piezo_model.continuous_learning import PROXIMAL, prior
+from piezo_model.learning_events import Phase
+from piezo_model.operators import creep, dead_zone, play
+from piezo_model.sensor_guard import SensorGuard
 from piezo_model.signals import multi_sine
+from solvers.kernel.recursive_active_set import RecursiveActiveSet
 from solvers.kernels.projected_step import limit
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 SAMPLES = 64_000
+SHORT = 4_000
+"""Samples of a loop that are timed at once: few, so that on a busy machine some run is left in peace."""
 
 
-def fastest(call: Callable[[], object], count: int, repeats: int = 25) -> float:
-    """Nanoseconds of one of the ``count`` things that a call does, in the fastest of several calls."""
+def fastest(call: Callable[[], object], count: int, repeats: int = 25, prepare: Callable[[], object] | None = None) -> float:
+    """Nanoseconds of one of the ``count`` things that a call does, in the fastest of several calls, each one prepared."""
     call()
     times = []
     for _ in range(repeats):
+        if prepare is not None:
+            prepare()
         start = perf_counter_ns()
         call()
         times.append(perf_counter_ns() - start)
@@ -91,6 +102,55 @@ def projected_step_figures() -> list[tuple[str, str, str, str]]:
     return [_figure("projected step, d = 18", ours, theirs), _figure("  as a plain compiled loop", plain, None)]
 
 
+def learning_loop_figures() -> list[tuple[str, str, str, str]]:
+    """The whole self-learning loop a sample at d = 18 with three creep rates, and its parts alone."""
+    plant = plants.Sensor(plants.get("relay_preisach"), noise_um=0.008)
+    s = ModelStructure.equidistant(5, 3, plant.x_range, plant.y_range, (10.0, 1.0, 0.1), plant.sample_time)
+    state = OperatorState.at_rest(s, -1.0, 1.0)
+    y_ref = multi_sine(duration_s=SAMPLES * s.sample_time, sample_time=s.sample_time, low=-16.0, high=16.0)
+
+    def learner(solver: str, mode: Literal["cyclic", "continuous"], build_s: float) -> SelfLearningCompensator:
+        return SelfLearningCompensator(s, 0.1, build_s, 100.0, solver, mode=mode, state=state, samples_to_solve=1,
+                                       find_centre=False)
+
+    x, y = learner("projected_difference", "cyclic", 100.0).run(y_ref, plant.run)
+    before = np.concatenate([[np.nan], y[:-1]])
+
+    def loop(solver: str, mode: Literal["cyclic", "continuous"], build_s: float, phase: Phase) -> float:
+        """Nanoseconds a sample of a whole loop that stays in one phase."""
+        one, part = learner(solver, mode, build_s), slice(20_000, 20_000 + SHORT)
+        one.replay(y_ref[:part.start], before[:part.start])
+        if one.phase is not phase:
+            raise AssertionError(f"the loop is in phase {one.phase} and not in {phase}")
+        memory = one.memory()
+        return fastest(lambda: one.replay(y_ref[part], before[part]), SHORT, 400, lambda: one.restore(memory))
+
+    compensator = Compensator(learner("box_active_set", "cyclic", 8.0).model, plant.x_range)
+    guard, moving = SensorGuard(), DataBasis(s)
+    unit_x, unit_y = s.unit_input(x), s.unit_output(y)
+    solver = RecursiveActiveSet(forgetting=math.exp(-s.sample_time / 2.0), proximal=PROXIMAL)
+    solver.setup(prior(s, s.straight_line))
+    rows = recursive_rows(s, x, y)
+    return [_figure("whole loop while it builds", loop("projected_difference", "cyclic", 100.0, Phase.BUILD), None),
+            _figure("whole loop while it learns, a projected step", loop("projected_difference", "cyclic", 1.0, Phase.LEARN), None),
+            _figure("whole loop, recursive solver, hand-overs", loop("box_active_set", "continuous", 8.0, Phase.LEARN), None),
+            _figure("  of it, compensation", fastest(lambda: compensator.run(y_ref[:SHORT]), SHORT, 400), None),
+            _figure("  of it, the guard", fastest(lambda: guard.judge(unit_x, unit_y), SAMPLES), None),
+            _figure("  of it, states of the learner", fastest(lambda: moving.update(x, y, count=False), SAMPLES), None),
+            _figure("  of it, the recursive solver", fastest(lambda: solver.append_many(rows[:SHORT]), SHORT, 400), None)]
+
+
+def recursive_rows(s: ModelStructure, x: Vector, y: Vector) -> Matrix:
+    """Rows (Ξ, x) of samples, (N, d + 1), in slope coordinates."""
+    r, r_S, T = np.array((0.0, *s.play_thresholds)), np.array(s.dead_zone_thresholds), s.slope_map
+    x, y = s.unit_input(x), s.unit_output(y)
+    plays, creeps = play(x, r, -1.0 + r)[0], np.zeros((x.size, r.size))
+    for rate in s.creep_rates:
+        creeps += creep(x, r, np.full(r.size, rate), s.sample_time, -1.0 + r)[0]
+    rows: Matrix = np.column_stack([np.column_stack([plays[:, 1:], -dead_zone(y, r_S), creeps]) @ T, x])
+    return rows
+
+
 @njit(cache=True)
 def plain_steps(P: Matrix, q: Vector, lb: Vector, eta: float, steps: int) -> Vector:
     """The difference equation as the textbook has it, bounds from below only."""
@@ -123,7 +183,7 @@ def main() -> None:
     """Measure and print."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     print_table(("what", "ours, ns", "NumPy, ns", "ratio"),
-                [*data_basis_figures(), *projected_step_figures()])
+                [*data_basis_figures(), *projected_step_figures(), *learning_loop_figures()])
     console.print("Fastest of several runs on one core; compare ratios.")
 
 

@@ -41,6 +41,7 @@ from piezo_model.learning_events import (
 from piezo_model.learning_settings import MIN_SLOPE, LearningSettings
 from piezo_model.regressors import RegressorArrays
 from piezo_model.sensor_guard import fresh_memory
+from piezo_model.structure import ModelStructure
 from solvers.kernel.recursive_active_set import RecursiveActiveSet
 from solvers.vector8 import padded
 
@@ -57,6 +58,12 @@ plus TOLERANCE unit amplitudes."""
 CHECKPOINT_S = 0.5
 SNAPSHOT = ("work", "iwork", "solver_numbers")
 MEMORY = ("play", "creep", "guard", "counts", "numbers", "in_use", "candidate", *SNAPSHOT)
+
+
+def prior(s: ModelStructure, w: Vector) -> Problem:
+    """What learning begins with: weights w (d,), in slope coordinates, with the weight of BELIEF."""
+    lb = s.lower_bounds(MIN_SLOPE)
+    return Problem(BELIEF * np.eye(s.d), -BELIEF * np.maximum(s.inverse_slope_map @ w, lb), lb=lb, ub=np.full(s.d, np.inf))
 
 
 class ContinuousLearning:
@@ -82,7 +89,7 @@ class ContinuousLearning:
             return max(1, round(seconds / s.sample_time))
 
         self._engine = RecursiveActiveSet(forgetting=math.exp(-s.sample_time / settings.memory_s), proximal=PROXIMAL)
-        self._engine.setup(self._prior(compensator.model.weights))
+        self._engine.setup(prior(s, compensator.model.weights))
         size, interval = padded(regressors.width), samples(settings.hand_over_s)
         self.arrays = ContinuousArrays(
             regressors, compensator.limits, state.play, state.creep, np.zeros(regressors.stride + 8), fresh_memory(),
@@ -190,7 +197,8 @@ class ContinuousLearning:
         """Forget everything but the weights in use."""
         arrays, s = self.arrays, self._compensator.model.structure
         w = self._compensator.model.weights
-        self._engine.update(*self._prior_data(w))
+        problem = prior(s, w)
+        self._engine.update(problem.P, problem.q)
         arrays.in_use[0] = arrays.candidate[0] = 1.0
         arrays.in_use[1:s.d + 1] = arrays.candidate[1:s.d + 1] = s.inverse_slope_map @ w
         arrays.numbers[step.LEVEL], self.counts[step.ESTABLISHED], self.counts[step.REVERT] = level, 0, 0
@@ -199,16 +207,6 @@ class ContinuousLearning:
         self.counts[step.WAIT] = 0 if self._fallback is None else self.counts[step.HALF_WINDOW]
         for low, high in ((step.LOW, step.HIGH), (step.LOW_BEFORE, step.HIGH_BEFORE)):
             arrays.numbers[low], arrays.numbers[high] = math.inf, -math.inf
-
-    def _prior_data(self, w: Vector) -> tuple[NDArray[np.float64], Vector]:
-        s = self._compensator.model.structure
-        v = np.maximum(s.inverse_slope_map @ w, s.lower_bounds(MIN_SLOPE))
-        return BELIEF * np.eye(s.d), -BELIEF * v
-
-    def _prior(self, w: Vector) -> Problem:
-        s = self._compensator.model.structure
-        P, q = self._prior_data(w)
-        return Problem(P, q, lb=s.lower_bounds(MIN_SLOPE), ub=np.full(s.d, np.inf))
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied."""

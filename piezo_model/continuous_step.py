@@ -32,13 +32,14 @@ from solvers.vector8 import load8, splat8, sum8
 Vector = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-(PHASE, LEFT, RESET_LASTS, SAMPLE, HAND_OVERS, REFUSALS, VERDICTS) = range(7)
+PHASE, LEFT, RESET_LASTS, SAMPLE, HAND_OVERS, REFUSALS, VERDICTS = range(7)
 """Entries of the counts, as of `cyclic_step`; VERDICTS and the three after it say how often the guard said what."""
-(INTERVAL, CHECKPOINTS, HALF_WINDOW, IN_HALF, ESTABLISHED, EXCITED, PREDICTED, REVERT, WAIT, COUNTS) = range(VERDICTS + 4, VERDICTS + 14)
+(INTERVAL, CHECKPOINTS, HALF_WINDOW, IN_HALF, ESTABLISHED, EXCITED, PREDICTED, REVERT, WAIT,
+ COUNTS) = range(VERDICTS + 4, VERDICTS + 14)
 """Samples between hand-overs, between checkpoints and in half a window of excitation; samples in the present half; whether
-weights have been handed over since learning began anew; whether the drive says enough; samples predicted in this interval; whether
-the candidate takes the place of the weights in use at the end of the interval whatever it predicts; samples still to be learned
-from before any hand-over."""
+weights have been handed over since learning began anew; whether the drive says enough; samples predicted in this interval;
+whether the candidate takes the place of the weights in use at the end of the interval whatever it predicts; samples still to
+be learned from before any hand-over."""
 
 (OLD, NEW, LEVEL, SMOOTHING, PROBATION, LOW, HIGH, LOW_BEFORE, HIGH_BEFORE, EXCITATION, NUMBERS) = range(11)
 """Entries of the numbers: squared errors of the weights in use and of the coming ones in this interval; the mean squared error

@@ -212,7 +212,8 @@ class SelfLearningCompensator:
         """
         y_ref, y = (np.ascontiguousarray(v, dtype=np.float64) for v in (y_ref, y_measured_before))
         if y_ref.ndim != 1 or y_ref.shape != y.shape:
-            raise ValueError(f"y_ref and y_measured_before must be vectors of the same length, not of shapes {y_ref.shape} and {y.shape}")
+            raise ValueError(f"y_ref and y_measured_before must be vectors of the same length, not of shapes {y_ref.shape} "
+                             f"and {y.shape}")
         if not y_ref.size:
             return np.empty(0)
         if self._last_x is not None:
@@ -261,7 +262,8 @@ class SelfLearningCompensator:
         """
         if compensator_file.is_one(path):
             if options:
-                raise ValueError(f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be given")
+                raise ValueError(f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be "
+                                 f"given")
             return cls._resumed(path)
         found = Deployment.load(path)
         chosen: dict[str, Any] = {
@@ -281,5 +283,3 @@ class SelfLearningCompensator:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ModelError(f"{path}: does not hold a whole compensator: {error}") from None
         return learner
-
-    _left_until_change = samples_until_change

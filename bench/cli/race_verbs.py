@@ -45,10 +45,10 @@ def register(app: typer.Typer) -> None:
 
 
 def race_verb(
-    kind: Annotated[RaceName, typer.Option("--race", help="Full solves, accuracy within a time, or sample by sample at "
-                                                          "8 kHz.")] = RaceName.oneshot,
-    problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set; may be given again. A stream has its "
-                                                                         "own problem.")] = None,
+    kind: Annotated[RaceName, typer.Option("--race", help="Full solves, accuracy within a time, sample by sample at "
+                                                          "8 kHz, or learning in the loop with a stage.")] = RaceName.oneshot,
+    problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set; may be given again. A stream and a "
+                                                                         "loop have their own problems.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
                                                           "given again. All by default.")] = None,
     lane: Annotated[list[Lane] | None, typer.Option(help="Lane; may be given again. All by default.")] = None,
@@ -175,7 +175,7 @@ def _show(run: Run, report: Path, as_json: bool) -> None:
         console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
     for warning in run.settings.get("conditions", {}).get("warnings", []):
         console.print(f"\n{warning}")
-    console.print(f"\nReport: {report}\nPage: {report.with_suffix('.html')}")
+    console.print(f"\nPage: {report.with_suffix('.html')}\nReport: {report}")
 
 
 def _document(run: Run) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def exhibit(trial: Trial) -> Exhibit:
                           arrowprops={"arrowstyle": "->", "color": STRAIGHT, "shrinkA": 0, "shrinkB": 0})
         axes.plot([], [], color=STRAIGHT, marker="<", ms=4, label=f"its step before projection, times {ARROW_GAIN:g}")
         axes.plot(*z[0], marker="o", color=LEARNED, ls="", zorder=5)
-        axes.annotate("start", z[0], (8, 0), textcoords="offset points", va="center")
+        axes.annotate("start", z[0], (0, 8), textcoords="offset points", ha="center")
         axes.plot(0.0, 0.0, marker="*", ms=13, color=HINDSIGHT, ls="", zorder=6, label="admissible optimum")
         axes.plot(*star, marker="x", ms=8, color=REFERENCE, ls="", zorder=5, label="optimum without the bound")
         axes.annotate("not admissible", (low[0], low[1]), (6, 6), textcoords="offset points", color="#555555")

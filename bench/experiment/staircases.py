@@ -32,8 +32,8 @@ def exhibit(axis: int, straight: Trial, hindsight: Trial, learned: Trial) -> Exh
             axes.plot(t, reference, color=REFERENCE, lw=1.0, ls="--", label=f"reference $s_{{r{name}}}$", zorder=3)
             axes.plot(t, run.y[window, axis], color=colour, label=f"actual $s_{name}$")
             axes.set_title(title)
-            axes.set_ylim(1.25 * reference.min(), 1.25 * reference.max())
-            axes.legend(loc="upper right")
+            axes.set_ylim(1.2 * reference.min(), 1.5 * reference.max())  # room for the legend
+            axes.legend(loc="upper right", ncols=2)
         a.set_ylabel(f"position {name}, µm")
         a_error.set_ylabel("error, µm")
         b_error.set_ylabel("error, nm")

@@ -84,7 +84,7 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
         "r_H": np.array((0.0, *s.play_thresholds)), "gains": creep_gain(s.creep_rates, s.sample_time),
         "zone_low": low, "zone_high": high, "outer_low": outer.low[:s.dead_zones], "outer_high": outer.high[:s.dead_zones],
         "guard": {"plausible": sensor_guard.PLAUSIBLE, "frozen_drive": sensor_guard.FROZEN_DRIVE,
-                  "jump": sensor_guard.JUMP},
+                  "jump": sensor_guard.JUMP, "following": sensor_guard.FOLLOWING},
         "period": _period(s.sample_time), "float_bound": f"{FLOAT_BOUND:g}",
         "memory": _memory(s, settings), "operations": numbers.operations(s, settings.learning, settings.cyclic),
         "special": 3 * s.d**2 if settings.cyclic else s.d * (s.d + 1)**2 + 3 * s.d**2,

@@ -55,15 +55,17 @@ def axis_bytes(s: ModelStructure, precision: Precision, learning: bool, cyclic: 
     reals, wides, integers = model + state + 5, 0, 0
     if learning:
         lead = padded(s.d + 1)
-        reals += play * creep + 3  # the guard's memory
-        wides, integers = 2 + lead, 6
+        reals += play * creep + 5  # the guard's memory
+        wides, integers = lead, 7
         if cyclic:
-            reals += 4 + play * (3 if creep else 1)
-            wides += 2 * (s.d + 1) * lead + s.d * lead + 5 * lead
-            integers += 2
+            reals += 6 + play * (3 if creep else 1)
+            wides += 2 * (s.d + 1) * lead + s.d * lead + 5 * lead + s.d * (s.d + 1) + s.d
+            integers += 1
         else:
-            wides += 2 * lead + 2 + 2 * (s.d + 1) * lead + 7 * lead + 1
-            integers += 1 + s.d + 4
+            reals += 4
+            swept, swept_integers = 2 * (s.d + 1) * lead + 7 * lead + 1, s.d + 4
+            wides += 2 * lead + 4 + 4 * swept + 3 * (lead + 1)
+            integers += 10 + 4 * (swept_integers + swept_integers % 2)
     return -(-(reals * BYTES[precision] + 8 * wides + 4 * integers) // 8) * 8
 
 

@@ -12,7 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.export.numbers import Precision
+from piezo_model.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
+from piezo_model.cyclic_learning import MIN_EXCITATION, NARROW, RECALL
 from piezo_model.identification_problem import UNDETERMINED
+from piezo_model.learning_settings import MIN_SLOPE
 from piezo_model.structure import ModelStructure
 from solvers.kernels.swept_gram import NEGLIGIBLE, REFRESH
 
@@ -40,7 +43,7 @@ class ExportSettings:
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
-    reset_s, build_s, learn_s, hold_back, memory_s, hand_over_s, fade_s : float
+    reset_s, build_s, learn_s, hold_back, memory_s, hand_over_s, fade_s, proximal : float
         As of ``SelfLearningCompensator``.
     name : str
         Prefix of files, functions and types.
@@ -60,9 +63,10 @@ class ExportSettings:
     build_s: float = 8.0
     learn_s: float = 1.9
     hold_back: float = 0.2
-    memory_s: float | None = None
+    memory_s: float = 2.0
     hand_over_s: float = 0.01
     fade_s: float = 0.002
+    proximal: float = 1e-6
     name: str = "piezo"
 
     def __post_init__(self) -> None:
@@ -70,6 +74,8 @@ class ExportSettings:
             value = getattr(self, field)
             if value is not None and not 0.0 < value < math.inf:
                 raise ExportError(f"{field} must be positive, not {value}")
+        if not 0.0 <= self.proximal < 1.0:
+            raise ExportError(f"proximal must be at least 0 and below 1, not {self.proximal}")
         if not 0.0 < self.hold_back < 1.0:
             raise ExportError(f"hold_back must be between 0 and 1, not {self.hold_back}")
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
@@ -93,13 +99,16 @@ class ExportSettings:
             return max(1, round(seconds / s.sample_time))
 
         low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
-        forgetting = math.exp(-s.sample_time / (self.build_s if self.memory_s is None else self.memory_s))
+        forgetting, interval = math.exp(-s.sample_time / self.memory_s), samples(self.hand_over_s)
         return {
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s),
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
-            "min_slope": 1e-3, "proximal": 1e-10, "belief": 1e-6, "step_ratio": 0.5, "undetermined": UNDETERMINED,
+            "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "belief": BELIEF, "step_ratio": 0.5,
+            "undetermined": UNDETERMINED, "min_excitation": MIN_EXCITATION, "narrow": NARROW, "recall": RECALL,
+            "smoothing": 1.0 / samples(1.0), "trust": TRUST, "tolerance": TOLERANCE,
             "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s * (1.0 - self.hold_back)),
             "hold_samples": samples(self.build_s * self.hold_back), "learn_samples": samples(self.learn_s),
-            "interval": samples(self.hand_over_s), "row_weight": 1.0 - forgetting, "root_growth": forgetting**-0.5,
+            "interval": interval, "checkpoint_intervals": max(1, samples(CHECKPOINT_S) // interval),
+            "half_window": samples(self.memory_s), "row_weight": 1.0 - forgetting, "root_growth": forgetting**-0.5,
             "refresh": REFRESH, "negligible": NEGLIGIBLE,
         }

@@ -169,7 +169,7 @@ def lines(table: pd.DataFrame, x: alt.X, y: alt.Y, tips: Sequence[alt.Tooltip], 
     base = alt.Chart(source).encode(x=x, y=y)
     drawn = base.mark_line(interpolate="step-after" if step else "linear", strokeWidth=1.6, clip=True).encode(
         color=colour, strokeDash=dash, detail=["name:N"],
-        opacity=alt.when(near).then(alt.value(1.0)).when(lane).then(alt.value(0.55)).otherwise(alt.value(0.05)),
+        opacity=alt.when(near).then(alt.value(1.0)).when(lane).then(alt.value(0.8)).otherwise(alt.value(0.05)),
         strokeWidth=alt.when(near).then(alt.value(4)).otherwise(alt.value(1.6))).add_params(lane)
     points = base.mark_point(filled=True, size=30, clip=True).encode(
         color=colour, tooltip=list(tips), opacity=alt.when(near).then(alt.value(1)).otherwise(alt.value(0.25))).add_params(near)
@@ -229,7 +229,8 @@ def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
                 "update_and_solve_us", op="min")),
             x=alt.X("us:Q", stack="normalize", title=f"share of the time in the lane {lane}",
                     axis=alt.Axis(format="%", tickCount=5)),
-            color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2", "#e69f00"])),
+            color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2", "#e69f00"]),
+                            legend=alt.Legend(columns=2)),
             order="at:O", tooltip=[alt.Tooltip("name:N"), alt.Tooltip("stage:N"), alt.Tooltip("us:Q", format=".3~g")])
         count = int(shown.groupby("view").name.nunique().max())
         charts.append(finished(bars.add_params(with_setup), views(shown), 30 + ROW * count))

@@ -14,6 +14,7 @@ from typing import Any
 import altair as alt
 import pandas as pd
 
+from bench import null_solver
 from bench.anytime import ANYTIME
 from bench.closed_loop import LOOP
 from bench.report import (
@@ -34,6 +35,7 @@ FILTERS = ("problem set", "scaling", "lane", "tier", "start", "status")
 HEADINGS = {"solver": "solver", "problem_set": "problem set", "scaling": "scaling",
             **{key: text for key, text in markdown.HEADINGS.items() if key != "solver"}}
 NAMES = 7
+TITLES = {"oneshot": "One-shot race", "stream": "Stream race", "anytime": "Anytime race", "loop": "Closed-loop race"}
 FAILURE = ["solver", "lane", "tier", "scaling", "problem", "status", "message"]
 ONESHOT_DEFINITIONS = (
     "right: problems whose relative cost gap (exact arithmetic, against the certified optimum) and constraint violation are "
@@ -100,11 +102,12 @@ def write(run: Run) -> Path:
     """Write ``report.html`` and ``figures/*.csv`` into the run's folder; returns the page's path."""
     contents = [make(run) for file, make in SOURCES.items() if (run.path / file).is_file()]
     settings = run.settings
+    race = str(settings.get("race", "oneshot"))
     pictures = sorted((run.path / "experiment").glob("*.svg"))
     conditions = settings.get("conditions", {}).get("warnings", [])
     return save(run.path / "report.html", "report.html.jinja",
                 [figure for content in contents for figure in content.figures],
-                title=f"{settings.get('race', 'oneshot').capitalize()} race {run.path.name}",
+                title=f"{TITLES.get(race, race)} {run.path.name}",
                 sentences=[text for content in contents for text in content.sentences],
                 tables=[table for content in contents for table in content.tables],
                 definitions=[text for content in contents for text in content.definitions],
@@ -144,7 +147,7 @@ def oneshot(run: Run) -> Content:
     table = figures.summary(rows)
     cells = [[Cell(markdown.text(line, key), _key(line, key)) for key in HEADINGS] for _, line in table.iterrows()]
     grids = [Grid("Who is right, and how fast", [*HEADINGS.values()], cells, NAMES, FILTERS)]
-    failed = rows[rows.message != ""].drop_duplicates(["solver", "lane", "message"])
+    failed = rows[(rows.message != "") & (rows.solver != null_solver.ENTRY.name)].drop_duplicates(["solver", "lane", "message"])
     if len(failed):
         grids.append(Grid.of_text("What went wrong", FAILURE, failed[FAILURE].astype(str).values.tolist(), 7,
                                   ("lane", "tier", "status")))

@@ -28,6 +28,8 @@ NOTICED = 1.1
 """The stage notices where its error is more than 10 % above the least."""
 EXACT = 1e-6
 """Cost gaps up to this are called exact."""
+NAMED = 6
+"""Learners that a sentence names."""
 GROUP = ["problem", "solver", "lane", "tier", "settings"]
 
 
@@ -72,15 +74,24 @@ def verdict(table: pd.DataFrame) -> Iterator[str]:
         yield (f"On the {problem} stage the least error is {best.rms_percent:.3f} % RMS of range ({1e3 * best.rms_um:.0f} nm), by "
                f"{best.who}; a straight line leaves {best.straight_rms_percent:.2f} %. {near.sum()} of {len(part)} learners are "
                f"within 10 % of it, with cost gaps up to {learned[near].cost_gap.max():.1e}.")
-        if not near.all():
-            far = learned[~near]
-            yield (f"The stage notices {len(far)} of them, with cost gaps from {far.cost_gap.min():.1e} on: the farthest is "
-                   f"{far.iloc[-1].who} with {far.iloc[-1].rms_percent:.3f} %.")
-        exact = learned[learned.cost_gap <= EXACT]
+        often = learned.refused > best.refused
+        if (refused := learned[~near & often]).size:
+            yield (f"{_names(refused)} are farther away since more of their answers were refused, up to {refused.refused.max()} where "
+                   f"the best had {best.refused}.")
+        if (far := learned[~near & ~often]).size:
+            yield (f"{_names(far)} are farther away with cost gaps from {far.cost_gap.min():.1e} on, up to "
+                   f"{far.rms_percent.max():.3f} %.")
+        exact = learned[(learned.cost_gap <= EXACT) & ~often]
         if len(exact) > 1:
-            low, high = exact.rms_percent.min(), exact.rms_percent.max()
-            yield (f"The {len(exact)} with a gap of at most {EXACT:g} are between {low:.4f} % and {high:.4f} %, though they take "
-                   f"from {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn.")
+            yield (f"The {len(exact)} with a gap of at most {EXACT:g} and no more refusals are between {exact.rms_percent.min():.4f} % "
+                   f"and {exact.rms_percent.max():.4f} %, though they take from {exact.learn_samples.min():.0f} to "
+                   f"{exact.learn_samples.max():.0f} samples to learn.")
+
+
+def _names(part: pd.DataFrame) -> str:
+    """The first few learners by name."""
+    names = list(part.who)
+    return "; ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
 def loop_report(run: Run) -> Report:
@@ -135,14 +146,15 @@ def plot(table: pd.DataFrame, path: Path) -> None:
         panels = figure.subplots(1, 3, sharey=True)
         for problem, colour, marker, size in ((STILL, LEARNED, "o", 5), (DRIFTING, STRAIGHT, "x", 5)):
             part = table[table.problem == problem].set_index("who").reindex(order)
-            drawn = (np.maximum(part.cost_gap, FLOOR), part.rms_percent, part.stale_samples)
+            drawn = (np.maximum(part.cost_gap, FLOOR), part.rms_percent, part.learn_samples)
             for axes, values in zip(panels, drawn, strict=True):
                 axes.plot(values, np.arange(len(order)), color=colour, marker=marker, ms=size, ls="", label=f"{problem} stage")
             panels[1].axvline(part.rms_percent.min(), color=colour, lw=0.8, ls=":")
-        names = ("relative cost gap of the weights in use", "RMS error, % of range", "staleness, samples")
+        names = ("relative cost gap in use", "RMS error, % of range", "staleness beyond\nthe hold-back, samples")
         for axes, name in zip(panels, names, strict=True):
             axes.set(xscale="log", xlabel=name)
         panels[0].set_yticks(range(len(order)), order)
+        panels[0].set_ylim(-1.0, len(order))
         if len(table):
             panels[1].axvline(float(table.straight_rms_percent.median()), color=HINDSIGHT, ls="--", label="straight line")
         figure.legend(*panels[1].get_legend_handles_labels(), loc="outside upper right", ncols=3)

@@ -1,4 +1,4 @@
-"""Plots of a run, as SVG; the figures come from `figures`."""
+"""Plots of a run, as SVG; the figures come from `plot_data`."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.race import PERIOD_US
-from bench.report import figures
+from bench.report import plot_data
 from piezo_model.atomic_file import replacing
 
 COLOURS = {"kernel": "#d55e00", "direct": "#0072b2", "qpsolvers": "#009e73", "cvxpy": "#cc79a7"}
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
-FLOOR = 1e-17
+FLOOR = plot_data.LEAST_GAP
 """Cost gaps below this are drawn at it."""
 
 
 def accuracy_against_time(rows: pd.DataFrame, path: Path) -> None:
     """The picture of the project: worst cost gap against time for one answer, with the sampling period as a line."""
-    table = figures.raced(figures.summary(rows))
-    table = table[(table.scaling == "scaled") & table.worst_cost_gap.notna()]
-    stepping = table.settings.str.contains('"steps"')
+    table = plot_data.accuracy(rows)
+    table = table[table.scaling == "scaled"]
+    table = table[table["view"] == table["view"].iloc[0]] if len(table) else table
     mpl.rcParams["svg.hashsalt"] = "piezobench"  # the same run draws the same file
     mpl.rcParams["svg.fonttype"] = "none"
     figure = Figure(figsize=(9, 5.5), layout="constrained")
     axes = figure.add_subplot()
-    most_exact = table[~stepping].sort_values("tier", key=lambda tiers: tiers != "high")
-    for lane, part in most_exact.drop_duplicates(["solver", "lane"]).groupby("lane"):
+    for lane, part in table[table.pace == plot_data.FULL_SOLVE].groupby("lane"):
         gap = np.maximum(part.worst_cost_gap, FLOOR)
-        axes.scatter(part.total_us, gap, s=28, color=COLOURS[str(lane)], label=f"{lane} lane", zorder=3)
+        axes.scatter(part.total_us, gap, s=28, color=COLOURS[str(lane)], label=f"{lane!s} lane", zorder=3)
         if lane in ("direct", "kernel"):
             for time, height, name in zip(part.total_us, gap, part.solver, strict=True):
                 axes.annotate(name, (time, height), (3, 3), textcoords="offset points", fontsize=7)
-    for solver, part in table[stepping & (table.lane == "kernel")].groupby("solver"):
-        part = part.sort_values("periods")
-        axes.plot(part.periods * PERIOD_US, np.maximum(part.worst_cost_gap, FLOOR), marker=".", lw=1,
-                  label=f"{solver}, one step a period")
+    for solver, part in table[table.pace == plot_data.PAPERS_PACE].groupby("solver"):
+        axes.plot(part.total_us, np.maximum(part.worst_cost_gap, FLOOR), marker=".", lw=1,
+                  label=f"{solver!s}, {plot_data.PAPERS_PACE}")
     axes.axvline(PERIOD_US, color="black", lw=1, ls="--")
     axes.annotate("sampling period, 125 µs", (PERIOD_US, 1.0), (4, -10), xycoords=("data", "axes fraction"),
                   textcoords="offset points", fontsize=8)
     axes.set(xscale="log", yscale="log", xlabel="time for one answer, µs (update and solve)",
              ylabel="worst relative cost gap to the certified optimum")
+    if len(table):
+        axes.set_title(table["view"].iloc[0], fontsize=9)
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:  # somebody answered
         axes.legend(fontsize=8)

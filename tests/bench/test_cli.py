@@ -97,7 +97,7 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (["compensat"], "piezobench: No such command 'compensat'. Did you mean 'compensate'?; see piezobench --help"),
+    (["identif"], "piezobench: No such command 'identif'. Did you mean 'identify'?; see piezobench --help"),
     (["--fast"], "piezobench: No such option: --fast; see piezobench --help"),
     (["race", "--quick"], "piezobench race: No such option: --quick; see piezobench race --help"),
     (["race", "--limit", "some"], "--limit"), (["race", "--limit", "0"], "--limit"), (["race", "--tier", "best"], "'default', "),

@@ -175,7 +175,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     (folder / "run.json").write_text(json.dumps(noted))
     browser.open(html.write(run))
     assert browser.console() == []
-    assert browser.run("return document.title") == f"Oneshot race {folder.name}"
+    assert browser.run("return document.title") == f"One-shot race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
     assert EVIL in column(browser, "solver")
     assert any(EVIL in text for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)"))

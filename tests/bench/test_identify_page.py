@@ -136,7 +136,7 @@ def test_a_recording_that_is_too_short_for_cross_validation_is_refused() -> None
     x, y = signals()
     structure = identify(recording(x, y)).structure
     with pytest.raises(IdentificationError, match="too few for cross-validation"):
-        select_order(recording(x[:200], y[:200]), structure, None)
+        select_order(recording(x[:30], y[:30]), structure, None)
 
 
 def test_a_page_cannot_be_written_where_there_is_no_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:

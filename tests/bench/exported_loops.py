@@ -1,0 +1,109 @@
+"""Signals for the exported C and what Python makes of them: a million samples each, with everything that goes wrong in them.
+
+References leave the range, are NaN and infinite; in the loops the actuator is a model of another structure with noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.export.settings import ExportSettings
+from piezo_model import Compensator, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
+from piezo_model.operator_state import OperatorState
+
+Vector = NDArray[np.float64]
+
+MILLION = 1_000_000
+SAMPLE_TIME = 125e-6
+LIMITS = (5.0, 145.0)
+PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.7}
+LEARNING = {"cyclic": "projected_difference", "continuous": "recursive_active_set"}
+
+
+def a_model(n: int = 5, m: int = 3, rates: tuple[float, ...] = (100.0, 1.0, 0.1), offset: bool = False,
+            seed: int = 0) -> HysteresisCreepModel:
+    """A model whose weights a piezo stack could have."""
+    structure = ModelStructure.equidistant(n=n, m=m, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=rates,
+                                           sample_time=SAMPLE_TIME, offset=offset)
+    rng, v = np.random.default_rng(seed), np.zeros(structure.d)
+    H, S, K = structure.slices
+    v[H], v[S] = rng.uniform(0.0, 0.5 / (n + 1), n), rng.uniform(0.8, 1.3, structure.dead_zones)
+    v[K] = rng.uniform(0.0, 0.1 / (n + 1), structure.creep_weights)
+    if offset:
+        v[-1] = 0.03
+    return HysteresisCreepModel.from_weights(structure, structure.slope_map @ v)
+
+
+def references(size: int, seed: int = 1) -> Vector:
+    """Slow and fast sines over most of the range, with spikes beyond it, NaN, infinities and huge numbers."""
+    k, rng = np.arange(size), np.random.default_rng(seed)
+    t = k * SAMPLE_TIME
+    y = 14.0 * np.sin(2 * np.pi * 7.3 * t) * np.cos(2 * np.pi * 0.37 * t) + 4.0 * np.sin(2 * np.pi * 31.0 * t)
+    y[rng.integers(0, size, size // 500)] *= 4.0
+    for value in (np.nan, np.inf, -np.inf, 1e30):
+        y[rng.integers(0, size, size // 2000)] = value
+    return y
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an export is run on and what is to come out."""
+
+    model: HysteresisCreepModel
+    settings: ExportSettings
+    samples: Vector
+    x: Vector
+    events: tuple[int, ...] = ()
+
+
+def compensation(size: int = MILLION) -> Told:
+    """A compensator with limits of drive and rate, both of which are reached."""
+    model, y_ref = a_model(), references(size)
+    compensator = Compensator(model, x_limits=LIMITS, rate_limit=2e5)
+    x = compensator.run(y_ref)
+    assert {LIMITS[0], LIMITS[1]} <= set(x.tolist())
+    return Told(model, ExportSettings(x_limits=LIMITS, rate_limit=2e5), y_ref, x)
+
+
+class Stage:
+    """An actuator with noise, and a sensor that may fail."""
+
+    def __init__(self, size: int, faulty: bool) -> None:
+        self.model = a_model(n=9, m=2, rates=(30.0, 0.5), seed=7)
+        self.state = OperatorState.at_rest(self.model.structure)
+        self.noise = 0.03 * np.random.default_rng(3).standard_normal(size)
+        self.faulty, self.done = faulty, 0
+
+    def __call__(self, x: Vector) -> Vector:
+        """Measured output of drive samples."""
+        k = np.arange(self.done, self.done + x.size)
+        self.done += x.size
+        y = self.model.simulate(x, self.state) + self.noise[k]
+        if self.faulty:
+            y[k % 9000 == 5] = np.nan
+            y[k % 25000 == 7] = 30.0                     # implausible
+            y[(k >= 50_000) & (k < 50_400)] = 3.0        # frozen
+            y[(k >= 70_000) & (k < 72_000)] += 8.0       # a plug pulled and put back
+            y[(k >= 90_000) & (k < 91_000)] = -np.inf
+        return y
+
+
+def learning(mode: str, size: int = MILLION, faulty: bool = False) -> Told:
+    """The self-learning loop on a stage."""
+    model = a_model(offset=True)
+    start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
+    learner = SelfLearningCompensator(start.structure, solver=LEARNING[mode], mode=mode, x_limits=LIMITS,
+                                      model=start, **PHASES)
+    y_ref, stage = references(size, seed=2), Stage(size, faulty)
+    x, y = learner.run(y_ref, stage)
+    events = learner.counts["hand_overs"], learner.counts["refusals"]
+    settings = ExportSettings(part="learning", solver=LEARNING[mode], x_limits=LIMITS, **PHASES)
+    return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y[:-1]])]), x, events)
+
+
+def single(told: Told) -> Told:
+    """The same in single precision."""
+    return replace(told, settings=replace(told.settings, precision="float"))

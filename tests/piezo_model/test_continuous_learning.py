@@ -1,0 +1,136 @@
+"""Continuous operation: drift, rest, faults and what is remembered over them."""
+
+import numpy as np
+import pytest
+from faulty_sensor import rms_percent, steps
+from learning_loops import learner_for, sensor
+
+from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, continuous_step, plants
+from piezo_model.fitting import optimum
+from piezo_model.learning_events import Phase
+from piezo_model.plants.protocol import Memory
+
+
+def error(y: np.ndarray, y_ref: np.ndarray, plant: object) -> float:
+    return rms_percent(y, y_ref, plant)  # type: ignore[arg-type]
+
+
+def test_it_follows_a_drift_of_the_gain_as_a_model_refitted_with_hindsight_does_and_better_than_cycles() -> None:
+    squares = dict.fromkeys(("continuous", "cyclic", "hindsight"), 0.0)
+    for mode in ("continuous", "cyclic"):
+        plant = sensor(gain_drift_per_s=0.05 / 60.0)
+        learner, y_ref = learner_for(plant, mode, build_s=8.0), steps(plant, 10.0)
+        for window in range(6):
+            state, before, model = learner.compensator.state.copy(), plant.state(), learner.model
+            x, y = learner.run(y_ref, plant.run)
+            if window == 0:
+                continue  # the start, where nothing was known
+            squares[mode] += error(y, y_ref, plant) ** 2
+            if mode == "continuous":
+                after = plant.state()
+                squares["hindsight"] += refitted(model, state, plant, before, x, y, y_ref) ** 2
+                plant.restore(after)
+    assert squares["continuous"] < 1.5**2 * squares["hindsight"]
+    assert squares["continuous"] < squares["cyclic"]
+
+
+def refitted(model: HysteresisCreepModel, state: OperatorState, plant: plants.Sensor, before: Memory, x: np.ndarray,
+             y: np.ndarray, y_ref: np.ndarray) -> float:
+    """Error over a window with the best of a few models that were identified from that very window."""
+    errors = []
+    for _ in range(3):
+        basis = DataBasis(model.structure, state)
+        basis.update(x, y)
+        model = HysteresisCreepModel.from_weights(model.structure, optimum(basis.problem(model.weights), "box_active_set"))
+        plant.restore(before)
+        x = Compensator(model, plant.x_range, state=state).run(y_ref)
+        y = plant.run(x)
+        errors.append(error(y, y_ref, plant))
+    return min(errors)
+
+
+def test_hours_at_rest_do_not_wind_it_up() -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 20.0)
+    y = learner.run(y_ref, plant.run)[1]
+    before = error(y[-5000:], y_ref[-5000:], plant)
+    rest = np.full(600_000, 5.0)
+    y = learner.run(rest, plant.run)[1]
+    assert error(y[-5000:], rest[-5000:], plant) < before
+    weights, hand_overs = learner.model.weights, learner.counts["hand_overs"]
+    learner.run(rest[:100_000], plant.run)
+    np.testing.assert_array_equal(learner.model.weights, weights)
+    assert learner.counts["hand_overs"] == hand_overs
+    y = learner.run(y_ref, plant.run)[1]
+    assert error(y[500:5000], y_ref[500:5000], plant) < 3.0 * before
+    assert error(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
+
+
+def test_ten_minutes_of_the_same_staircase_change_nothing() -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 60.0)
+    levels = []
+    for _ in range(10):
+        y = learner.run(y_ref, plant.run)[1]
+        levels.append(error(y[-10_000:], y_ref[-10_000:], plant))
+    assert max(levels[1:]) < 1.1 * levels[0]
+
+
+def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 30.0)
+    learner.run(y_ref, plant.run)
+    assert learner.samples == y_ref.size == sum(learner.counts[v] for v in ("good", "missing", "refused", "jumped"))
+    assert learner.counts["hand_overs"] > 500
+    assert [event.what for event in learner.log] == ["hand-over"]
+
+
+@pytest.mark.parametrize("seconds", [0.001, 0.05, 3.0])
+def test_after_a_drop_out_it_goes_on_with_what_it_had_learned(seconds: float) -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 20.0)
+    y = learner.run(y_ref, plant.run)[1]
+    before = error(y[-5000:], y_ref[-5000:], plant)
+
+    def dropped(x: np.ndarray) -> np.ndarray:
+        return np.full_like(plant.run(x), 17.3)
+
+    learner.run(y_ref[:30], plant.run)  # into a step of the staircase
+    learner.run(y_ref[30:30 + round(seconds / plant.sample_time)], dropped)
+    assert learner.counts["jumped"] + learner.counts["refused"] > 0
+    y = learner.run(y_ref, plant.run)[1]
+    assert error(y[1000:6000], y_ref[1000:6000], plant) < 1.5 * before
+    assert learner.phase is Phase.LEARN
+    assert not any("begins anew" in event.message for event in learner.log) or seconds > 1.0
+
+
+def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), 0.7 * steps(plant, 20.0)
+    y = learner.run(y_ref, plant.run)[1]
+    before = error(y[-5000:], y_ref[-5000:], plant)
+
+    def shifted(x: np.ndarray) -> np.ndarray:
+        return plant.run(x) + 6.0
+
+    learner.run(y_ref[:30], plant.run)  # into a step of the staircase
+    learner.run(y_ref[30:60], shifted)
+    y = learner.run(y_ref, shifted)[1]
+    assert any("learning begins anew" in event.message for event in learner.log)
+    assert error(y[-5000:], y_ref[-5000:], plant) < 1.3 * before
+
+
+def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 20.0)
+    y = learner.run(y_ref, plant.run)[1]
+    before = error(y[-5000:], y_ref[-5000:], plant)
+    model = learner.model
+    structure, w = model.structure, model.weights
+    v = structure.inverse_slope_map @ w
+    v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope, as flat as it may be
+    learner._learning.arrays.candidate[1:structure.d + 1] = v  # type: ignore[union-attr]
+    learner._learning.counts[continuous_step.REVERT] = 1  # whatever it predicts
+    learner.run(y_ref[:20], plant.run)
+    y = learner.run(y_ref, plant.run)[1]
+    assert error(y[-5000:], y_ref[-5000:], plant) < 1.1 * before

@@ -1,0 +1,316 @@
+"""The self-learning compensator as a whole, in both modes where they share what they promise."""
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
+from learning_loops import MODES, NOISE, WAYS, T, learner_for, sensor, structure_for
+
+from piezo_model import OperatorState, SelfLearningCompensator, compensator_file, plants
+from piezo_model.deployment import Deployment
+from piezo_model.learning_events import Phase
+from piezo_model.model import HysteresisCreepModel, ModelError
+from solvers.kernel.box_active_set import BoxActiveSet
+
+RATE_LIMIT = 2e4
+
+
+def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
+    """References and the outputs measured before them of a session with a gap and a jump."""
+    plant = sensor()
+    y_ref = steps(plant, seconds)
+    y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200).run(y_ref, plant.run)[1]
+    before = np.concatenate([[np.nan], y[:-1]])
+    before[1000:1010] = np.nan
+    before[6000:6080] += 15.0
+    return y_ref, before
+
+
+def fresh(mode: str, solver: str) -> SelfLearningCompensator:
+    return learner_for(sensor(), mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200)
+
+
+# One sample after the other
+
+
+@pytest.mark.parametrize(("mode", "solver"), WAYS)
+def test_a_run_equals_single_steps_bit_for_bit(mode: str, solver: str) -> None:
+    one, two = sensor(), sensor()
+    y_ref = steps(one, 8.0)
+    y_ref[3000:3020] = np.nan
+    x, y = fresh(mode, solver).run(y_ref, one.run)
+    stepped, before = fresh(mode, solver), math.nan
+    for k in range(y_ref.size):
+        assert stepped.step(float(y_ref[k]), before) == x[k]
+        before = two.step(float(x[k]))
+        assert before == y[k]
+    assert stepped.counts["hand_overs"] > 0
+
+
+@pytest.mark.parametrize(("mode", "solver"), WAYS)
+def test_a_replay_in_any_chunks_equals_single_steps_bit_for_bit(mode: str, solver: str) -> None:
+    y_ref, before = recorded(mode, solver)
+    stepped = fresh(mode, solver)
+    x = [stepped.step(*pair) for pair in zip(y_ref.tolist(), before.tolist(), strict=True)]
+    for cuts in ([], [1, 2, 700, 5999, 6001, 9000]):
+        replayed = fresh(mode, solver)
+        parts = [replayed.replay(*pair) for pair in zip(np.split(y_ref, cuts), np.split(before, cuts), strict=True)]
+        np.testing.assert_array_equal(np.concatenate(parts), x)
+        assert replayed.counts == stepped.counts
+        assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
+
+
+@pytest.mark.parametrize(("mode", "solver"), WAYS)
+def test_saved_in_the_middle_of_any_phase_it_goes_on_bit_for_bit(mode: str, solver: str, tmp_path: Path) -> None:
+    y_ref, before = recorded(mode, solver)
+    whole = fresh(mode, solver)
+    x = whole.replay(y_ref, before)
+    cuts = [0, 50, 1005, 1500, 1850, 2090, 2200, 2300, 5000, 6010, 6050, 6100, 8000, y_ref.size]
+    one, parts, phases = fresh(mode, solver), [], set()
+    for start, stop in pairwise(cuts):
+        parts.append(one.replay(y_ref[start:stop], before[start:stop]))
+        phases.add(one.phase)
+        one.save(tmp_path / "learner.json")
+        one = SelfLearningCompensator.load(tmp_path / "learner.json")
+    np.testing.assert_array_equal(np.concatenate(parts), x)
+    assert one.counts == whole.counts
+    assert [event.message for event in one.log] == [event.message for event in whole.log]
+    assert {Phase.RESET, Phase.LEARN} <= phases
+
+
+# Files
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(mode: str, tmp_path: Path) -> None:
+    path, learner = tmp_path / "learner.json", fresh(mode, "box_active_set")
+    learner.replay(*(v[:2500] for v in recorded(mode, "box_active_set", 4.0)))
+    learner.save(path)
+    text, random = path.read_text(), np.random.default_rng(0)
+    damaged = [text[:len(text) // 2], "", "[]", '{"format": "piezobench-model"}']
+    for at in random.integers(0, len(text) - 1, 60):
+        if text[at].isalnum():
+            damaged.append(text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1:])
+    for content in damaged:
+        path.write_text(content)
+        with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*$"):
+            SelfLearningCompensator.load(path)
+    with pytest.raises(ModelError, match=r"nowhere\.json: there is no such file"):
+        SelfLearningCompensator.load(tmp_path / "nowhere.json")
+
+
+def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
+    path, learner = tmp_path / "learner.json", fresh("cyclic", "box_active_set")
+    memory = learner.memory()
+    memory["learning"]["basis"]["gram"] = np.zeros(3)
+    compensator_file.write(path, learner.settings.to_dict(), memory)
+    with pytest.raises(ModelError, match="does not hold a whole compensator: the memory of the data basis has no array 'gram'"):
+        SelfLearningCompensator.load(path)
+
+
+def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
+    structure = structure_for(sensor())
+    model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
+    Deployment(model, "projected_difference", "kernel", "high", {"steps": 5}, "cyclic", (10.0, 140.0)).save(tmp_path / "c.json")
+    learner = SelfLearningCompensator.load(tmp_path / "c.json", build_s=1.0)
+    chosen = learner.settings
+    assert (chosen.solver, chosen.x_limits, chosen.build_s) == ("projected_difference", (10.0, 140.0), 1.0)
+    assert learner.structure == structure
+    assert learner.step(1e9, math.nan) == 140.0
+
+
+def test_a_saved_file_says_what_it_is_and_takes_no_other_options(tmp_path: Path) -> None:
+    path = tmp_path / "learner.json"
+    fresh("cyclic", "box_active_set").save(path)
+    content = json.loads(path.read_text())
+    assert (content["format"], content["version"]) == ("piezobench-learner", 1)
+    with pytest.raises(ValueError, match="goes on with the settings that it was saved with, so mode must not be given"):
+        SelfLearningCompensator.load(path, mode="continuous")
+
+
+# What it is for
+
+
+@pytest.mark.parametrize(("plant", "worst"), [("dense_prandtl_ishlinskii", 1 / 50), ("relay_preisach", 1 / 20),
+                                             ("bouc_wen", 1 / 9)])
+@pytest.mark.parametrize("mode", MODES)
+def test_three_cycles_take_away_most_of_the_error_of_the_best_straight_line(plant: str, worst: float, mode: str) -> None:
+    one = sensor(plant)
+    y_ref = steps(one, 24.0)
+    y = learner_for(one, mode).run(y_ref, one.run)[1]
+    assert rms_percent(y[-4000:], y_ref[-4000:], one) < worst * best_straight_line(plant, y_ref[:8000])
+
+
+def best_straight_line(plant: str, y_ref: np.ndarray) -> float:
+    """Error of x = a + b y_ref with a and b found in hindsight, by a few steps of Gauss–Newton."""
+    one = sensor(plant, noise_um=0.0)
+    a, b = 75.0, 150.0 / (one.y_range[1] - one.y_range[0])
+    for _ in range(6):
+        one.reset()
+        y = one.run(np.clip(a + b * y_ref, *one.x_range))
+        turn, shift = np.polyfit(y_ref, y_ref - y, 1)
+        a, b = a + b * shift, b * (1.0 + turn)
+    return rms_percent(y, y_ref, one)
+
+
+def test_without_a_constant_the_centre_of_an_asymmetric_loop_is_found_and_pays() -> None:
+    errors = {}
+    for find_centre in (True, False):
+        one = sensor()
+        y_ref = steps(one, 16.0)
+        learner = learner_for(one, offset=False, find_centre=find_centre)
+        y = learner.run(y_ref, one.run)[1]
+        errors[find_centre] = rms_percent(y[-4000:], y_ref[-4000:], one)
+        assert not learner.structure.offset or learner.counts["hand_overs"] == 0
+    assert errors[True] < 0.1 * errors[False]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
+    one = sensor()
+    structure = structure_for(one, n=20, m=7)
+    y_ref = steps(one, 30.0)
+    learner = SelfLearningCompensator(structure, 0.1, 6.0, 0.5, "box_active_set", mode=mode, hand_over_s=0.02,
+                                      samples_to_solve=5, state=OperatorState.at_rest(structure, -1.0, 1.0))
+    y = learner.run(y_ref, one.run)[1]
+    assert rms_percent(y[-6000:], y_ref[-6000:], one) < 1.3 * 100.0 * NOISE
+
+
+# Faults
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_half_a_million_samples_of_every_fault_never_get_through_to_the_drive_and_are_forgotten(mode: str) -> None:
+    plant = sensor()
+    low, high = plant.x_range
+    learner = learner_for(plant, mode, rate_limit=RATE_LIMIT)
+    faulty, clean = FaultySensor(plant, seed=5), steps(plant, 30.0)
+    faulty.failing = False
+    y = learner.run(clean, faulty)[1]
+    before = rms_percent(y[-6000:], clean[-6000:], plant)
+    faulty.failing = True
+    for part in range(5):
+        y_ref = spoiled(steps(plant, 100.0), *plant.y_range, seed=part)
+        x = learner.run(y_ref, faulty)[0]
+        assert np.all(np.isfinite(x))
+        assert np.all((x >= low) & (x <= high))
+        assert np.max(np.abs(np.diff(x))) <= RATE_LIMIT * T * (1 + 1e-12)
+    assert min(learner.counts[name] for name in ("missing", "refused", "jumped")) > 1000
+    faulty.failing = False
+    y = learner.run(clean, faulty)[1]
+    assert rms_percent(y[-6000:], clean[-6000:], plant) < 1.2 * before
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_sensor_that_is_dead_for_good_leaves_the_last_good_weights_at_work(mode: str) -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant, mode), steps(plant, 12.0)
+    y = learner.run(y_ref, plant.run)[1]
+    before, hand_overs = rms_percent(y[-3000:], y_ref[-3000:], plant), learner.counts["hand_overs"]
+    truth: list[np.ndarray] = []
+
+    def dead(x: np.ndarray) -> np.ndarray:
+        truth.append(plant.run(x))
+        return np.full_like(x, np.nan)
+
+    learner.run(y_ref, dead)
+    assert learner.counts["hand_overs"] == hand_overs
+    assert rms_percent(np.concatenate(truth)[-3000:], y_ref[-3000:], plant) < 3.0 * before
+
+
+def test_missing_samples_only_make_the_phases_longer() -> None:
+    plant = sensor()
+    learner = learner_for(plant, build_s=2.0, samples_to_solve=200)
+
+    def gappy(x: np.ndarray) -> np.ndarray:
+        return np.where((learner.samples + np.arange(x.size)) % 3 == 0, np.nan, plant.run(x))
+
+    learner.run(steps(plant, 3.5), gappy)
+    assert learner.counts["hand_overs"] == 1
+    assert learner.log[0].sample == pytest.approx(1.5 * 2100 + 200, abs=20)  # 2.1 s of good samples, then learning
+
+
+def test_a_fault_while_samples_are_counted_throws_them_away() -> None:
+    y_ref, before = recorded("cyclic", "box_active_set")
+    before[1200:1300] += 20.0
+    learner = fresh("cyclic", "box_active_set")
+    learner.replay(y_ref[:1250], before[:1250])
+    assert learner.phase is Phase.RESET
+    assert learner.log[-1].what == "sensor"
+
+
+# New weights
+
+
+def test_new_weights_from_a_drive_that_hardly_moves_are_refused() -> None:
+    plant = sensor()
+    learner = learner_for(plant, build_s=1.0)
+    learner.run(np.linspace(-20.0, 0.0, 300), plant.run)
+    learner.run(np.full(3000, 0.0), plant.run)
+    assert learner.counts["hand_overs"] <= 1
+    assert "of its range only, and 2 % are needed" in learner.log[-1].message
+
+
+def test_a_solver_without_an_answer_or_with_an_error_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nonsense(self: object, warm_start: object = None) -> np.ndarray:
+        return np.full(19, np.nan)
+
+    def fails(self: object, warm_start: object = None) -> np.ndarray:
+        raise RuntimeError("no luck today")
+
+    for behaviour, words in ((nonsense, "found no finite weights"), (fails, "failed: no luck today")):
+        monkeypatch.setattr(BoxActiveSet, "solve", behaviour)
+        plant = sensor()
+        learner = learner_for(plant, build_s=2.0)
+        x = learner.run(steps(plant, 3.0), plant.run)[0]
+        assert np.all(np.isfinite(x))
+        assert learner.counts["hand_overs"] == 0
+        assert words in learner.log[-1].message
+
+
+def test_weights_that_predict_held_back_data_worse_are_refused() -> None:
+    plant = sensor()
+    learner, y_ref = learner_for(plant), steps(plant, 8.0)
+    learner.run(y_ref, plant.run)
+
+    def lying(x: np.ndarray) -> np.ndarray:
+        y = plant.run(x)
+        return y * 1.1 if learner.phase is Phase.BUILD else y  # and right in the part that is held back
+
+    while learner.counts["refusals"] == 0 and learner.samples < 30_000:
+        weights, at = learner.model.weights, learner.samples % (y_ref.size - 10)
+        learner.run(y_ref[at:at + 10], lying)
+    assert learner.log[-1].error_new > learner.log[-1].error_old
+    np.testing.assert_array_equal(learner.model.weights, weights)
+
+
+def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
+    plant = sensor()
+    learner, wide = learner_for(plant), steps(plant, 12.0)
+    learner.run(wide, plant.run)
+    narrow = 5.0 + 0.1 * steps(plant, 60.0)
+    y = learner.run(narrow, plant.run)[1]
+    assert rms_percent(y[-3000:], narrow[-3000:], plant) < 0.2
+    y = learner.run(wide, plant.run)[1]
+    assert rms_percent(y[500:3000], wide[500:3000], plant) < 3.0
+
+
+# Bad input
+
+
+def test_senseless_input_is_refused_in_one_sentence() -> None:
+    plant = plants.get("relay_preisach", sample_time=T)
+    learner, structure = learner_for(plant), structure_for(plant)
+    with pytest.raises(ValueError, match=r"x\[1\] is not a finite number"):
+        learner.observe([0.0, math.nan], [0.0, 0.0])
+    with pytest.raises(ValueError, match="vectors of the same length"):
+        learner.replay([0.0, 1.0], [0.0])
+    with pytest.raises(ValueError, match="x_limits must be two numbers in ascending order"):
+        SelfLearningCompensator(structure, x_limits=(1.0, 0.0))
+    other = HysteresisCreepModel.from_weights(structure_for(plant, n=3), structure_for(plant, n=3).straight_line)
+    with pytest.raises(ValueError, match="the model has another structure than the one given"):
+        SelfLearningCompensator(structure, model=other)
