@@ -221,5 +221,6 @@ def test_an_adapter_without_its_library_raises_import_error(name: str, monkeypat
     for module in [module for module in sys.modules if module.startswith("solvers.direct.")]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, FIELD[name].library, None)
-    with pytest.raises(ImportError, match=FIELD[name].library):
+    with pytest.raises(ImportError) as refused:
         importlib.import_module(f"solvers.direct.{name}")
+    assert refused.value.name in {FIELD[name].library, "jax"}  # qpax is written in jax, which is asked for first
