@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from bench.experiment import boundary, cycles, elementary_operators, loops, page, push_pull, staircases, trial
+from bench.experiment import (
+    actuators,
+    boundary,
+    cycles,
+    elementary_operators,
+    loops,
+    page,
+    push_pull,
+    staircases,
+    trial,
+)
 from bench.experiment.rig import AXES, Rig
 from bench.experiment.style import Exhibit
 from piezo_model.atomic_file import write_text
@@ -40,7 +51,7 @@ def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lamb
         Where the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    total, done = len(push_pull.CASES) + 5, 0
+    total, done = len(push_pull.CASES) + len(actuators.CASES) + 5, 0
 
     def say(what: str) -> None:
         nonlocal done
@@ -55,13 +66,17 @@ def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lamb
     learned = trial.learned(rig)
     say("a drifting stage")
     by_cycle = cycles.exhibit(straight, hindsight, learned)
-    rows = []
-    for case in push_pull.CASES:
-        say(str(case))
-        rows.append(case.row(rig))
+
+    def rows(cases: Iterable[actuators.Case | push_pull.Case]) -> pd.DataFrame:
+        def row(case: actuators.Case | push_pull.Case) -> dict[str, Any]:
+            say(str(case))
+            return case.row(rig)
+
+        return pd.DataFrame([row(case) for case in cases])
+
     exhibits = (*(staircases.exhibit(i, straight, hindsight, learned) for i in range(len(AXES))),
-                loops.exhibit(straight, learned), by_cycle, push_pull.exhibit(pd.DataFrame(rows)),
-                elementary_operators.exhibit(), boundary.exhibit(learned))
+                loops.exhibit(straight, learned), by_cycle, actuators.exhibit(rows(actuators.CASES)),
+                push_pull.exhibit(rows(push_pull.CASES)), elementary_operators.exhibit(), boundary.exhibit(learned))
     say("figures")
     for exhibit in exhibits:
         exhibit.write(folder)

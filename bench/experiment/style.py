@@ -18,6 +18,7 @@ from piezo_model.atomic_file import replacing
 
 REFERENCE = "#000000"
 STRAIGHT, LEARNED, HINDSIGHT, OTHER = COLOURS["kernel"], COLOURS["direct"], COLOURS["qpsolvers"], COLOURS["cvxpy"]
+CONTINUOUS = "#56b4e9"
 """One colour for one thing in every figure, of Okabe and Ito's palette."""
 PALE = "#d9d9d9"
 WIDTH_IN = 9.0

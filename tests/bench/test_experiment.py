@@ -11,7 +11,7 @@ from command_line import CommandLine, Finished
 from bench.experiment import boundary, trial
 from bench.experiment.rig import AMPLITUDE_UM, Rig
 
-FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles", "push_pull", "fig1_operators", "fig2_boundary")
+FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles", "actuators", "push_pull", "fig1_operators", "fig2_boundary")
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +123,12 @@ def test_what_cannot_be_made_is_refused_in_one_sentence(piezobench: CommandLine,
     assert "is no folder" in piezobench("experiment", "--out", occupied).refusal
     assert "there is no solver 'magic'" in piezobench("experiment", "--solver", "magic", "--out", tmp_path).refusal
     assert list(tmp_path.iterdir()) == [occupied]
+
+
+def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_the_class_can_do(folder: Path) -> None:
+    t = table(folder, "actuators")
+    last = t[[name for name in t if name.startswith("cycle_")][-1]]
+    assert set(t["mode"]) == {"cyclic", "continuous"}
+    assert (last < 0.2 * t.best_straight_percent).all()
+    assert (t.best_straight_percent <= t.straight_percent).all()
+    assert (t.hindsight_percent < 1.1 * last).all()  # else it would not be the best

@@ -1,0 +1,161 @@
+"""Learning on actuators that no model of the class can be, beside the best that the class can do with hindsight.
+
+One actuator at a time follows the staircase with noise of 2e-4 of its range on the sensor. Hindsight is a model of the
+same orders that is identified from the very cycle it is judged on, drives it again from the same states, and is identified
+anew from what that gave: the best of a few rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bench.experiment.rig import CREEP_RATES, LEVELS, Rig, Vector, at_low_end
+from bench.experiment.style import CONTINUOUS, HINDSIGHT, LEARNED, OTHER, REFERENCE, STRAIGHT, Exhibit
+from piezo_model import (
+    Compensator,
+    DataBasis,
+    HysteresisCreepModel,
+    ModelStructure,
+    OperatorState,
+    SelfLearningCompensator,
+    plants,
+)
+from piezo_model.fitting import optimum
+from piezo_model.learning_settings import Mode
+from piezo_model.plants.protocol import Memory
+from piezo_model.signals import staircase
+
+NOISE = 2e-4
+"""Standard deviation of the sensor's noise, of the range."""
+MARGIN = 0.08
+"""Of the range, on either side of the staircase."""
+ROUNDS = 4
+SOLVER = "box_active_set"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One learner: on which actuator, with how many plays and dead zones, in which mode."""
+
+    plant: str
+    n: int
+    m: int
+    mode: Mode
+
+    def __str__(self) -> str:
+        return f"{self.plant}, {self.mode}, n = {self.n}, m = {self.m}"
+
+    def row(self, rig: Rig) -> dict[str, Any]:
+        """Errors in percent of the actuator's range: per cycle, with hindsight, and of straight lines."""
+        sensor = sensor_of(self.plant, rig)
+        structure = ModelStructure.equidistant(self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, rig.sample_time,
+                                               offset=self.mode == "continuous")  # in cycles it finds the loop's centre itself
+        learner = SelfLearningCompensator(structure, rig.reset_s, rig.build_s, rig.learn_s, SOLVER, sensor.x_range, self.mode,
+                                          state=at_low_end(structure), samples_to_solve=1)
+        y_ref, errors = steps(sensor, rig), []
+        for cycle in np.split(y_ref, rig.cycles):
+            state, before = learner.compensator.state.copy(), sensor.state()
+            x, y = learner.run(cycle, sensor.run)
+            errors.append(rms_percent(y - cycle, sensor))
+        hindsight = refitted(learner.model, state, sensor, before, x, y, cycle)
+        straight, best = straight_lines(sensor_of(self.plant, rig), y_ref[-rig.cycle:])
+        return {**asdict(self), "straight_percent": straight, "best_straight_percent": best, "hindsight_percent": hindsight,
+                **{f"cycle_{i}_percent": error for i, error in enumerate(errors, 1)}}
+
+
+LEARNERS: tuple[tuple[int, int, Mode, str, str], ...] = (
+    (5, 3, "cyclic", LEARNED, "s"), (5, 3, "continuous", CONTINUOUS, "o"), (20, 7, "cyclic", OTHER, "D"))
+"""Orders and mode, colour and marker; hindsight is drawn for the first."""
+CASES = tuple(Case(plant, n, m, mode) for plant in plants.names() for n, m, mode, _, _ in LEARNERS)
+
+
+def sensor_of(plant: str, rig: Rig) -> plants.Sensor:
+    """The actuator with a noisy sensor, at the low end of its drive."""
+    actuator = plants.get(plant, sample_time=rig.sample_time)
+    return plants.Sensor(actuator, noise_um=NOISE * float(np.ptp(actuator.y_range)), seed=rig.seed)
+
+
+def steps(sensor: plants.Sensor, rig: Rig) -> Vector:
+    """The staircase for all cycles, µm."""
+    low, high = sensor.y_range
+    margin = MARGIN * (high - low)
+    return staircase(duration_s=rig.cycles * rig.cycle * rig.sample_time, sample_time=rig.sample_time, low=low + margin,
+                     high=high - margin, levels=LEVELS, hold_s=rig.hold_s)
+
+
+def rms_percent(error: Vector, sensor: plants.Sensor) -> float:
+    """RMS of an error in µm, percent of the actuator's range."""
+    return float(np.sqrt(np.mean(error**2)) * 100.0 / np.ptp(sensor.y_range))
+
+
+def straight_lines(sensor: plants.Sensor, y_ref: Vector) -> tuple[float, float]:
+    """Errors of the line through the corners of the ranges, and of the best x = a + b y_ref, by Gauss-Newton."""
+    (low, high), (y_low, y_high) = sensor.x_range, sensor.y_range
+    slope = (high - low) / (y_high - y_low)
+    offset = low - slope * y_low
+    errors = []
+    for _ in range(ROUNDS):
+        sensor.reset()
+        y = sensor.run(np.clip(offset + slope * y_ref, low, high))
+        errors.append(rms_percent(y - y_ref, sensor))
+        turn, shift = np.polyfit(y_ref, y_ref - y, 1)
+        offset, slope = offset + slope * shift, slope * (1.0 + turn)
+    return errors[0], min(errors)
+
+
+def refitted(model: HysteresisCreepModel, state: OperatorState, sensor: plants.Sensor, before: Memory, x: Vector, y: Vector,
+             y_ref: Vector) -> float:
+    """Error over a cycle with the best of a few models that were identified from that very cycle."""
+    errors = []
+    for _ in range(ROUNDS):
+        basis = DataBasis(model.structure, state)
+        basis.update(x, y)
+        model = HysteresisCreepModel.from_weights(model.structure, optimum(basis.problem(model.weights), SOLVER))
+        sensor.restore(before)
+        x = Compensator(model, sensor.x_range, state=state).run(y_ref)
+        y = sensor.run(x)
+        errors.append(rms_percent(y - y_ref, sensor))
+    return min(errors)
+
+
+def exhibit(table: pd.DataFrame) -> Exhibit:
+    """Draw the rows of all cases."""
+    cycles = cycles_of(table)
+    number = np.arange(1, len(cycles) + 1)
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, len(plants.names()), sharey=True)
+        for axes, (plant, rows) in zip(panels, table.groupby("plant", sort=False), strict=True):
+            first = rows.iloc[0]
+            axes.axhline(first.best_straight_percent, color=STRAIGHT, label="best straight line")
+            errors = rows[cycles].to_numpy(float)
+            for error, (n, m, mode, colour, marker) in zip(errors, LEARNERS, strict=True):
+                axes.plot(number, error, color=colour, marker=marker, ms=4, label=f"{mode} learning, n = {n}, m = {m}")
+            axes.axhline(first.hindsight_percent, color=HINDSIGHT, ls="--", label=f"with hindsight, n = {first.n}, m = {first.m}")
+            axes.axhline(100.0 * NOISE, color=REFERENCE, lw=0.8, ls=":", label="noise of the sensor")
+            axes.set(title=str(plant).replace("_", " "), yscale="log", xlabel="cycle", xticks=number)
+        panels[0].set_ylabel("RMS error, % of range")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+
+    return Exhibit("actuators", "Actuators that are not in the model class",
+                   f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
+                   "best model of the same orders, identified from the last cycle itself.", tuple(sentences(table)), table, draw, 4.0)
+
+
+def sentences(table: pd.DataFrame) -> Iterator[str]:
+    """Say how near every learner came to hindsight, to the straight line and to the noise."""
+    last = table[cycles_of(table)[-1]]
+    for case, error, hindsight, line in zip(CASES, last, table.hindsight_percent, table.best_straight_percent, strict=True):
+        yield (f"{case}: {error:.3f} % in the last cycle, {error / hindsight:.2f} times what hindsight gives, {line / error:.0f} times "
+               f"less than the best straight line ({line:.2f} %), {error / (100.0 * NOISE):.2f} times the noise.")
+
+
+def cycles_of(table: pd.DataFrame) -> list[str]:
+    """The columns that hold a cycle's error each."""
+    return [str(name) for name in table if str(name).startswith("cycle_")]
