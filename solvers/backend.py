@@ -45,9 +45,13 @@ CONE = ("abstol", "reltol", "feastol")
 RESIDUALS = ("tol_feas", "tol_gap_abs", "tol_gap_rel")
 
 CLARABEL = Backend("interior point", "Apache-2.0", "clarabel", RESIDUALS, {"max_iter": 1000})
+# Commercial; their packages solve small problems without a licence file. One thread, as all solvers here.
+COPT = Backend("interior point", "proprietary", "coptpy", ("FeasTol", "DualTol", "RelGap"), always={"Threads": 1})
 CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE)
 DAQP = Backend("dual active set", "MIT", "daqp", ("primal_tol",), {"iter_limit": 100_000})
 ECOS = Backend("interior point", "GPL-3.0-or-later", "ecos", CONE)
+GUROBI = Backend("interior point", "proprietary", "gurobipy", ("FeasibilityTol", "OptimalityTol", "BarConvTol"),
+                 always={"Threads": 1})
 # The regularisation moves the answer, and without any the library can hang; without a limit it can run for ever.
 HIGHS = Backend("primal active set", "MIT", "highspy",
                 ("primal_feasibility_tolerance", "dual_feasibility_tolerance"),
@@ -66,3 +70,5 @@ QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # Left alone, SCS takes MKL where the wheel brings it.
 SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, {"max_iters": 1_000_000},
               always={"linear_solver": "qdldl"})
+XPRESS = Backend("interior point", "proprietary", "xpress", ("feastol", "optimalitytol", "bargapstop", "bardualstop", "barprimalstop"),
+                 always={"threads": 1})

@@ -35,9 +35,11 @@ from solvers.rows import Program
 
 BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,
+    "copt": known.COPT,
     "cvxopt": known.CVXOPT,
     "daqp": known.DAQP,
     "ecos": known.ECOS,
+    "gurobi": known.GUROBI,
     "highs": known.HIGHS,
     "osqp": known.OSQP,
     "piqp": known.PIQP,
@@ -45,6 +47,7 @@ BACKENDS: dict[str, Backend] = {
     "qoco": known.QOCO,
     "qpalm": known.QPALM,
     "scs": known.SCS,
+    "xpress": known.XPRESS,
 }
 
 
@@ -122,9 +125,14 @@ class CvxpySolver(Solver):
 
 
 def names() -> tuple[str, ...]:
+    """The solvers of the table, installed here or not."""
+    return tuple(BACKENDS)
+
+
+def installed() -> tuple[str, ...]:
     """The solvers of the table that are installed here."""
-    installed = cp.installed_solvers()
-    return tuple(name for name in BACKENDS if name.upper() in installed)
+    found = cp.installed_solvers()
+    return tuple(name for name in BACKENDS if name.upper() in found)
 
 
 def make(name: str) -> type[Solver]:
@@ -140,8 +148,8 @@ def make(name: str) -> type[Solver]:
     >>> make("clarabel").algorithm
     'interior point'
     """
-    if name not in names():
-        raise ImportError(f"cvxpy finds no {name!r} here; it finds {', '.join(names())}")
+    if name not in installed():
+        raise ImportError(f"{name!r} is not installed, or cvxpy does not find it")
     b = BACKENDS[name]
     return type(f"Cvxpy_{name}", (CvxpySolver,), {
         "__doc__": f"{name} behind cvxpy.", "name": name, "backend": name.upper(), "algorithm": b.algorithm,

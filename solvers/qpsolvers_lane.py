@@ -27,9 +27,11 @@ from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, box
 
 BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,
+    "copt": known.COPT,
     "cvxopt": known.CVXOPT,
     "daqp": replace(known.DAQP, warm=True),
     "ecos": known.ECOS,
+    "gurobi": known.GUROBI,
     "highs": known.HIGHS,
     # osqp warns where nobody says whether a failure raises.
     "osqp": replace(known.OSQP, always={"raise_error": False}, warm=True),
@@ -115,6 +117,11 @@ def _said(extras: Mapping[str, Any], *names: str) -> Any:
 
 
 def names() -> tuple[str, ...]:
+    """The solvers of the table, installed here or not."""
+    return tuple(BACKENDS)
+
+
+def installed() -> tuple[str, ...]:
     """The solvers of the table that are installed here."""
     return tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
 
@@ -132,8 +139,8 @@ def make(name: str) -> type[Solver]:
     >>> make("piqp").algorithm
     'proximal interior point'
     """
-    if name not in names():
-        raise ImportError(f"qpsolvers finds no {name!r} here; it finds {', '.join(names())}")
+    if name not in installed():
+        raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
     b = BACKENDS[name]
     return type(f"Qpsolvers_{name}", (QpsolversSolver,), {
         "__doc__": f"{name} behind qpsolvers.", "name": name, "algorithm": b.algorithm, "licence": b.licence,

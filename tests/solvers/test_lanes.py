@@ -30,7 +30,7 @@ MID_OTHERS = 1e-3
 
 
 def ready(lane: Lane, name: str, problem: Problem, tier: Tier = Tier.MID) -> Solver:
-    if name not in LANES[lane].names():
+    if name not in LANES[lane].installed():
         pytest.skip(f"{name} is not installed, or the lane {lane} does not find it")
     solver = LANES[lane].make(name)(tier)
     solver.setup(problem)
@@ -43,7 +43,7 @@ def stated(name: str) -> float:
 
 @pytest.mark.parametrize("lane", LANES)
 def test_a_lane_names_installed_solvers_in_lower_case_and_makes_each(lane: Lane) -> None:
-    names = LANES[lane].names()
+    names = LANES[lane].installed()
     assert names
     for name in names:
         made = LANES[lane].make(name)
@@ -151,7 +151,7 @@ def test_a_start_keeps_the_answer_and_is_used_where_the_class_says_so(lane: Lane
 
 
 def test_qpsolvers_refuses_what_it_would_hand_to_scipy() -> None:
-    for name in qpsolvers_lane.HANDED_TO_SCIPY & set(qpsolvers_lane.names()):
+    for name in qpsolvers_lane.HANDED_TO_SCIPY & set(qpsolvers_lane.installed()):
         with pytest.raises(Unsupported, match=name):
             ready(Lane.QPSOLVERS, name, Problem(np.eye(2), np.ones(2)))
 
