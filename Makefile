@@ -7,14 +7,14 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help bench test lint perf report experiment clean
+.PHONY: help bench test lint perf report compare experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := field,copyleft
-$(VENV)/.dev:   EXTRAS := field,copyleft,dask,dev
+$(VENV)/.dev:   EXTRAS := field,copyleft,codegen,ecosystem,dask,dev
 $(VENV)/.field $(VENV)/.dev: pyproject.toml constraints.txt
 	@if command -v uv >/dev/null 2>&1; then \
 	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \
@@ -40,6 +40,10 @@ perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
 
 report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)
+
+compare: $(VENV)/.field ## compare the runs A=results/<run> and B=results/<run>
+	@test -n "$(A)" -a -n "$(B)" || { echo "say which runs: make compare A=results/<run> B=results/<run>" >&2; exit 2; }
+	$(BIN)/piezobench compare $(A) $(B) $(if $(OUT),--out $(OUT))
 
 experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with figures
 	$(BIN)/piezobench experiment

@@ -20,7 +20,7 @@ from qpsolvers import Problem
 from bench.clock import Effort, time_kernel, time_pairs
 from bench.task import Task
 from bench.worker import Outcome, Request, attempt
-from solvers.protocol import Lane, Nanoseconds, Solver
+from solvers.protocol import Nanoseconds, Solver
 
 Vector = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class AnytimeRequest(Request):
         solution = solver.solution()
         extras = solution.extras or {}
         update = partial(solver.update, P=problem.P, q=problem.q)
-        if self.task.lane is Lane.KERNEL:
+        if self.task.lane.times_itself:
             updates, solves = time_kernel(solver, update, effort)
         else:
             updates, solves = time_pairs(update, solver.solve, effort)

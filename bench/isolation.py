@@ -26,11 +26,14 @@ from bench.oneshot_worker import OneShot
 from bench.problems.protocol import QP_FIELDS
 from bench.task import Task
 from bench.worker import Outcome, Request, introduce, serve
+from solvers.protocol import Lane
 from solvers.registry import Described, Entry
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
                     "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
 START_LIMIT_S = 60.0
+BUILD_LIMIT_S = 60.0
+"""Seconds on top for a task of the lane codegen, since the first of a shape of problem generates and compiles."""
 GRACE_S = 1.0
 """Time for a process to end by itself."""
 LAST_BYTES = 10_000
@@ -94,7 +97,7 @@ class Child:
 
     def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None) -> None:
         self.entry = entry
-        self.time_limit_s = time_limit_s
+        self.time_limit_s = time_limit_s + (BUILD_LIMIT_S if entry.lane is Lane.CODEGEN else 0.0)
         self.memory_mb = memory_mb
         self.core = core
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  it has no name, so that nobody has to remove it

@@ -20,7 +20,7 @@ from qpsolvers import Problem
 from bench.clock import Effort, time_call, time_kernel, time_pairs
 from bench.task import Task
 from bench.worker import Outcome, Request, attempt
-from solvers.protocol import Lane, Nanoseconds, Solver
+from solvers.protocol import Nanoseconds, Solver
 
 Vector = NDArray[np.float64]
 Pairs = tuple[Nanoseconds, Nanoseconds]
@@ -69,7 +69,7 @@ class Bench:
         # A solver that writes into one spoils neither the other nor ours.
         self._handed, self._updated = copied(problem), copied(problem)
         self._start = None if warm_start is None else warm_start.copy()
-        self._kernel = task.lane is Lane.KERNEL
+        self._kernel = task.lane.times_itself
         self.solver = cls(task.tier, **task.settings)
         P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
         self._update = partial(self.solver.update, P=P, q=self._updated.q)  # update takes dense data

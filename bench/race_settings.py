@@ -10,6 +10,9 @@ from bench.problems.protocol import SCALINGS
 from piezo_model.identification_problem import Scaling
 from solvers import Lane, Tier
 
+LANES = tuple(lane for lane in Lane if lane is not Lane.CODEGEN)
+"""The lanes of a race that asks for none: those whose solvers need not be built first."""
+
 
 class RaceError(ValueError):
     """What is asked for cannot be raced; the message is one sentence that says why."""
@@ -22,7 +25,7 @@ class RaceSettings:
     problem_sets: tuple[str, ...] = ("paper",)
     solvers: tuple[str, ...] = ()
     """Names to race; empty for all."""
-    lanes: tuple[Lane, ...] = tuple(Lane)
+    lanes: tuple[Lane, ...] = LANES
     tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
     scalings: tuple[Scaling, ...] = SCALINGS
     limit: int | None = None
@@ -36,6 +39,8 @@ class RaceSettings:
     """Rounds in which solvers take turns, one update and solve each; 0 leaves them out."""
     repeats: int = 1
     """Fresh processes for each solver lane."""
+    set_options: dict[str, str] = field(default_factory=dict)
+    """Files and columns that problem sets need or take, by name."""
 
     @property
     def interleaved_tier(self) -> Tier:

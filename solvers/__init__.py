@@ -1,7 +1,7 @@
 """Quadratic programs and everything that solves them; knows nothing of piezo actuators."""
 
 from solvers.protocol import Lane, Solver, Status, Tier, Unsupported
-from solvers.registry import available, describe, entries, find, from_file, get
+from solvers.registry import add_file, available, describe, entries, find, from_file, get
 
-__all__ = ["Lane", "Solver", "Status", "Tier", "Unsupported", "available", "describe", "entries", "find", "from_file",
+__all__ = ["Lane", "Solver", "Status", "Tier", "Unsupported", "add_file", "available", "describe", "entries", "find", "from_file",
            "get"]

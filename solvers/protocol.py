@@ -37,6 +37,13 @@ class Lane(StrEnum):
     """``qpsolvers.solve_problem``: converts and sets up again at every call."""
     CVXPY = "cvxpy"
     """A parametrised (DPP) cvxpy problem."""
+    CODEGEN = "codegen"
+    """C that a library writes for an embedded system, all built alike, no Python call per solve; raced when asked for."""
+
+    @property
+    def times_itself(self) -> bool:
+        """Whether solves are timed from inside compiled code, by ``time_kernel``."""
+        return self in (Lane.KERNEL, Lane.CODEGEN)
 
 
 class Tier(StrEnum):
@@ -108,6 +115,8 @@ class Solver(ABC):
     licence: ClassVar[str]
     distribution: ClassVar[str]
     """Name of the package whose version is reported."""
+    built_with: ClassVar[str] = ""
+    """Compiler and flags of what is built on this machine; reported with the version."""
     warm_startable: ClassVar[bool] = False
     """Whether ``solve(warm_start=x)`` makes use of x."""
     tiers: ClassVar[Mapping[Tier, Mapping[str, Any]]] = {}

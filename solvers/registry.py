@@ -28,9 +28,10 @@ from typing import Any
 
 from solvers.protocol import Lane, Solver, Tier
 
-FOLDERS = (Lane.KERNEL, Lane.DIRECT)
+FOLDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
 GROUP = "piezobench.solvers"
+_added: list[Entry] = []
 
 
 class RegistrationError(ValueError):
@@ -103,7 +104,7 @@ def _class_of_package(entry: Entry) -> type[Solver]:
 
 
 def entries() -> Iterator[Entry]:
-    """Every solver of every lane, those of other packages last; no library of a solver is imported for that.
+    """Every solver of every lane, those of other packages and files last; no library of a solver is imported for that.
 
     Raises
     ------
@@ -121,6 +122,7 @@ def entries() -> Iterator[Entry]:
                                     f"there is one already")
         taken.add((entry.name, entry.lane))
         yield entry
+    yield from _added
 
 
 def _registered(registered: importlib.metadata.EntryPoint) -> Entry:
@@ -139,13 +141,13 @@ def _package(registered: importlib.metadata.EntryPoint) -> str:
 
 def _own_entries() -> Iterator[Entry]:
     here = Path(__file__).parent
-    for lane in FOLDERS:
-        for file in sorted((here / lane).glob("[a-z]*.py")):
-            yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
-            if lane is Lane.KERNEL:  # what is compiled can be called from Python too, at the price of the call
-                yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
-    for lane in FAMILIES:
-        if importlib.util.find_spec(lane.value) is not None:
+    for lane in Lane:
+        if lane in FOLDERS:
+            for file in sorted((here / lane).glob("[a-z]*.py")):
+                yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
+                if lane is Lane.KERNEL:  # what is compiled can be called from Python too, at the price of the call
+                    yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
+        elif importlib.util.find_spec(lane.value) is not None:
             module = f"solvers.{lane}_lane"
             for name in importlib.import_module(module).names():
                 yield Entry(name, lane, module)
@@ -158,6 +160,24 @@ def from_file(path: str | Path) -> Entry:
         raise ImportError(f"{path} is not a file")
     cls = _only_solver(_import_file(path))
     return Entry(cls.name, cls.lane, f"piezobench_user_{path.stem}", path)
+
+
+def add_file(path: str | Path) -> Entry:
+    """Make a user's own solver file known in this process, so that :func:`find` and :func:`get` know it by its name.
+
+    Raises
+    ------
+    ImportError
+        The file is no solver.
+    RegistrationError
+        There is a solver of that name in that lane already.
+    """
+    entry = from_file(path)
+    if entry not in _added:
+        if any((known.name, known.lane) == (entry.name, entry.lane) for known in entries()):
+            raise RegistrationError(f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise")
+        _added.append(entry)
+    return entry
 
 
 def find(name: str, lane: Lane | str | None = None) -> Entry:
@@ -195,6 +215,7 @@ def describe(entry: Entry) -> Described:
         if entry.path is None and not entry.of_package:
             raise
         version = ""
+    version = f"{version}, {cls.built_with}" if cls.built_with else version
     return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, cls.variants)
 
 

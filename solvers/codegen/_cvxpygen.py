@@ -1,0 +1,167 @@
+"""What the solvers behind CVXPYgen have in common: a problem with parameters, written as C around a solver's own C.
+
+    minimise ½ ‖S x‖² + qᵀx   subject to   lower ≤ x, x ≤ upper (where finite),   with parameters S, q, lower and upper
+
+Source: M. Schaller, G. Banjac, S. Diamond, A. Agrawal, B. Stellato, S. Boyd, "Embedded code generation with CVXPY", IEEE
+Control Systems Letters 6 (2022), pages 2653 to 2658.
+
+``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming, so users hand over S with
+SᵀS = P, here the upper Cholesky factor; the solver sees d more variables S x and d more equations, and ECOS a cone. Timed:
+``update`` factorises P into S and sets the parameters; ``solve`` is ``cpg_solve``, which fills them into the solver's data,
+has the solver factorise and solves, always cold.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import json
+import shlex
+import shutil
+import sys
+import warnings
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from solvers.codegen._build import COMPILER, Sources, run
+from solvers.codegen._embedded import TOLERANCE, Embedded, Shape
+
+if importlib.util.find_spec("cvxpygen") is None:
+    raise ImportError("No module named 'cvxpygen'")
+
+GLUE = r"""
+#include <float.h>
+#include <math.h>
+#include "cpg_solve.h"
+#include "embedded.h"
+
+/* S with S'S = P, upper triangular; a row of zeros where P has no more to give. */
+static void square_root(const double *P, double S[D][D])
+{
+    for (int i = 0; i < D; ++i) {
+        double row[D];
+        for (int j = i; j < D; ++j) {
+            row[j] = P[i * D + j];
+        }
+        for (int k = 0; k < i; ++k) {
+            for (int j = i; j < D; ++j) {
+                row[j] -= S[k][i] * S[k][j];
+            }
+        }
+        const double pivot = row[i] > D * DBL_EPSILON * P[i * D + i] ? 1 / sqrt(row[i]) : 0;
+        for (int j = i; j < D; ++j) {
+            S[i][j] = row[j] * pivot;
+        }
+    }
+}
+
+static void choose_tolerance(double tolerance);
+static void forget(void);
+
+void embedded_setup(const double *lb, const double *ub, const double *settings)
+{
+    if (settings[0] > 0) {
+        choose_tolerance(settings[0]);
+    }
+    for (int k = 0; k < BELOW; ++k) {
+        UPDATE_LOWER(k, lb[below[k]]);
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        UPDATE_UPPER(k, ub[above[k]]);
+    }
+}
+
+void embedded_update(const double *P, const double *q)
+{
+    static double S[D][D];
+    square_root(P, S);
+    for (int i = 0, k = 0; i < D; ++i) {
+        for (int j = i; j < D; ++j) {
+            cpg_update_S(k++, S[i][j]);
+        }
+    }
+    for (int i = 0; i < D; ++i) {
+        cpg_update_q(i, q[i]);
+    }
+}
+
+int embedded_solve(const double *start)
+{
+    forget();
+    cpg_solve();
+    return !(FOUND);
+}
+
+void embedded_answer(double *x, double *z)
+{
+    for (int i = 0; i < D; ++i) {
+        x[i] = CPG_Result.prim->x[i];
+        z[i] = 0;
+    }
+    for (int k = 0; k < BELOW; ++k) {
+        z[below[k]] -= CPG_Result.dual->DUAL_LOWER[k];
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        z[above[k]] += CPG_Result.dual->DUAL_UPPER[k];
+    }
+}
+
+int embedded_iterations(void) { return (int)CPG_Result.info->iter; }
+
+"""
+
+
+class Cvxpygen(Embedded):
+    """One solver behind ``cvxpygen.cpg.generate_code``; a file of one adds its ways in C."""
+
+    licence = "Apache-2.0"
+    distribution = "cvxpygen"
+    tiers = TOLERANCE
+    backend: ClassVar[str]
+    """CVXPYgen's name of the solver."""
+
+    def generate(self, shape: Shape, folder: Path) -> Sources:
+        written = folder / "cpg"
+        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")  # of cvxpy and CVXPYgen about each other
+            from cvxpygen import cpg  # brings cvxpy, which takes seconds to load
+
+            cpg.generate_code(_problem(shape), code_dir=str(written), solver=self.backend, wrapper=False)
+        lower, upper = ("d0" if shape.below else "none"), ("d1" if shape.below and shape.above else "d0")
+        names = [f"-DDUAL_LOWER={lower if shape.below else upper}", f"-DDUAL_UPPER={upper if shape.above else lower}",
+                 f"-DUPDATE_LOWER={'cpg_update_lower' if shape.below else 'cpg_update_q'}",
+                 f"-DUPDATE_UPPER={'cpg_update_upper' if shape.above else 'cpg_update_q'}"]
+        found = _sources(written / "c")
+        return Sources(found.files, (*found.options, *names))
+
+
+def _problem(shape: Shape) -> Any:
+    import cvxpy as cp
+
+    d, below, above = shape.d, list(shape.below), list(shape.above)
+    x, q = cp.Variable(d, name="x"), cp.Parameter(d, name="q")
+    S = cp.Parameter((d, d), name="S", sparsity=np.triu_indices(d))  # row by row
+    constraints = []
+    if below:
+        constraints.append(x[below] >= cp.Parameter(len(below), name="lower"))
+    if above:
+        constraints.append(x[above] <= cp.Parameter(len(above), name="upper"))
+    return cp.Problem(cp.Minimize(0.5 * cp.sum_squares(S @ x) + q @ x), constraints)
+
+
+def _sources(folder: Path) -> Sources:
+    """The files and options of CVXPYgen's own CMake project, which fills templates in as it is configured."""
+    beside = shutil.which("cmake", path=str(Path(sys.executable).parent)) or "cmake"
+    run([beside, "-S", folder, "-B", folder / "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", f"-DCMAKE_C_COMPILER={COMPILER}",
+         "-G", "Unix Makefiles"], folder)
+    files: dict[str, None] = {}
+    options: dict[str, None] = {}
+    for entry in json.loads((folder / "build" / "compile_commands.json").read_text(encoding="utf-8")):
+        # Beside the library there are examples, and the solver's own targets with the same files once more.
+        if "/cpg.dir/" in entry["command"] or "/solver_code/lib/" in entry["file"]:
+            files[entry["file"]] = None
+            options |= {word: None for word in shlex.split(entry["command"]) if word.startswith(("-I", "-D"))}
+    return Sources(tuple(map(Path, files)), tuple(options))

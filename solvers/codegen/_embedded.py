@@ -1,0 +1,158 @@
+"""Solvers that are C of fixed dimensions, called through the five functions of ``embedded.h``.
+
+    minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
+
+Timed inside C, as in the lane kernel: ``update`` brings P and q into the solver's memory, ``solve`` is the call that its
+users make; copying the answer out is in neither. ``setup`` generates and builds on the first problem of a shape (some
+seconds, see :mod:`solvers.codegen._build`) and loads on all others.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import inspect
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from qpsolvers import Problem, Solution
+
+from solvers.codegen._build import HERE, Sources, built_with, library
+from solvers.direct._box import refuse_crossing
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Unsupported, Vector, only_box
+from solvers.rows import Program
+
+TOLERANCE: Mapping[Tier, Mapping[str, Any]] = MappingProxyType(
+    {tier: {"tolerance": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+"""The tiers of solvers that take one tolerance, absolute and relative."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What of a problem is compiled in: d, and which variables have a finite lower and upper bound."""
+
+    d: int
+    below: tuple[int, ...]
+    above: tuple[int, ...]
+
+    @classmethod
+    def of(cls, lb: Vector, ub: Vector) -> Shape:
+        """The shape of a box."""
+        return cls(lb.size, tuple(np.flatnonzero(np.isfinite(lb)).tolist()), tuple(np.flatnonzero(np.isfinite(ub)).tolist()))
+
+    @property
+    def bounded(self) -> tuple[int, ...]:
+        """Variables with a finite bound."""
+        return tuple(sorted({*self.below, *self.above}))
+
+    def header(self) -> str:
+        """The text of ``problem.h``.
+
+        Examples
+        --------
+        >>> print(Shape(2, (1,), ()).header().splitlines()[1])
+        enum { BELOW = 1 };
+        """
+        lines = [f"enum {{ D = {self.d} }};"]
+        for name in ("below", "above", "bounded"):
+            indices: tuple[int, ...] = getattr(self, name)
+            values = ", ".join(map(str, indices)) or "0"  # C has no empty arrays
+            lines += [f"enum {{ {name.upper()} = {len(indices)} }};", f"static const int {name}[] = {{ {values} }};"]
+        return "\n".join(lines) + "\n"
+
+
+class Embedded(Solver):
+    """A solver behind ``embedded.h``; a file of one says how its C is written."""
+
+    lane = Lane.CODEGEN
+    built_with = built_with()
+    parameters: ClassVar[Mapping[str, float]] = MappingProxyType({"tolerance": -1.0})
+    """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's own."""
+    compiled_in: ClassVar[tuple[str, ...]] = ()
+    """Those of them that ``generate`` writes into the C."""
+    glue: ClassVar[str] = ""
+    """C that puts generated code behind ``embedded.h``."""
+
+    @abstractmethod
+    def generate(self, shape: Shape, folder: Path) -> Sources:
+        """Write the C of this solver for problems of this shape; ``problem.h`` and ``glue.c`` are there already."""
+
+    def setup(self, problem: Problem) -> None:
+        lb, ub = only_box(problem, self.name)
+        if unknown := sorted(set(self.settings) - set(self.parameters)):
+            raise ValueError(f"{self.name} has no setting {unknown[0]!r} in the lane codegen; it has {', '.join(self.parameters)}")
+        self.program = p = Program(problem)
+        refuse_crossing(p, self.name)
+        shape = Shape.of(lb, ub)
+        if not shape.bounded:
+            raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
+        self._found, self._x, self._z = False, np.empty(p.d), np.empty(p.d)
+        self._library = library(self._key(shape), lambda folder: self._write(shape, folder))
+        self._library.embedded_status.restype = ctypes.c_char_p
+        self._library.embedded_setup(_address(lb), _address(ub), _address(self._values()))
+        self.update(p.P, p.q)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        p = self.program
+        p.take(P, q)
+        if not (np.isfinite(p.P).all() and np.isfinite(p.q).all()):
+            raise ValueError(f"{self.name}: P and q must be finite")
+        self._library.embedded_update(_address(p.P), _address(p.q))
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+        self._found = self._library.embedded_solve(None if start is None else _address(start)) == 0
+        self._library.embedded_answer(_address(self._x), _address(self._z))
+        return self._x if self._found else self.program.no_answer()
+
+    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
+        """Update and solve inside C, each timed."""
+        p, updates, solves = self.program, np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+        self._library.embedded_time(count, _address(p.P), _address(p.q), None if start is None else _address(start),
+                                    _address(updates), _address(solves))
+        return updates, solves
+
+    def solution(self) -> Solution:
+        status = self._library.embedded_status().decode()
+        return self.program.solution(self._x, self._z, self._found, status=status, reported_us=None,
+                                     iterations=int(self._library.embedded_iterations()))
+
+    def _values(self) -> Vector:
+        chosen = {name: self.settings.get(name, default) for name, default in self.parameters.items()}
+        return np.array([float(value) for value in chosen.values()])
+
+    def _key(self, shape: Shape) -> list[bytes]:
+        """What the built library depends on: all texts that it is made of and the version that makes it."""
+        files = {Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")}
+        files |= {HERE / "embedded.h", HERE / "timed_loop.c", *HERE.glob(f"{self.name}.c")}
+        texts = [path.read_bytes() for path in sorted(files)]
+        settings = {name: self.settings.get(name) for name in self.compiled_in}
+        words = self.name, importlib.metadata.version(self.distribution), repr(astuple(shape)), repr(settings)
+        return [*(word.encode() for word in words), *texts]
+
+    def _write(self, shape: Shape, folder: Path) -> Sources:
+        (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
+        (folder / "glue.c").write_text(self.glue, encoding="utf-8")
+        sources = self.generate(shape, folder)
+        return Sources((*sources.files, folder / "glue.c"), sources.options)
+
+
+class OurOwn(Embedded):
+    """A solver of this project in C: a file of this folder of its own name."""
+
+    licence = "MIT"
+    distribution = "piezobench"
+
+    def generate(self, shape: Shape, folder: Path) -> Sources:
+        return Sources((HERE / f"{self.name}.c",))
+
+
+def _address(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+

@@ -1,0 +1,25 @@
+/* What the timed loop and Python ask of an embedded solver, which keeps its problem in memory of its own:
+ *
+ *     minimise 1/2 x'P x + q'x   subject to   lb <= x <= ub
+ *
+ * problem.h is written for each shape of problem: D variables, of which those in `below` (BELOW of them) have a finite lower
+ * bound and those in `above` (ABOVE) a finite upper one; `bounded` (BOUNDED) lists those with either.
+ */
+#ifndef EMBEDDED_H
+#define EMBEDDED_H
+
+#include "problem.h"
+
+/* Take the bounds lb, ub (D) and the settings of the solver, in the order of its Python class. */
+void embedded_setup(const double *lb, const double *ub, const double *settings);
+/* Take P (D x D, row by row, symmetric) and q (D). */
+void embedded_update(const double *P, const double *q);
+/* Solve, from `start` (D) or cold where that is NULL; 0 where the solver itself says solved. */
+int embedded_solve(const double *start);
+/* Copy the last answer x (D) and the multipliers z (D) of the bounds, P x + q + z = 0. */
+void embedded_answer(double *x, double *z);
+/* The last solve in the solver's own words. */
+const char *embedded_status(void);
+int embedded_iterations(void);
+
+#endif

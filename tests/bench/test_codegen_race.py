@@ -1,0 +1,33 @@
+"""The lane codegen raced by the command: built, judged and timed inside C, and only when asked for."""
+
+from pathlib import Path
+
+import numpy as np
+from command_line import CommandLine
+
+from bench.race_settings import RaceSettings
+from bench.store import Run
+from solvers import Lane
+
+
+def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine, tmp_path: Path) -> None:
+    done = piezobench("race", "--lane", "codegen", "--solver", "box_active_set", "--solver", "osqp", "--limit", 1, "--tier", "high",
+                      "--scaling", "scaled", "--budget", 0.002, "--rounds", 3, "--out", tmp_path, "--name", "run")
+    assert done.status == 0, done.stderr
+    run = Run.open(tmp_path / "run")
+    rows = run.rows()
+    rows = rows[rows.lane == "codegen"].set_index("solver")
+    assert set(rows.index) == {"box_active_set", "osqp"}
+    assert rows.status["box_active_set"] == "ok"
+    assert rows.cost_gap["box_active_set"] < 1e-20
+    assert rows.cost_gap["osqp"] < 1e-5
+    assert (rows.update_us > 0).all()
+    assert rows.interleaved_us_p50["box_active_set"] > 0  # only those that are right take turns
+    assert np.isfinite(rows.solve_us_p50).all()
+    versions = run.settings["field"]
+    assert all("-O3 -march=native -ffp-contract=fast" in versions[f"{name} (codegen)"] for name in rows.index)
+    assert "codegen" in done.stdout
+
+
+def test_a_race_without_lanes_builds_nothing() -> None:
+    assert RaceSettings().lanes == (Lane.KERNEL, Lane.DIRECT, Lane.QPSOLVERS, Lane.CVXPY)
