@@ -1,0 +1,132 @@
+"""Model, inverse and compensator as nonlinear discrete-time systems of python-control.
+
+    z(k+1) = f(z(k), u(k)),   output(k) = g(z(k), u(k))
+
+with the states z of the play and creep operators in unit amplitudes. All three have direct feedthrough: the output at a sample
+depends on the input at the same sample. So model and inverse in series are the identity, and a compensator in front of a plant
+can be interconnected with it as with any other block; a loop that feeds the plant's output back to the reference needs
+a delay somewhere, as any digital controller has.
+
+python-control is optional: ``pip install 'piezobench[ecosystem]'``. Its ``input_output_response`` interpolates inputs, so one
+that is not finite reaches the sample after it as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.compensator import BUMP, Compensator
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
+from piezo_model.structure import ModelStructure
+
+try:
+    import control
+except ImportError as error:
+    raise ImportError("piezo_model.control_systems needs python-control: pip install 'piezobench[ecosystem]'") from error
+
+Vector = NDArray[np.float64]
+
+
+def initial_states(structure: ModelStructure, state: OperatorState | None = None) -> Vector:
+    """States of the operators as one vector (states,): play of thresholds 0 … r_n, then creep rate by rate; at rest by default.
+
+    Examples
+    --------
+    >>> structure = ModelStructure.equidistant(n=2, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,),
+    ...                                        sample_time=1e-3)
+    >>> initial_states(structure).shape
+    (6,)
+    """
+    state = OperatorState.at_rest(structure) if state is None else state
+    state.require(structure)
+    thresholds, rates = structure.n + 1, len(structure.creep_rates)
+    return np.concatenate([state.play[:thresholds], state.creep.reshape(rates, structure.lanes)[:, :thresholds].ravel()])
+
+
+def _operators(structure: ModelStructure, z: Vector) -> OperatorState:
+    """The states (states,) as the kernels take them; padding follows the input."""
+    thresholds, rates, lanes = structure.n + 1, len(structure.creep_rates), structure.lanes
+    play, creep = np.full(lanes, z[0]), np.zeros((rates, lanes))
+    play[:thresholds] = z[:thresholds]
+    creep[:, :thresholds] = np.reshape(z[thresholds:], (rates, thresholds))
+    return OperatorState(play, creep.ravel())
+
+
+def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control.NonlinearIOSystem:
+    """Drive in, displacement out.
+
+    Parameters
+    ----------
+    model : HysteresisCreepModel
+    name : str
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        With input ``drive``, output ``displacement`` and the time base of the structure; start it from
+        :func:`initial_states`.
+
+    Examples
+    --------
+    >>> structure = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(),
+    ...                                        sample_time=1e-3)
+    >>> model = HysteresisCreepModel.from_weights(structure, [1.0, 2.0])
+    >>> system = model_system(model)
+    >>> found = control.input_output_response(system, np.arange(3) * 1e-3, [0.0, 1.0, 0.0], initial_states(structure))
+    >>> found.outputs.tolist()
+    [0.0, 0.75, 0.25]
+    """
+    s = model.structure
+
+    def moved(z: Vector, u: Vector) -> tuple[float, OperatorState]:
+        state = _operators(s, z)
+        return float(model.simulate(np.array([u[0]]), state)[0]), state
+
+    def update(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
+        return initial_states(s, moved(z, u)[1])
+
+    def output(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
+        return np.array([moved(z, u)[0]])
+
+    return _system(s, update, output, "drive", "displacement", name)
+
+
+def compensator_system(compensator: Compensator, name: str = "compensator") -> control.NonlinearIOSystem:
+    """Reference in, drive out, with the model, the limits and the rate limit of a compensator, which is only read.
+
+    A bump of a change of model that is still fading is taken for gone.
+    """
+    own = deepcopy(compensator)
+    s, fade = own.model.structure, own.fade.copy()
+    fade[BUMP] = 0.0
+
+    def moved(z: Vector, u: Vector) -> tuple[float, OperatorState]:
+        own.state, own.fade = _operators(s, z), fade.copy()
+        return own.step(float(u[0])), own.state
+
+    def update(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
+        return initial_states(s, moved(z, u)[1])
+
+    def output(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
+        return np.array([moved(z, u)[0]])
+
+    return _system(s, update, output, "reference", "drive", name)
+
+
+def inverse_system(model: HysteresisCreepModel, name: str = "inverse") -> control.NonlinearIOSystem:
+    """Reference in, drive out, without any limit: the exact inverse of :func:`model_system`."""
+    return compensator_system(Compensator(model), name)
+
+
+def _system(s: ModelStructure, update: Any, output: Any, input_name: str, output_name: str,
+            name: str) -> control.NonlinearIOSystem:
+    states = [f"play[{i}]" for i in range(s.n + 1)]
+    states += [f"creep[{rate:g}/s,{i}]" for rate in s.creep_rates for i in range(s.n + 1)]
+    return control.nlsys(update, output, inputs=[input_name], outputs=[output_name],
+                         states=[f"{name}_{state}" for state in states], dt=s.sample_time, name=name)
