@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from bench.stream_problem import StreamProblem, references
 from solvers.certificate import exact_cost_gap
+from solvers.compiled import compiled
 from solvers.kernels.forgetting import absorb
-from solvers.kernels.vector import compiled
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -7,7 +7,7 @@ exists inside ``@njit`` functions only:
 
     v = load8(a, i)        a[i], …, a[i + 7] of a contiguous float64 array; the caller keeps i + 7 inside
     store8(a, i, v)
-    v + w, v − w, v * w, max(v, w), min(v, w)         lane by lane; one side may be a float
+    v + w, v − w, v * w, v / w, max(v, w), min(v, w)  lane by lane; one side may be a float
     splat8(x)              x in every lane
     sum8(v)                sum of the lanes
 
@@ -128,5 +128,6 @@ def _operator(function: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
 _operator(operator.add, lambda builder, a, b: builder.fadd(a, b))
 _operator(operator.sub, lambda builder, a, b: builder.fsub(a, b))
 _operator(operator.mul, lambda builder, a, b: builder.fmul(a, b))
+_operator(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
 _operator(max, _choose(">"))
 _operator(min, _choose("<"))

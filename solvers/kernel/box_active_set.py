@@ -1,9 +1,28 @@
-"""Our exact solver: block principal pivoting with a dual active set behind it, for problems with bounds only.
+"""Our exact solver for problems with bounds only: exchanges on a swept tableau, with block principal pivoting behind them.
 
     minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub
 
-The method, its rule for singular P and its sources stand in :mod:`solvers.kernels.box_pivoting`; here it is put
-behind the four verbs. Timed in ``solve`` is one call of the compiled kernel on two work arrays that ``setup`` allocated.
+With F the free variables and A those at a bound, x is the minimiser iff x_F = −P_FF⁻¹ (q_F + P_FA x_A) is inside its bounds and
+g_A = q_A + P_A x has the sign that holds each bound. Sweeping P on j (Beaton; Goodnight) moves j between A and F, and swept on
+all, which costs d³ multiplications without a square root and proves P positive definite, it is −P⁻¹: the start, every variable
+free. From there the variable whose exchange lowers the dual cost most, violation²/|M_jj|, changes sides (Cottle's principal
+pivoting), each time by one column M_j of the tableau, until nothing is violated; one step of refinement with the true
+residual q + P x then makes rounding that of the data.
+
+What is singular, nearly so, or does not end this way is left to a second path: all violated variables exchanged at once (Júdice &
+Pires; Portugal, Júdice & Vicente) on a factor L D Lᵀ of P_FF renewed from the first change on (Cholesky updating: Gill, Golub,
+Murray & Saunders), and where that cycles the dual method of Goldfarb & Idnani, which cannot. Its rule for singular P
+stands in :mod:`solvers.kernels.box_pivoting`.
+
+``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work arrays that
+``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and the clock round them
+were 0.7, the checked copy 0.1, the sweeps 0.4, the first point and six exchanges 0.3, the refinement and the answer 0.2.
+
+Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H. Goodnight,
+American Statistician 33 (1979) 149; R. W. Cottle, "The principal pivoting method of quadratic programming", in Mathematics of the
+Decision Sciences, AMS, 1968; J. J. Júdice, F. M. Pires, Computers & Operations Research 21 (1994) 587; L. F. Portugal,
+J. J. Júdice, L. N. Vicente, Math. Comp. 63 (1994) 625; P. E. Gill, G. H. Golub, W. Murray, M. A. Saunders, Math. Comp. 28
+(1974) 505; D. Goldfarb, A. Idnani, Math. Programming 27 (1983) 1.
 """
 
 from __future__ import annotations
@@ -13,13 +32,22 @@ from typing import ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.kernels import box_data
-from solvers.kernels.box_data import DUAL_STEPS, OK, PROXIMAL_STEPS, REASONS, SINGULAR, STATE, SYSTEMS
-from solvers.kernels.box_factor import ANSWER, Integers
-from solvers.kernels.box_pivoting import solve_box
-from solvers.kernels.forgetting import absorb
-from solvers.kernels.vector import compiled, entry
-from solvers.nanoclock import monotonic_ns
+from solvers.array_object import array_object
+from solvers.compiled import entry
+from solvers.kernels import box_data, box_solver
+from solvers.kernels.box_data import (
+    DUAL_STEPS,
+    EXCHANGES,
+    FALLBACKS,
+    OK,
+    PROXIMAL_STEPS,
+    REASONS,
+    SINGULAR,
+    STATE,
+    SYSTEMS,
+)
+from solvers.kernels.box_factor import ANSWER, RAW_Q
+from solvers.kernels.box_solver import LAYOUT
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 
@@ -50,7 +78,7 @@ class BoxActiveSet(Solver):
     warm_startable: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, scale and factorise.
+        """Allocate, scale and invert.
 
         Raises
         ------
@@ -59,25 +87,38 @@ class BoxActiveSet(Solver):
         ValueError
             A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds cross.
         """
-        lb, ub = only_box(problem, self.name)
+        self._lb, self._ub = only_box(problem, self.name)
         P, q = dense(problem)
         self._warm = bool(self.settings.get("warm", False))
         self._work, self._iwork = box_data.allocate(q.size)
         self._answer = self._work[ANSWER, :q.size]
-        self._P, self._q, self._lb, self._ub = np.empty_like(P), np.empty_like(q), lb, ub
         self._status = OK
-        self._solve_box = entry(solve_box, self._work, self._iwork, True)
-        _accept(box_data.set_bounds(self._work, self._iwork, lb, ub))
+        self._take = entry(box_solver.take_objects, self._work, self._iwork, array_object, array_object)
+        self._solve = entry(box_solver.solve, self._work, self._iwork, True)
+        _accept(box_data.set_bounds(self._work, self._iwork, self._lb, self._ub))
         self.update(P, q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P or q; refused data (ValueError, as in ``setup``) leave the solver without a valid problem."""
-        if P is not None:
-            np.copyto(self._P, P)
-            _accept(box_data.set_hessian(self._work, self._iwork, self._P))
-        if q is not None:
-            np.copyto(self._q, q)
-            _accept(box_data.set_linear(self._work, self._iwork, self._q))
+        """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem behind."""
+        status = self._take(self._work, self._iwork, P, q)
+        if status:
+            self._take_otherwise(P, q, status)
+
+    def _take_otherwise(self, P: Matrix | None, q: Vector | None, status: int) -> None:
+        """Take data that are not as the compiled function wants them, or say why it refused them."""
+        if status == LAYOUT:
+            status = OK
+            if P is not None:
+                status = box_solver.take_hessian(self._work, self._iwork, self._like(P, 2))
+            if q is not None and status == OK:
+                status = box_data.set_linear(self._work, self._iwork, self._like(q, 1))
+        _accept(status)
+
+    def _like(self, data: Matrix, ndim: int) -> Matrix:
+        array, shape = np.array(data, np.float64, order="C"), (self._answer.size,) * ndim
+        if array.shape != shape:
+            raise ValueError(f"{self.name}: new data must have the shape {shape}, not {array.shape}")
+        return array
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the minimiser, shape (d,), a view that the next call overwrites.
@@ -89,9 +130,9 @@ class BoxActiveSet(Solver):
         """
         warm = self._warm
         if warm_start is not None:
-            _accept(box_data.start_from(self._work, self._iwork, np.ascontiguousarray(warm_start, np.float64)))
+            _accept(box_data.start_from(self._work, self._iwork, self._like(warm_start, 1)))
             warm = True
-        self._status = self._solve_box(self._work, self._iwork, warm)
+        self._status = self._solve(self._work, self._iwork, warm)
         if self._status:
             _accept(self._status)
         return self._answer
@@ -99,57 +140,35 @@ class BoxActiveSet(Solver):
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Take P and q anew and solve from cold (warm with that setting) or from ``warm_start``, each timed."""
         updates, solves = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-        start = np.zeros(0) if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self._status = _time(self._work, self._iwork, self._P, self._q, self._warm, start, updates, solves)
+        start = np.zeros(0) if warm_start is None else self._like(warm_start, 1)
+        self._status = box_solver.time_solves(self._work, self._iwork, *self._data(), self._warm, start, updates, solves)
         _accept(self._status)
         return updates, solves
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
         rows = np.ascontiguousarray(rows, dtype=np.float64)
-        answers, nanoseconds = np.empty((rows.shape[0], self._q.size)), np.empty(rows.shape[0], dtype=np.int64)
-        self._status = _follow(self._work, self._iwork, self._P, self._q, rows, forgetting, answers, nanoseconds)
+        answers, nanoseconds = np.empty((rows.shape[0], self._answer.size)), np.empty(rows.shape[0], dtype=np.int64)
+        self._status = box_solver.follow(self._work, self._iwork, *self._data(), rows, forgetting, answers, nanoseconds)
         _accept(self._status)
         return answers, nanoseconds
 
     def solution(self) -> Solution:
-        """Return the last answer; ``extras`` count the linear systems, dual and proximal steps it took."""
-        problem = Problem(self._P, self._q, lb=self._lb, ub=self._ub)
+        """Return the last answer.
+
+        ``extras`` count what it took: exchanges on the inverse, linear systems (refinements of it too), dual and proximal
+        steps; and, since ``setup``, the solves that were left to the factorisation.
+        """
+        P, q = self._data()
         state = self._iwork[STATE]
-        return box_solution(problem, self._answer, self._status == OK, systems=int(state[SYSTEMS]),
+        return box_solution(Problem(P, q, lb=self._lb, ub=self._ub), self._answer, self._status == OK,
+                            exchanges=int(state[EXCHANGES]), systems=int(state[SYSTEMS]),
                             dual_steps=int(state[DUAL_STEPS]), proximal_steps=int(state[PROXIMAL_STEPS]),
-                            regularised=bool(state[SINGULAR]))
+                            fallbacks=int(state[FALLBACKS]), regularised=bool(state[SINGULAR]))
 
-
-@compiled
-def _time(work: Matrix, iwork: Integers, P: Matrix, q: Vector, warm: bool, x: Vector, updates: Integers,
-          solves: Integers) -> int:
-    status, warm = OK, warm or x.size > 0
-    for k in range(updates.size):
-        start = monotonic_ns()
-        status = max(box_data.set_hessian(work, iwork, P), box_data.set_linear(work, iwork, q))
-        between = monotonic_ns()
-        if x.size > 0 and status == OK:
-            status = box_data.start_from(work, iwork, x)
-        status = solve_box(work, iwork, warm) if status == OK else status
-        updates[k], solves[k] = between - start, monotonic_ns() - between
-    return status
-
-
-@compiled
-def _follow(work: Matrix, iwork: Integers, P: Matrix, q: Vector, rows: Matrix, forgetting: float, answers: Matrix,
-            nanoseconds: Integers) -> int:
-    c = np.zeros(1)
-    for k in range(rows.shape[0]):
-        absorb(P, q, c, rows, k, k + 1, forgetting)
-        start = monotonic_ns()
-        status = max(box_data.set_hessian(work, iwork, P), box_data.set_linear(work, iwork, q))
-        status = solve_box(work, iwork, True) if status == OK else status
-        nanoseconds[k] = monotonic_ns() - start
-        if status != OK:
-            return status
-        answers[k] = work[ANSWER, :q.size]
-    return OK
+    def _data(self) -> tuple[Matrix, Vector]:
+        """P and q as they were taken; P from its scaled copy."""
+        return box_data.taken_hessian(self._work, self._iwork), self._work[RAW_Q, :self._answer.size].copy()
 
 
 def _accept(status: int) -> None:

@@ -6,17 +6,20 @@
 (Nesterov, Soviet Math. Dokl. 27 (1983) 372; Beck & Teboulle, SIAM J. Imaging Sci. 2 (2009) 183). The momentum is right for a
 problem of unknown convexity only at the start; later it overshoots. So t goes back to 1 and y to w whenever momentum
 and gradient disagree, (y(k) − w(k+1))ᵀ(w(k+1) − w(k)) > 0 (O'Donoghue & Candès, Found. Comput. Math. 15 (2015) 715), and the
-rate becomes linear with √(condition number of P_FF) instead of the condition number.
+rate becomes linear with √(condition number of P_FF) instead of the condition number: with a unit diagonal of P some hundred steps
+(median 460 on the set ``paper``, 500 on ``excitation``, most 4000) to a relative cost gap of 1e-9, where the plain recursion
+takes thousands. A small controller that affords one step a sample takes these one at a time, from where it stands.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from solvers.compiled import aligned, compiled, entry
 from solvers.kernels.box_factor import Integers
 from solvers.kernels.product import affine
 from solvers.kernels.projected_step import distance_squared
-from solvers.kernels.vector import aligned, compiled, entry, load, store
+from solvers.kernels.vector import load, store
 from solvers.nanoclock import monotonic_ns
 from solvers.protocol import Matrix, Vector
 from solvers.vector8 import padded, splat8, sum8

@@ -8,8 +8,8 @@ unit diagonal is within a factor of two (and d) of the best condition number a d
 Numer. Math. 14 (1969) 14).
 
 ``work`` holds the rows of :mod:`solvers.kernels.box_factor`, ``iwork`` the rows STATE, SIDE (where each variable is), WANTED
-(where it should be) and LIST (the free ones, as ``factorise`` takes them). All functions are plain ``@njit`` except
-:func:`allocate`, and the ``set_`` functions return OK or a key of REASONS.
+(where it should be) and LIST (the free ones, as ``factorise`` takes them). All functions are compiled but
+:func:`allocate` and :func:`taken_hessian`, and the ``set_`` functions return OK or a key of REASONS.
 """
 
 from __future__ import annotations
@@ -18,10 +18,16 @@ import math
 
 import numpy as np
 
+from solvers.array_object import NDARRAY
+from solvers.compiled import aligned, compiled
 from solvers.kernels.box_factor import (
     ANSWER,
+    CURVATURE,
     HI,
+    INVERSE_DIAGONAL,
     LO,
+    ONE,
+    PRESENT,
     RAW_LB,
     RAW_Q,
     RAW_UB,
@@ -33,9 +39,11 @@ from solvers.kernels.box_factor import (
     back_substitute,
     factorise,
     leading,
+    skew_rows,
 )
-from solvers.kernels.vector import aligned, compiled
+from solvers.kernels.vector import load, store
 from solvers.protocol import Matrix, Vector
+from solvers.vector8 import splat8, sum8
 
 OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN = range(8)
 REASONS = {
@@ -50,9 +58,11 @@ REASONS = {
 
 STATE, SIDE, WANTED, LIST = range(4)
 """Rows of the integer array."""
-SIZE, COUNT, FIRST, SINGULAR, SYSTEMS, DUAL_STEPS, PROXIMAL_STEPS = range(7)
+(SIZE, COUNT, FIRST, SINGULAR, SYSTEMS, DUAL_STEPS, PROXIMAL_STEPS, EXCHANGES, FALLBACKS, INVERTED, FACTORISED, ARRAY_CLASS,
+ STATES) = range(13)
 """In STATE: d, number of free variables, first variable whose column of the factor is stale, whether P is
-regularised, and what the last solve took: linear systems, steps of the dual method, proximal steps."""
+regularised; what the last solve took: linear systems, steps of the dual method, proximal steps, exchanges; how many solves were
+left to the factorisation; which of P⁻¹ and the factor are there; :data:`solvers.array_object.NDARRAY`."""
 LOWER, FREE, UPPER, FIXED = -1, 0, 1, 2
 """What stands in SIDE."""
 
@@ -64,13 +74,15 @@ EPS = float(np.finfo(np.float64).eps)
 def allocate(d: int) -> tuple[Matrix, Integers]:
     """Work arrays of a problem with d variables; ``work[0, :d]`` is where the answer will stand."""
     ld = leading(d)
-    work = aligned(P + 3 * ld, ld)
-    work[SCALE] = 1.0
-    work[RAW_LB], work[RAW_UB] = -np.inf, np.inf
+    work = aligned(P + 7 * ld, ld)
+    work[SCALE], work[CURVATURE], work[INVERSE_DIAGONAL], work[PRESENT, :d], work[ONE, 0] = 1.0, 1.0, -1.0, 1.0, 1.0
+    work[LO], work[HI] = work[RAW_LB], work[RAW_UB] = -np.inf, np.inf
+    skew = np.triu(0.5 + (0.618033988749895 * np.arange(d * d).reshape(d, d)) % 1.0, 1)
+    work[skew_rows.py_func(work):, :d][:d] = skew - skew.T
     for j in range(d, ld):
         work[P + j, j] = 1.0
-    iwork = np.zeros((4, ld), np.int64)
-    iwork[STATE, SIZE] = d
+    iwork = np.zeros((4, max(ld, STATES)), np.int64)
+    iwork[STATE, SIZE], iwork[STATE, ARRAY_CLASS] = d, NDARRAY
     return work, iwork
 
 
@@ -78,6 +90,7 @@ def allocate(d: int) -> tuple[Matrix, Integers]:
 def set_hessian(work: Matrix, iwork: Integers, hessian: Matrix) -> int:
     """Take P, shape (d, d), as its symmetric part, and factorise it; q, bounds and the active set stay."""
     d = iwork[STATE, SIZE]
+    iwork[STATE, INVERTED] = 0
     for j in range(d):
         diagonal = hessian[j, j]
         if not abs(diagonal) < np.inf:
@@ -85,25 +98,41 @@ def set_hessian(work: Matrix, iwork: Integers, hessian: Matrix) -> int:
         if diagonal < 0.0:
             return INDEFINITE
         work[SCALE, j] = math.ldexp(1.0, -(math.frexp(diagonal)[1] // 2))
+    for i in range(d):
+        for j in range(d):
+            work[P + i, j] = hessian[i, j] * (work[SCALE, i] * work[SCALE, j])
+    rescale(work, iwork)
+    return factorise_copy(work, iwork)
+
+
+@compiled
+def factorise_copy(work: Matrix, iwork: Integers) -> int:
+    """Make the scaled copy of P its symmetric part, and factorise it."""
+    d = iwork[STATE, SIZE]
     total, gap = 0.0, 0.0
     for i in range(d):
-        s = work[SCALE, i]
-        for j in range(d):
-            a, b = hessian[i, j], hessian[j, i]
-            scale = s * work[SCALE, j]
-            gap = max(gap, abs(a - b) * scale)
-            mean = 0.5 * (a + b) * scale
+        for j in range(i + 1):
+            a, b = work[P + i, j], work[P + j, i]
+            mean = 0.5 * (a + b)
+            gap = max(gap, abs(a - b))
             total += abs(mean)
-            work[P + i, j] = mean
+            work[P + i, j], work[P + j, i] = mean, mean
     if not total < np.inf:
         return NOT_FINITE
     if gap > 1e-9:
         return ASYMMETRIC
-    _rescale(work, d)
-    iwork[STATE, SINGULAR] = 0
+    iwork[STATE, SINGULAR], iwork[STATE, FACTORISED] = 0, 1
     if _factorise_all(work, iwork) > 16 * d * EPS and _inverse_norm(work, iwork) < 0.02 / (d * EPS):
         return OK
     return regularise(work, iwork)
+
+
+def taken_hessian(work: Matrix, iwork: Integers) -> Matrix:
+    """P, shape (d, d), from its scaled copy; exact but for the last bit of the diagonal where P is regularised."""
+    d = iwork[STATE, SIZE]
+    copy = work[P:P + d, :d] - PROXIMAL * iwork[STATE, SINGULAR] * np.eye(d)
+    taken: Matrix = copy / work[SCALE, :d] / work[SCALE, :d, None]
+    return taken
 
 
 @compiled
@@ -111,7 +140,7 @@ def regularise(work: Matrix, iwork: Integers) -> int:
     """Add the proximal term to P; INDEFINITE where that is not enough."""
     for j in range(iwork[STATE, SIZE]):
         work[P + j, j] += PROXIMAL
-    iwork[STATE, SINGULAR] = 1
+    iwork[STATE, SINGULAR], iwork[STATE, INVERTED] = 1, 0
     return OK if _factorise_all(work, iwork) > 0.0 else INDEFINITE
 
 
@@ -155,12 +184,14 @@ def finish_list(iwork: Integers, count: int) -> int:
 @compiled
 def set_linear(work: Matrix, iwork: Integers, q: Vector) -> int:
     """Take q, shape (d,)."""
-    for i in range(iwork[STATE, SIZE]):
-        if not abs(q[i]) < np.inf:
-            return NOT_FINITE
+    d, nothing = iwork[STATE, SIZE], splat8(0.0)
+    for i in range(d):
         work[RAW_Q, i] = q[i]
-        work[Q, i] = q[i] * work[SCALE, i]
-    return OK
+    for b in range(0, (d + 7) & ~7, 8):
+        raw = load(work, RAW_Q, b)
+        nothing = nothing + (raw - raw)  # NaN where q is not finite
+        store(work, Q, b, raw * load(work, SCALE, b))
+    return OK if sum8(nothing) == 0.0 else NOT_FINITE
 
 
 @compiled
@@ -173,7 +204,7 @@ def set_bounds(work: Matrix, iwork: Integers, lb: Vector, ub: Vector) -> int:
         if not (lb[i] <= ub[i] and lb[i] < np.inf and ub[i] > -np.inf):
             return CROSSED
         work[RAW_LB, i], work[RAW_UB, i] = lb[i], ub[i]
-    _rescale(work, d)
+    rescale(work, iwork)
     return OK
 
 
@@ -189,8 +220,11 @@ def start_from(work: Matrix, iwork: Integers, x: Vector) -> int:
 
 
 @compiled
-def _rescale(work: Matrix, d: int) -> None:
+def rescale(work: Matrix, iwork: Integers) -> None:
     """Bring q and the bounds to the scaled variables."""
-    for i in range(d):
-        s = work[SCALE, i]
-        work[Q, i], work[LO, i], work[HI, i] = work[RAW_Q, i] * s, work[RAW_LB, i] / s, work[RAW_UB, i] / s
+    for b in range(0, (iwork[STATE, SIZE] + 7) & ~7, 8):
+        scale = load(work, SCALE, b)
+        inverse = 1.0 / scale
+        store(work, Q, b, load(work, RAW_Q, b) * scale)
+        store(work, LO, b, load(work, RAW_LB, b) * inverse)
+        store(work, HI, b, load(work, RAW_UB, b) * inverse)

@@ -9,10 +9,10 @@ with each bound pushed home (at most |A| bends come before), so no set returns.
 
 from __future__ import annotations
 
+from solvers.compiled import compiled
 from solvers.kernels.box_data import BREAKDOWN, DUAL_STEPS, ENDLESS, FIXED, FREE, LOWER, OK, SIDE, SIZE, STATE, UPPER
 from solvers.kernels.box_factor import HI, LO, MULTIPLIER, G, Integers, X
 from solvers.kernels.box_step import gradient_tolerance, list_free, move, newton
-from solvers.kernels.vector import compiled
 from solvers.protocol import Matrix
 
 

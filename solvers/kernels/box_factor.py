@@ -13,9 +13,10 @@ With F = j₀ < j₁ < … the free variables in ascending order and V = L D, co
    They come out the same whatever the way there, so every answer is repeatable to the last bit.
 
 Everything lives in one array ``work`` of rows of length ld, which is d + 4 (right-hand side and three unit columns) rounded
-up to a multiple of eight: a row for each of :data:`VECTORS`, then ld rows each with the columns of P, the columns of V (for
-the sums) and the rows of L (for the multipliers and the back substitution). The functions are plain ``@njit``,
-allocate nothing and may be called from other compiled code.
+up to a multiple of eight: a row for each vector named below, then ld rows each with the columns of P, the columns of V (for
+the sums) and the rows of L (for the multipliers and the back substitution); behind them are the ld rows of M
+(:mod:`solvers.kernels.box_inverse`), 2 ld columns of exchanged variables (:mod:`solvers.kernels.box_exchange`) and ld rows of
+weights. The functions allocate nothing and may be called from other compiled code.
 """
 
 from __future__ import annotations
@@ -23,24 +24,43 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.compiled import compiled, inlined
 from solvers.kernels.product import affine
-from solvers.kernels.vector import broadcast, compiled, first_lanes, fnma, lane, load, store, store_columns
+from solvers.kernels.vector import broadcast, first_lanes, fnma, lane, load, store, store_columns
 from solvers.protocol import Matrix
 from solvers.vector8 import padded, splat8
 
 Integers = NDArray[np.int64]
 
-VECTORS = ("answer", "x", "g", "q", "lo", "hi", "multiplier", "centre", "inverse_pivot", "step", "scale", "raw_q",
-           "raw_lb", "raw_ub")
-"""Rows at the head of the work array; x to step are in scaled variables (see :mod:`solvers.kernels.box_pivoting`)."""
-(ANSWER, X, G, Q, LO, HI, MULTIPLIER, CENTRE, INVERSE_PIVOT, STEP, SCALE, RAW_Q, RAW_LB, RAW_UB) = range(len(VECTORS))
-P = len(VECTORS)
-"""First row of P; V and L follow it."""
+(ANSWER, X, G, Q, LO, HI, MULTIPLIER, CENTRE, INVERSE_PIVOT, STEP, SCALE, RAW_Q, RAW_LB, RAW_UB,
+ # of the exchanges on the inverse, see box_inverse and box_exchange
+ CURVATURE, INVERSE_DIAGONAL, INVERSE_WEIGHT, R, BELOW, ABOVE, AT, IS_FREE, UNIT, DIAGONAL, WEIGHT, GAIN, MASKED, FACTOR, _,
+ SHARE, _, ZERO, PRESENT, BEFORE_ONE, ONE, PIVOT_ROWS, _, P) = range(38)
+"""Rows at the head of the work array, X to STEP in scaled variables (see :mod:`solvers.kernels.box_data`), and the first row of P,
+which V and L follow. FACTOR, SHARE and PIVOT_ROWS go on into the row after theirs."""
 
 
 def leading(d: int) -> int:
     """Length ld of the rows of a problem with d variables."""
     return padded(d + 4)
+
+
+@inlined
+def inverse_rows(work: Matrix) -> int:
+    """First of the ld rows of M."""
+    return P + 3 * work.shape[1]
+
+
+@inlined
+def column_rows(work: Matrix) -> int:
+    """First of the 2 ld rows for columns of exchanged variables."""
+    return P + 4 * work.shape[1]
+
+
+@inlined
+def skew_rows(work: Matrix) -> int:
+    """First of the ld rows of weights that show an unsymmetric P."""
+    return P + 6 * work.shape[1]
 
 
 @compiled

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solvers.compiled import compiled
 from solvers.kernels.box_data import (
     BREAKDOWN,
     DUAL_STEPS,
@@ -55,7 +56,6 @@ from solvers.kernels.box_dual import dual_active_set
 from solvers.kernels.box_factor import ANSWER, CENTRE, HI, LO, RAW_Q, SCALE, G, Integers, P, Q, X, gradient
 from solvers.kernels.box_step import gradient_tolerance, list_free, move, newton
 from solvers.kernels.product import affine_compensated
-from solvers.kernels.vector import compiled
 from solvers.protocol import Matrix
 
 LARGE = 1e7

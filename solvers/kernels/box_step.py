@@ -6,9 +6,10 @@ on the same set is a step of iterative refinement, and rounding of earlier sets 
 
 from __future__ import annotations
 
+from solvers.compiled import compiled
 from solvers.kernels.box_data import COUNT, EPS, FIRST, FREE, LIST, LOWER, SIDE, SIZE, STATE, SYSTEMS, finish_list
 from solvers.kernels.box_factor import HI, LO, STEP, G, Integers, P, Q, X, back_substitute, factorise, gradient
-from solvers.kernels.vector import compiled, fma, load, store
+from solvers.kernels.vector import fma, load, store
 from solvers.protocol import Matrix
 from solvers.vector8 import splat8
 

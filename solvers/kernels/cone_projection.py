@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from solvers.compiled import compiled
 from solvers.kernels import box_data
 from solvers.kernels.box_factor import ANSWER, RAW_Q, SCALE, Integers, Q
 from solvers.kernels.box_pivoting import solve_box
-from solvers.kernels.vector import compiled
 from solvers.protocol import Matrix, Vector
 
 

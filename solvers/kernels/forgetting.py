@@ -11,7 +11,7 @@ Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
 
 from __future__ import annotations
 
-from solvers.kernels.vector import compiled
+from solvers.compiled import compiled
 from solvers.protocol import Matrix, Vector
 
 

@@ -16,11 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solvers.compiled import aligned, compiled, entry
 from solvers.kernels.box_factor import Integers
 from solvers.kernels.cone_projection import Cone, project_coupled
 from solvers.kernels.forgetting import absorb
 from solvers.kernels.product import affine
-from solvers.kernels.vector import aligned, compiled, entry, load, store
+from solvers.kernels.vector import load, store
 from solvers.nanoclock import monotonic_ns
 from solvers.protocol import Matrix, Vector
 from solvers.vector8 import padded, sum8

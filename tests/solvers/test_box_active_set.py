@@ -1,6 +1,7 @@
-"""The exact box solver against rational arithmetic, and the rules it states for hard problems."""
+"""The exact box solver against rational arithmetic on both of its paths, and the rules it states for hard problems."""
 
 import doctest
+import pickle
 import tracemalloc
 from fractions import Fraction
 
@@ -71,6 +72,18 @@ def solver(P, q, lb, ub, **settings_):
     return s
 
 
+def answer(path, P, q, lb, ub):
+    """The answer of one path alone, which must bring the problem to its end."""
+    s = solver(P, q, lb, ub)
+    if path == "factorisation":
+        s._iwork[box_data.STATE, box_data.INVERTED] = 0
+    x = s.solve()
+    extras = s.solution().extras
+    assert extras["fallbacks"] == (path == "factorisation")
+    assert not extras["regularised"]
+    return x
+
+
 def residual(P, q, lb, ub, x):
     """Largest violation of the optimality conditions, relative to the data."""
     g = P @ x + q
@@ -95,6 +108,19 @@ def random_bounds(rng, d):
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=60, deadline=None)
+both_paths = pytest.mark.parametrize("path", ["exchanges", "factorisation"])
+
+
+@both_paths
+@quick
+@given(seed=seeds, d=st.integers(1, 20), decades=st.floats(0, 7))
+def test_each_path_ends_at_the_exact_optimum_of_random_boxes(path, seed, d, decades):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
+    x = answer(path, P, q, lb, ub)
+    assert ((lb <= x) & (x <= ub)).all()
+    assert relative_gap(P, q, lb, ub, x) < 1e-18
 
 
 @quick
@@ -108,27 +134,40 @@ def test_the_cost_is_the_exact_optimum_to_1e_12_for_condition_numbers_up_to_1e12
     assert relative_gap(P, q, lb, ub, x) < 1e-12
 
 
+@both_paths
 @quick
-@given(seed=seeds, d=st.integers(1, 9), decades=st.floats(0, 8))
-def test_badly_scaled_variables_do_not_change_the_exactness(seed, d, decades):
+@given(seed=seeds, d=st.integers(1, 9), decades=st.floats(0, 7))
+def test_badly_scaled_variables_do_not_change_the_exactness(path, seed, d, decades):
     rng = np.random.default_rng(seed)
     scale = 10 ** rng.uniform(-6, 6, d)
     P, (lb, ub) = spectrum_matrix(rng, d, decades) * np.outer(scale, scale), random_bounds(rng, d)
     q, lb, ub = rng.normal(size=d) * scale, lb / scale, ub / scale
-    assert relative_gap(P, q, lb, ub, solver(P, q, lb, ub).solve()) < 1e-12
+    assert relative_gap(P, q, lb, ub, answer(path, P, q, lb, ub)) < 1e-18
 
 
+@both_paths
 @quick
 @given(seed=seeds, d=st.integers(1, 9))
-def test_ties_and_zero_multipliers_on_integer_data_end_at_the_exact_optimum(seed, d):
+def test_ties_and_zero_multipliers_on_integer_data_end_at_the_exact_optimum(path, seed, d):
     rng = np.random.default_rng(seed)
     A = rng.integers(-2, 3, (d, d))
     P = (A @ A.T + np.eye(d)).astype(float)
     lb, ub = np.round(random_bounds(rng, d))
     at = np.clip(np.round(rng.normal(size=d)), lb, ub)
     q = -P @ at
-    x = solver(P, q, lb, ub).solve()
-    np.testing.assert_allclose(x, at, atol=1e-12)
+    np.testing.assert_allclose(answer(path, P, q, lb, ub), at, atol=1e-12)
+
+
+@both_paths
+@quick
+@given(seed=seeds, d=st.integers(2, 9), copies=st.integers(2, 4))
+def test_equal_variables_that_violate_equally_end_at_the_exact_optimum(path, seed, d, copies):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = np.kron(np.eye(copies), spectrum_matrix(rng, d, 3)), random_bounds(rng, d)
+    q, lb, ub = np.tile(rng.normal(size=d), copies), np.tile(lb, copies), np.tile(ub, copies)
+    x = answer(path, P, q, lb, ub)
+    for copy in x.reshape(copies, d):
+        assert relative_gap(P[:d, :d], q[:d], lb[:d], ub[:d], copy) < 1e-18
 
 
 @quick
@@ -158,6 +197,31 @@ def test_a_problem_without_a_minimum_is_refused_as_unbounded(seed, d):
     q = -A @ A.T @ rng.normal(size=d) - v / np.linalg.norm(v)
     with pytest.raises(ValueError, match="unbounded"):
         solver(A @ A.T, q, np.where(v > 0, -1.0, -INF), np.where(v < 0, 1.0, INF)).solve()
+
+
+@pytest.mark.parametrize("factorisation", [False, True])
+@pytest.mark.parametrize("seed", range(10))
+def test_sixty_variables_at_a_condition_number_of_1e11_end_without_cycling(seed, factorisation):
+    rng = np.random.default_rng(seed)
+    P, d = spectrum_matrix(rng, 60, 11), 60
+    q, lb = -P @ rng.normal(size=d) + 10 ** rng.uniform(-8, 0) * rng.normal(size=d), np.full(d, -0.1)
+    s = solver(P, q, lb, None)
+    if factorisation:
+        s._iwork[box_data.STATE, box_data.INVERTED] = 0
+    x, extras = s.solve(), s.solution().extras
+    assert extras["exchanges"] + extras["systems"] + extras["dual_steps"] < 5 * d
+    assert residual(P, q, lb, np.full(d, INF), x) < 100 * d * EPS
+
+
+@both_paths
+def test_free_fixed_and_two_sided_variables_alone_have_their_plain_answers(path):
+    rng = np.random.default_rng(11)
+    P, q, free = spectrum_matrix(rng, 10, 3), rng.normal(size=10), np.full(10, INF)
+    np.testing.assert_allclose(answer(path, P, q, -free, free), np.linalg.solve(P, -q), rtol=1e-11)
+    fixed = rng.normal(size=10)
+    assert (answer(path, P, q, fixed, fixed) == fixed).all()
+    np.testing.assert_allclose(answer(path, np.diag(np.diag(P)), q, -0.1 - 0 * q, 0.1 + 0 * q),
+                               np.clip(-q / np.diag(P), -0.1, 0.1), rtol=1e-14)
 
 
 def test_a_linear_program_in_a_far_box_ends_at_its_corner():
@@ -193,6 +257,32 @@ def test_numbers_that_are_not_finite_are_refused_by_setup_and_update(bad, where)
         solver(P, q, np.zeros(3), np.ones(3))
     with pytest.raises(ValueError, match="must be finite"):
         s.update(P, q)
+
+
+@quick
+@given(seed=seeds, d=st.integers(2, 20), bad=st.sampled_from([np.nan, INF, -INF]), mirrored=st.booleans())
+def test_one_entry_of_P_that_is_not_finite_is_found_wherever_it_stands(seed, d, bad, mirrored):
+    rng = np.random.default_rng(seed)
+    P, i, j = spectrum_matrix(rng, d, 2), rng.integers(d), rng.integers(d)
+    s = solver(P, np.zeros(d), np.zeros(d), np.ones(d))
+    P[i, j] = bad
+    if mirrored:
+        P[j, i] = bad
+    with pytest.raises(ValueError, match="must be finite"):
+        s.update(P, np.zeros(d))
+
+
+@quick
+@given(seed=seeds, d=st.integers(2, 20), decades=st.floats(-7, 0), entries=st.integers(1, 5))
+def test_an_unsymmetric_P_is_found_wherever_it_differs(seed, d, decades, entries):
+    rng = np.random.default_rng(seed)
+    P = spectrum_matrix(rng, d, 1)
+    s = solver(P, np.zeros(d), np.zeros(d), np.ones(d))
+    for _ in range(entries):
+        i, j = rng.choice(d, 2, replace=False)
+        P[i, j] += 10 ** decades * rng.uniform(0.5, 1)
+    with pytest.raises(ValueError, match="not symmetric"):
+        s.update(P, np.zeros(d))
 
 
 @pytest.mark.parametrize(("lb", "ub", "message"), [(2.0, 1.0, "above"), (np.nan, 1.0, "NaN"), (0.0, np.nan, "NaN"),
@@ -319,14 +409,44 @@ def test_inputs_are_not_written_and_may_change_afterwards():
     np.testing.assert_allclose(s.solve(), x, atol=1e-12)
 
 
-def test_P_may_be_strided_or_of_single_precision():
-    P = np.array([[2.0, 0.5, 9.0], [0.5, 3.0, 9.0]])
-    s = solver(np.eye(2), np.array([-1.0, -1.0]), np.zeros(2), np.full(2, INF))
-    s.update(P[:, :2].T)
-    expected = s.solve().copy()
-    s.update(P[:, :2].astype(np.float32))
-    assert (s.solve() == expected).all()
-    np.testing.assert_allclose(P[:, :2] @ expected, [1.0, 1.0], atol=1e-14)
+AS_GIVEN = {"contiguous": np.array, "Fortran": np.asfortranarray, "strided": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
+            "single precision": np.float32, "other byte order": lambda a: a.astype(">f8"), "list": np.ndarray.tolist,
+            "subclass": np.ma.array, "pickled": lambda a: pickle.loads(pickle.dumps(a)), "locked": lambda a: locked(a.copy())}
+
+
+def locked(array):
+    array.setflags(write=False)
+    return array
+
+
+@pytest.mark.parametrize("form", AS_GIVEN)
+def test_data_may_come_in_any_form_that_numpy_takes(form):
+    P, q = np.array([[2.0, 0.5], [0.5, 3.0]]), np.array([-1.0, -1.0])
+    s = solver(np.eye(2), np.zeros(2), np.zeros(2), np.full(2, INF))
+    s.update(AS_GIVEN[form](P), AS_GIVEN[form](q))
+    np.testing.assert_allclose(P @ s.solve(), [1.0, 1.0], atol=1e-14)
+
+
+def test_P_and_q_may_be_renewed_alone():
+    rng = np.random.default_rng(12)
+    old, new = spectrum_matrix(rng, 7, 3), spectrum_matrix(rng, 7, 3)
+    q, r, lb = rng.normal(size=7), rng.normal(size=7), np.zeros(7)
+    s = solver(old, q, lb, None)
+    s.update(q=r)
+    assert (s.solve() == solver(old, r, lb, None).solve()).all()
+    s.update(P=new)
+    assert (s.solve() == solver(new, r, lb, None).solve()).all()
+    np.testing.assert_array_equal(s.solution().problem.P, new)
+    s.update()
+    assert (s.solve() == solver(new, r, lb, None).solve()).all()
+
+
+@pytest.mark.parametrize(("P", "q"), [(np.eye(3), np.zeros(2)), (np.eye(2), np.zeros(3)), (np.ones(4), np.zeros(2)),
+                                      (np.eye(2), np.zeros((2, 1))), (np.eye(2)[:, :1], np.zeros(2))])
+def test_data_of_another_shape_are_refused(P, q):
+    s = solver(np.eye(2), np.zeros(2), np.zeros(2), np.ones(2))
+    with pytest.raises(ValueError, match="shape"):
+        s.update(P, q)
 
 
 def test_a_thousand_solves_allocate_nothing_that_stays():

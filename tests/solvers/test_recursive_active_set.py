@@ -1,0 +1,352 @@
+"""The recursive exact solver against rational arithmetic, after every row of streams that are easy, degenerate and hostile."""
+
+import doctest
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from qpsolvers import Problem
+
+from solvers import Unsupported, get
+from solvers.certificate import certify, exact_cost_gap
+from solvers.kernel import recursive_active_set as module
+from solvers.kernels import swept_gram as swept
+from solvers.kernels.forgetting import absorb
+from solvers.kernels.swept_refresh import refresh
+from solvers.kernels.swept_rows import LARGEST
+
+INF = np.inf
+seeds = st.integers(0, 2**32 - 1)
+forgettings = st.sampled_from([1.0, 0.999, 0.99, 0.9, 0.5])
+quick = settings(max_examples=25, deadline=None)
+
+
+def recursive(P, q, lb=None, ub=None, **given_settings):
+    s = get("recursive_active_set", "kernel", **given_settings)
+    s.setup(Problem(P, q, lb=lb, ub=ub))
+    return s
+
+
+def random_bounds(rng, d):
+    """Free, lower, upper, two-sided and fixed variables in one."""
+    lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
+    ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
+    fixed = rng.random(d) < 0.1
+    return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
+
+
+def random_row(rng, d, previous):
+    """A row (ξ, x) that is plain, zero, the one before, large or tiny."""
+    kind = rng.integers(0, 8)
+    if kind == 0:
+        return np.append(np.zeros(d), rng.normal())
+    if kind == 1 and previous is not None:
+        return previous
+    return rng.normal(size=d + 1) * (1e3 if kind == 2 else 1e-3 if kind == 3 else 1.0)
+
+
+def follow(P, q, row, forgetting, weight):
+    return forgetting * P + weight * np.outer(row[:-1], row[:-1]), forgetting * q + weight * row[:-1] * row[-1]
+
+
+def gap(problem, x):
+    """The exact cost above the certified optimum, relative to it."""
+    problem = Problem((problem.P + problem.P.T) / 2, problem.q, lb=problem.lb, ub=problem.ub)
+    return exact_cost_gap(problem, certify(problem, x), x).relative
+
+
+def inside(x, lb, ub):
+    return bool(((lb <= x) & (x <= ub)).all())
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 10), forgetting=forgettings)
+def test_every_row_of_a_stream_leaves_the_exact_optimum_of_all_data_so_far(seed, d, forgetting):
+    rng = np.random.default_rng(seed)
+    lb, ub = random_bounds(rng, d)
+    P, q, row = np.eye(d), rng.normal(size=d), None
+    s = recursive(P, q, lb, ub, forgetting=forgetting, weight=1.0, proximal=0.0)
+    for _ in range(10):
+        # What fades is renewed, so that P stays regular: without information no optimum is the only one.
+        renewed = np.sqrt(1.0 - forgetting) * np.eye(d + 1)[:d] if forgetting < 1.0 else np.zeros((0, d + 1))
+        row = random_row(rng, d, row)
+        for each in (*renewed, row):
+            s.append(each[:-1], each[-1])
+            P, q = follow(P, q, each, forgetting, 1.0)
+        x = s.solve()
+        assert inside(x, lb, ub)
+        assert gap(Problem(P, q, lb=lb, ub=ub), x) < 1e-12
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds, d=st.integers(20, 40))
+def test_so_it_does_with_up_to_forty_variables(seed, d):
+    rng = np.random.default_rng(seed)
+    lb, ub = random_bounds(rng, d)
+    P, q = np.eye(d), rng.normal(size=d)
+    s = recursive(P, q, lb, ub, forgetting=0.999, weight=1.0, proximal=0.0)
+    for _ in range(30):
+        row = rng.normal(size=d + 1)
+        s.append(row[:-1], row[-1])
+        P, q = follow(P, q, row, 0.999, 1.0)
+    assert gap(Problem(P, q, lb=lb, ub=ub), s.solve()) < 1e-12
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 12), forgetting=forgettings, proximal=st.sampled_from([0.0, 1e-10, 1e-6]))
+def test_from_no_data_on_the_answer_is_the_optimum_with_the_proximal_term_that_is_stated(seed, d, forgetting, proximal):
+    rng = np.random.default_rng(seed)
+    lb, ub = random_bounds(rng, d)
+    row, s = None, recursive(np.zeros((d, d)), np.zeros(d), lb, ub, forgetting=forgetting, proximal=proximal)
+    for _ in range(8):
+        row = random_row(rng, d, row)
+        s.append(row[:-1], row[-1])
+        assert inside(s.solve(), lb, ub)
+        assert gap(s.problem(), s.solve()) < 1e-10  # the inverse of what is singular but for 1e-11 has five digits
+
+
+@quick
+@given(seed=seeds, d=st.integers(2, 9))
+def test_what_the_data_leave_open_stays_where_it_is(seed, d):
+    rng = np.random.default_rng(seed)
+    s = recursive(np.zeros((d, d)), np.zeros(d), proximal=0.0)
+    row = rng.normal(size=d)
+    s.append(row, 1.0)
+    np.testing.assert_allclose(s.solve(), -1.0 / (d * row), rtol=1e-3)  # from 0 the shortest way in √P_jj v_j
+    before = s.solve().copy()
+    for _ in range(3):
+        s.append(row, 1.0)
+    np.testing.assert_allclose(s.solve(), before, rtol=1e-7, atol=1e-9)
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 8))
+def test_ties_on_integer_data_end_at_the_exact_optimum(seed, d):
+    rng = np.random.default_rng(seed)
+    lb, ub = np.round(random_bounds(rng, d))
+    P, q = np.eye(d), -np.clip(np.round(rng.normal(size=d)), lb, ub)
+    s = recursive(P, q, lb, ub, proximal=0.0)
+    for _ in range(8):
+        row = rng.integers(-2, 3, d + 1).astype(float)
+        s.append(row[:-1], row[-1])
+        P, q = follow(P, q, row, 1.0, 1.0)
+        problem = Problem(P, q, lb=lb, ub=ub)
+        proof = certify(problem, s.solve())
+        assert exact_cost_gap(problem, proof, s.solve(), 1.0).absolute < 1e-12
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 9))
+def test_badly_scaled_variables_do_not_change_the_exactness(seed, d):
+    rng = np.random.default_rng(seed)
+    scale = 10 ** rng.uniform(-5, 5, d)
+    lb, ub = random_bounds(rng, d) / scale
+    P, q = np.diag(scale**2), rng.normal(size=d) * scale
+    s = recursive(P, q, lb, ub, proximal=0.0)
+    for _ in range(12):
+        row = np.append(rng.normal(size=d) * scale, rng.normal())
+        s.append(row[:-1], row[-1])
+        P, q = follow(P, q, row, 1.0, 1.0)
+        assert gap(Problem(P, q, lb=lb, ub=ub), s.solve()) < 1e-12
+
+
+def drifting(rng, d, count):
+    """Rows of a system whose parameters drift, with correlated inputs."""
+    inputs = np.cumsum(rng.normal(size=(count, d)), axis=1) / np.sqrt(d)
+    parameters = 0.3 + np.sin(np.arange(count)[:, None] * 1e-4 + np.arange(d))
+    return np.column_stack([inputs, -(inputs * parameters).sum(axis=1) + 0.01 * rng.normal(size=count)])
+
+
+@pytest.mark.parametrize("forgetting", [1.0, 0.999])
+def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
+    rng = np.random.default_rng(5)
+    d, count, block = 12, 100_000, 9_973
+    rows, lb, ub = drifting(rng, d, count), np.zeros(d), np.where(np.arange(d) % 3 == 0, 0.8, INF)
+    weight = 1.0 - forgetting if forgetting < 1.0 else 1.0
+    P, q, c = np.eye(d), np.zeros(d), np.zeros(1)
+    s = recursive(P, q, lb, ub, forgetting=forgetting, proximal=0.0)
+    for first in range(0, count, block):
+        part = rows[first:first + block]
+        answers, nanoseconds = s.time_rows(part, forgetting)
+        assert nanoseconds.shape == (len(part),)
+        assert nanoseconds.min() > 0
+        if forgetting < 1.0:
+            absorb(P, q, c, part, 0, len(part), forgetting)
+        else:
+            P, q = P + part[:, :-1].T @ part[:, :-1] * weight, q + part[:, :-1].T @ part[:, -1] * weight
+        assert gap(Problem(P, q, lb=lb, ub=ub), answers[-1]) < 1e-12
+        assert gap(s.problem(), answers[-1]) < 1e-20
+    extras = s.solution().extras
+    assert extras["refreshes"] >= count // swept.REFRESH
+    assert extras["exchanges"] > 0
+    assert extras["cold_starts"] == 0
+
+
+def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
+    rng = np.random.default_rng(6)
+    s = recursive(np.eye(18), np.zeros(18), np.zeros(18), forgetting=0.9995, proximal=0.0)
+    ld = s._iwork[swept.LEADING]
+    part = slice(swept.VECTORS * ld, (swept.VECTORS + 19) * ld)
+    s.append_many(drifting(rng, 18, 4 * swept.REFRESH))
+    while s._iwork[swept.SINCE_REFRESH] < swept.REFRESH - 1:
+        s.append_many(drifting(rng, 18, 1))
+    carried, root = s._work[part].copy(), s._numbers[swept.ROOT_WEIGHT] ** 2 / s._numbers[swept.ROW_WEIGHT]
+    free = np.append(s._head[swept.FREE, :18] > 0, False)
+    refresh(s._work, s._iwork, s._numbers)
+    carried, fresh = carried.reshape(-1, ld)[:, :19], s._work[part].reshape(-1, ld)[:, :19].copy()
+    assert (np.append(s._head[swept.FREE, :18] > 0, False) == free).all()
+    fresh[np.ix_(free, free)] /= root
+    fresh[np.ix_(~free, ~free)] *= root
+    for rows, columns in ((free, free), (~free, ~free), (free, ~free)):
+        a, b = carried[np.ix_(rows, columns)], fresh[np.ix_(rows, columns)]
+        assert np.abs(a - b).max() < 1e-9 * np.abs(b).max()
+
+
+def test_a_row_that_says_what_was_open_refreshes_at_once():
+    s = recursive(np.diag([1.0, 1e-9]), np.zeros(2), proximal=0.0)
+    before = s.solution().extras["refreshes"]
+    s.append(np.array([0.5, 0.0]), 1.0)
+    assert s.solution().extras["refreshes"] == before
+    s.append(np.array([0.0, 1.0]), 1.0)
+    assert s.solution().extras["refreshes"] > before
+    np.testing.assert_allclose(s.solve(), [-0.4, -1.0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("damage", [np.nan, INF, 0.0, 1e8])
+def test_a_swept_matrix_that_is_damaged_is_made_anew_and_the_answer_is_exact(damage):
+    rng = np.random.default_rng(8)
+    d = 9
+    P, q, lb = np.eye(d), rng.normal(size=d), np.zeros(d)
+    s = recursive(P, q, lb, proximal=0.0)
+    for k in range(30):
+        if k == 20:  # no longer the inverse of anything definite, the answer included
+            ld = s._iwork[swept.LEADING]
+            for j in range(d):
+                s._work[(swept.VECTORS + j) * ld + j] = damage
+                s._work[(swept.VECTORS + d) * ld + j] = damage if np.isnan(damage) else 1.0
+        row = rng.normal(size=d + 1)
+        s.append(row[:-1], row[-1])
+        P, q = follow(P, q, row, 1.0, 1.0)
+        if k == 20:
+            s.recover()
+        assert gap(Problem(P, q, lb=lb, ub=np.full(d, INF)), s.solve()) < 1e-12
+
+
+def test_exchanges_that_do_not_end_fall_back_on_the_cold_solver(monkeypatch):
+    rng = np.random.default_rng(9)
+    d = 8
+    P, q, lb = np.eye(d), rng.normal(size=d), np.zeros(d)
+    s = recursive(P, q, lb, proximal=0.0)
+    # What the compiled step returns where both refreshes end in vain; the row is in the Gram matrix by then.
+    compiled = s._take_row
+    monkeypatch.setattr(s, "_take_row", lambda *arrays: max(compiled(*arrays), swept.CYCLING))
+    for k in range(5):
+        row = rng.normal(size=d + 1)
+        s.append(row[:-1], row[-1])
+        P, q = follow(P, q, row, 1.0, 1.0)
+        assert gap(Problem(P, q, lb=lb, ub=np.full(d, INF)), s.solve()) < 1e-12
+        assert s.solution().extras["cold_starts"] == k + 1
+
+
+@quick
+@given(seed=seeds, d=st.integers(1, 9), words=st.lists(st.sampled_from(["append", "many", "update", "setup"]), max_size=8))
+def test_any_mixture_of_calls_answers_as_a_fresh_solver_does(seed, d, words):
+    rng = np.random.default_rng(seed)
+    lb, ub = random_bounds(rng, d)
+    P, q = np.eye(d), np.zeros(d)
+    s = recursive(P, q, lb, ub, proximal=0.0)
+    for word in words:
+        if word in ("append", "many"):
+            rows = rng.normal(size=(1 if word == "append" else 5, d + 1))
+            if word == "append":
+                s.append(rows[0, :-1], rows[0, -1])
+            else:
+                s.append_many(rows)
+            for row in rows:
+                P, q = follow(P, q, row, 1.0, 1.0)
+        else:
+            A = rng.normal(size=(d, d))
+            P, q = A @ A.T + np.eye(d), rng.normal(size=d)
+            P = (P + P.T) / 2
+            if word == "update":
+                s.update(P, q)
+            else:
+                lb, ub = random_bounds(rng, d)
+                s.setup(Problem(P, q, lb=lb, ub=ub))
+    np.testing.assert_allclose(s.solve(), recursive(P, q, lb, ub, proximal=0.0).solve(), rtol=1e-10, atol=1e-10)
+
+
+def test_rows_one_by_one_and_in_one_call_give_the_same_bits():
+    rng = np.random.default_rng(10)
+    rows = rng.normal(size=(600, 8))
+    one, many = (recursive(np.eye(7), np.zeros(7), np.zeros(7), forgetting=0.99) for _ in range(2))
+    answers, _ = many.append_many(rows)
+    for row, answer in zip(rows, answers, strict=True):
+        one.append(row[:-1], row[-1])
+        assert (one.solve() == answer).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, INF, -INF, LARGEST])
+@pytest.mark.parametrize("where", [0, 3, 4])
+def test_a_row_that_is_not_finite_is_refused_and_changes_nothing(bad, where):
+    s, untouched = (recursive(np.eye(4), -np.ones(4), np.zeros(4)) for _ in range(2))
+    row = np.ones(5)
+    row[where] = bad
+    with pytest.raises(ValueError, match="the row holds a number that is not finite"):
+        s.append(row[:-1], row[-1])
+    with pytest.raises(ValueError, match="row 1 holds a number that is not finite"):
+        s.append_many(np.array([np.ones(5), row]))
+    assert (s._work == untouched._work).all()
+    assert (s._numbers == untouched._numbers).all()
+
+
+@pytest.mark.parametrize(("P", "q", "why"), [
+    (np.full((2, 2), np.nan), None, "finite"), (None, np.array([0.0, INF]), "finite"),
+    (np.array([[1.0, 0.5], [0.0, 1.0]]), None, "not symmetric"), (np.diag([1.0, -1.0]), None, "indefinite"),
+    (np.zeros((2, 2)), np.array([0.0, 1.0]), "unbounded"), (np.eye(3), None, "size")])
+def test_data_that_are_refused_change_nothing(P, q, why):
+    s, untouched = (recursive(np.eye(2), -np.ones(2)) for _ in range(2))
+    with pytest.raises(ValueError, match=why):
+        s.update(P, q)
+    assert (s._work == untouched._work).all()
+    for each in (s, untouched):
+        each.append(np.array([1.0, 2.0]), 1.0)
+    assert (s.solve() == untouched.solve()).all()
+    s.update(q=np.zeros(2))
+    assert (s.solve() == 0.0).all()
+
+
+def test_unusable_problems_and_settings_are_refused_in_one_sentence():
+    with pytest.raises(Unsupported, match="bounds only"):
+        get("recursive_active_set").setup(Problem(np.eye(2), np.zeros(2), np.ones((1, 2)), np.ones(1)))
+    with pytest.raises(ValueError, match="above its upper bound"):
+        recursive(np.eye(2), np.zeros(2), np.ones(2), np.zeros(2))
+    with pytest.raises(ValueError, match="NaN"):
+        recursive(np.eye(2), np.zeros(2), np.array([0.0, np.nan]))
+    for name, value in (("forgetting", 1.1), ("weight", 0.0), ("proximal", -1.0)):
+        with pytest.raises(ValueError, match=name):
+            recursive(np.eye(2), np.zeros(2), **{name: value})
+    s = recursive(np.eye(2), np.zeros(2))
+    with pytest.raises(ValueError, match="a row has 2 numbers"):
+        s.append(np.ones(3), 1.0)
+    with pytest.raises(ValueError, match=r"rows must have shape \(N, 3\)"):
+        s.append_many(np.ones((4, 2)))
+    with pytest.raises(ValueError, match="was set up with forgetting"):
+        s.time_rows(np.ones((4, 3)), 0.9)
+
+
+def test_a_bounded_problem_whose_matrix_is_singular_is_solved():
+    s = recursive(np.zeros((2, 2)), np.array([1.0, -1.0]), np.zeros(2), np.ones(2), proximal=0.0)
+    assert s.solve().tolist() == [0.0, 1.0]
+    s.append(np.array([1.0, 1.0]), -3.0)  # ½ (v₁ + v₂ − 3)² pulls v₁ up
+    assert s.solve().tolist() == [1.0, 1.0]
+
+
+def test_the_work_array_begins_at_a_cache_line():
+    for d in (5, 18, 60):
+        assert swept.allocate(d)[0].ctypes.data % 64 == 0
+
+
+def test_the_examples_in_the_docstrings_run():
+    assert doctest.testmod(module).failed == 0
