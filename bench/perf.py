@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 import solvers
 from bench.cli.console import console, print_table
 from bench.problems import find
+from bench.worst_case import HEADINGS, worst_case_figures
 from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.continuous_learning import PROXIMAL, prior
 from piezo_model.learning_events import Phase
@@ -185,6 +186,7 @@ def main() -> None:
     print_table(("what", "ours, ns", "NumPy, ns", "ratio"),
                 [*data_basis_figures(), *projected_step_figures(), *learning_loop_figures()])
     console.print("Fastest of several runs on one core; compare ratios.")
+    print_table(HEADINGS, worst_case_figures())
 
 
 if __name__ == "__main__":

@@ -154,10 +154,17 @@ class ContinuousLearning:
             self._fall_back()
             self._enter(RESET)
         elif signal == FAILED:
-            self._note("refused", "the recursive solver failed; learning begins anew")
-            self._begin_anew(float(self.arrays.numbers[step.LEVEL]))
+            self._recover()
         else:
             self._end_of_probation()
+
+    def _recover(self) -> None:
+        """Go on from the data so far with the cold exact solver, where they have an optimum."""
+        try:
+            self._engine.recover()
+        except ValueError as error:
+            self._note("refused", f"{error}; learning begins anew")
+            self._begin_anew(float(self.arrays.numbers[step.LEVEL]))
 
     def _enter(self, phase: int) -> None:
         self.counts[step.PHASE], self.counts[step.LEFT] = phase, self.counts[step.RESET_LASTS]

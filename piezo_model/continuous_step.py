@@ -1,7 +1,7 @@
 """One sample of continuous operation in compiled code: guard, exact optimum of a forgetting data basis, hand-over.
 
     reset   nothing is learned; the squared error (5) of the weights in use is summed up
-    learn   P ← λ P + Ξ Ξᵀ, q ← λ q + Ξ x and the optimum after that (`solvers.kernels.swept_gram`)
+    learn   P ← λ P + Ξ Ξᵀ, q ← λ q + Ξ x and the optimum after that (`solvers.kernels.swept_rows`)
 
 Every interval the weights that are one interval old take the place of those in use if they have predicted the interval at least
 as well. They are admissible, since the solver keeps them in their box. A hand-over rewrites the arrays of the inverse in
@@ -27,6 +27,8 @@ from piezo_model.regressors import RegressorArrays, regressor_step
 from piezo_model.sensor_guard import GOOD, MISSING, judge_step
 from solvers.compiled import inlined, kernel
 from solvers.kernels import swept_gram as swept
+from solvers.kernels.box_data import OK
+from solvers.kernels.swept_rows import take, write_answer
 from solvers.vector8 import load8, splat8, sum8
 
 Vector = NDArray[np.float64]
@@ -120,8 +122,8 @@ def learn_step(c: ContinuousArrays, error: float) -> int:
     c.counts[PREDICTED] += 1
     c.counts[WAIT] -= 1 if c.counts[WAIT] > 0 else 0
     c.numbers[LEVEL] += c.numbers[SMOOTHING] * (error * error - c.numbers[LEVEL])
-    status = swept.take(c.work, c.iwork, c.solver_numbers, c.row, 1)
-    return NONE if status == swept.OK else FAILED
+    status = take(c.work, c.iwork, c.solver_numbers, c.row, 1)
+    return NONE if status == OK else FAILED
 
 
 @kernel
@@ -140,7 +142,7 @@ def end_interval(c: ContinuousArrays, inverse: InverseArrays, play: Vector, cree
                 c.counts[ESTABLISHED], signal = 1, FIRST_HAND_OVER
         elif not better:
             c.counts[REFUSALS] += 1
-        swept.write_answer(c.work, c.iwork)
+        write_answer(c.work, c.iwork)
         for i in range(c.iwork[swept.SIZE]):
             c.candidate[1 + i] = c.work[swept.ANSWER * c.iwork[swept.LEADING] + i]
     c.numbers[OLD] = c.numbers[NEW] = 0.0
