@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.console import console, errors, print_table
+from bench.cli.console import AsJson, console, errors, plain_json, print_json, print_table
+from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
 from bench.export.settings import ExportError, ExportSettings
+from bench.export.step_cost import StepCost, step_cost
 from bench.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel, ModelError
 from piezo_model.deployment import FORMAT, Deployment
@@ -111,43 +114,64 @@ def realtime_verb(
     priority: Annotated[int, typer.Option(min=0, max=99, help="Of SCHED_FIFO; 0 does not ask for it.")] = 80,
     core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last by default.")] = None,
     search: Annotated[bool, typer.Option("--search", help="Find the highest rate at which 99.99 % are met, too.")] = False,
+    cost: Annotated[bool, typer.Option(help="Time and instructions of a step here, memory and instructions on ARM "
+                                            "Cortex-M.")] = True,
     out: Annotated[Path | None, typer.Option(help="Where histograms and figures are written, JSON.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine on an absolute schedule and count its misses."""
-    from bench.export.realtime import MET, RealTime, histogram
     from piezo_model.atomic_file import write_text
 
+    if out is not None and not out.parent.is_dir():
+        raise ExportError(f"{out}: the folder {out.parent} does not exist")
     loaded, settings = _opened(model, None, None, None, solver, precision=precision.value, part=part.value)
     with RealTime(loaded, settings, priority, core) as machine:
         step, null = machine.run(rate, seconds), machine.run(rate, seconds, null=True)
         best = None
         if search:
             best = machine.highest_rate(rate, told=lambda tried, met: errors.print(f"{tried:.0f} Hz: {100 * met:.3f} % met"))
+    found = RealTimeFigures(step, null, best, step_cost(loaded, settings) if cost else None)
+    if out is not None:
+        write_text(out, json.dumps(plain_json(found.to_dict()), indent=1) + "\n")
+    if as_json:
+        print_json(found.to_dict())
+        return
+    _print_figures(found)
+    if out is not None:
+        console.print(f"Figures: {out}")
+
+
+def _print_figures(found: RealTimeFigures) -> None:
+    step, null, times = found.step, found.null, found.times_us
     for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
             console.print(f"Without {said}: {step.allowed.get(what, 'not asked for')}.")
-    times = {"wake-up": step.wake_ns, "service": step.service_ns, "response": step.response_ns,
-             "null response": null.response_ns}
-    found = {name: [percentile(1e-3 * part_ns, q) for q in QUANTILES] for name, part_ns in times.items()}
-    print_table(("µs", *(p.name for p in found["response"]), "max"),
-                [(name, *("–" if p.value is None else f"{p.value:.2f}" for p in row), f"{1e-3 * times[name].max():.2f}")
-                 for name, row in found.items()])
-    counts = {name: histogram(part_ns) for name, part_ns in times.items()}
+    tails = {name: [percentile(us, q) for q in QUANTILES] for name, us in times.items()}
+    print_table(("µs", *(p.name for p in tails["response"]), "max"),
+                [(name, *("–" if p.value is None else f"{p.value:.2f}" for p in row), f"{times[name].max():.2f}")
+                 for name, row in tails.items()])
+    counts = found.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
     print_table(("up to, µs", *counts), [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values()))
                                          for bound in bounds])
-    console.print(f"{step.missed} of {step.response_ns.size} deadlines at {rate:g} Hz missed; of a step that does nothing, "
+    console.print(f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that does nothing, "
                   f"{null.missed}.")
-    if best is not None:
-        console.print(f"Highest rate at which {100 * MET:g} % are met: {best:.0f} Hz." if best
-                      else f"No rate was found at which {100 * MET:g} % are met.")
-    if out is not None:
-        figures: dict[str, Any] = {"rate_Hz": rate, "samples": step.response_ns.size, "missed": step.missed,
-                                   "null_missed": null.missed, "highest_rate_Hz": best, "allowed": step.allowed,
-                                   "histograms_us": {name: {f"{bound:g}": n for bound, n in count.items()}
-                                                     for name, count in counts.items()}}
-        write_text(out, json.dumps(figures, indent=1) + "\n")
-        console.print(f"Figures: {out}")
+    if found.highest_rate_Hz is not None:
+        console.print(f"Highest rate at which {100 * MET:g} % are met: {found.highest_rate_Hz:.0f} Hz." if found.highest_rate_Hz
+                      else f"No rate of {SLOWEST_HZ:g} Hz and more was found at which {100 * MET:g} % are met.")
+    if found.cost is not None:
+        _print_cost(found.cost)
+
+
+def _print_cost(cost: StepCost) -> None:
+    counted = "" if cost.instructions is None else f" and {cost.instructions:.0f} instructions"
+    console.print(f"A step takes {cost.ns:.1f} ns{counted} here, an axis {cost.axis_bytes} bytes.")
+    if cost.controllers:
+        print_table(("controller", "flash, bytes", "RAM, bytes", "instructions a step", "most", "of samples"),
+                    [(each.core.name, str(each.flash_bytes), str(each.ram_bytes), "–" if each.median is None else str(each.median),
+                      "–" if each.largest is None else str(each.largest), str(each.samples)) for each in cost.controllers])
+    for sentence in cost.absent:
+        console.print(sentence)
 
 
 def _opened(path: Path, low: float | None, high: float | None, rate_limit: float | None, solver: SolverOption | None,
@@ -167,7 +191,7 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
     s = model.structure
     lowest, highest = limits or (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
     limits = (lowest if low is None else low, highest if high is None else high)
-    if rate_limit is not None and not rate_limit > 0.0:
+    if rate_limit is not None and not 0.0 < rate_limit < math.inf:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     return model, ExportSettings(solver=cast(Any, chosen or SOLVERS[0]), x_limits=limits, rate_limit=rate_limit, **options)
 

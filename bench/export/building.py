@@ -27,12 +27,12 @@ COUNTABLE = ("-O3", "-march=x86-64-v3", "-ffp-contract=fast")
 PROGRAMS = {"replay.c": "replay.c.jinja", "realtime.c": "realtime.c.jinja"}
 
 
-def tool(*names: str) -> str:
+def tool(*names: str, package: str = "") -> str:
     """Path of the first of these programs that is here; ExportError names the Debian package where none is."""
     for name in names:
         if found := shutil.which(name):
             return found
-    raise ExportError(f"there is no {' or '.join(names)} on this machine; apt-get install {names[0]} brings it on Debian")
+    raise ExportError(f"there is no {' or '.join(names)} on this machine; apt-get install {package or names[0]} brings it on Debian")
 
 
 def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSettings) -> None:

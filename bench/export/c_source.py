@@ -13,12 +13,11 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from bench.export import numbers
+from bench.export import memory, numbers
 from bench.export.settings import ExportSettings
 from piezo_model import HysteresisCreepModel, sensor_guard
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.regressors import RegressorArrays
-from piezo_model.structure import ModelStructure
 
 FILES = {"piezo_parameters.h": "parameters.h.jinja", "piezo.h": "header.h.jinja", "piezo.c": "source.c.jinja",
          "main.c": "main.c.jinja", "Makefile": "Makefile.jinja", "CMakeLists.txt": "CMakeLists.txt.jinja",
@@ -86,8 +85,8 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
         "guard": {"plausible": sensor_guard.PLAUSIBLE, "frozen_drive": sensor_guard.FROZEN_DRIVE,
                   "jump": sensor_guard.JUMP, "following": sensor_guard.FOLLOWING},
         "period": _period(s.sample_time), "float_bound": f"{FLOAT_BOUND:g}",
-        "memory": _memory(s, settings), "operations": numbers.operations(s, settings.learning, settings.cyclic),
-        "special": 3 * s.d**2 if settings.cyclic else s.d * (s.d + 1)**2 + 3 * s.d**2,
+        "memory": memory.figures(s, settings), "operations": numbers.operations(s, settings.learning, settings.cyclic),
+        "special": 4 * s.d**2 + 11 * s.d if settings.cyclic else s.d * (s.d + 1)**2 + 12 * s.d * (s.d + 1),
     }
 
 
@@ -97,12 +96,3 @@ def _constant(value: float) -> str:
 
 def _period(seconds: float) -> str:
     return f"{1e6 * seconds:.6g} us" if seconds < 1e-3 else f"{1e3 * seconds:.6g} ms"
-
-
-def _memory(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:
-    arguments = settings.precision, settings.learning, settings.cyclic
-    frame = numbers.BYTES[settings.precision] * (2 * s.lanes + 24 + 2 * (s.n + 2) + s.dead_zones)
-    program = 8 * 4 * (s.d + 8) if settings.learning else 0
-    return {"axis": numbers.axis_bytes(s, *arguments, block=8), "axis_1": numbers.axis_bytes(s, *arguments, block=1),
-            "constants": numbers.constant_bytes(s, settings.precision, settings.learning),
-            "stack": -(-(3 * frame + program + 256) // 256) * 256}

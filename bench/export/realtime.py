@@ -14,13 +14,15 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.export.building import FAST, build, tool, write_sources
 from bench.export.settings import ExportError, ExportSettings
-from bench.percentiles import needed
+from bench.export.step_cost import StepCost
+from bench.percentiles import QUANTILES, needed, percentile
 from piezo_model import HysteresisCreepModel
 
 Nanoseconds = NDArray[np.int64]
@@ -28,7 +30,7 @@ Nanoseconds = NDArray[np.int64]
 MET = 0.9999
 SEARCH_S = 3.0
 """Seconds of each trial in the search for the highest rate, more where the samples would be too few."""
-FASTEST_HZ = 1_000_000.0
+SLOWEST_HZ, FASTEST_HZ = 500.0, 1_000_000.0
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,15 @@ class RealTime:
 
     def __init__(self, model: HysteresisCreepModel, settings: ExportSettings, priority: int = 80,
                  core: int | None = None) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="piezobench-realtime-")
+        compiler = tool("cc", "gcc", "clang")
         self._priority, self._core = priority, max(os.sched_getaffinity(0)) if core is None else core
-        write_sources(Path(self._folder.name), model, settings)
-        self._program = build(Path(self._folder.name), "realtime", tool("cc", "gcc", "clang"), FAST)
+        self._folder = tempfile.TemporaryDirectory(prefix="piezobench-realtime-")
+        try:
+            write_sources(Path(self._folder.name), model, settings)
+            self._program = build(Path(self._folder.name), "realtime", compiler, FAST)
+        except BaseException:
+            self._folder.cleanup()
+            raise
 
     def __enter__(self) -> RealTime:
         return self
@@ -104,29 +111,40 @@ class RealTime:
 
     def highest_rate(self, from_Hz: float, seconds: float = SEARCH_S,
                      told: Callable[[float, float], None] = lambda rate, met: None) -> float:
-        """Highest rate found at which 99.99 % of the deadlines are met, to a quarter of an octave; 0 where none was.
+        """Highest rate found at which 99.99 % of the deadlines are met; 0 where none was.
 
-        Rates go up by half an octave until one fails (or down until one holds), then once by half of that. A trial is no
-        shorter than the sample that p99.99 needs.
+        A trial is no shorter than the sample that p99.99 needs. ``told`` hears of each rate and its share.
         """
         def holds(rate: float) -> bool:
             met = self.run(rate, max(seconds, needed(MET) / rate)).met
             told(rate, met)
             return met >= MET
 
-        step = 2.0**0.5
-        rate = from_Hz
-        if holds(rate):
-            while rate * step <= FASTEST_HZ and holds(rate * step):
-                rate *= step
-        else:
+        return highest(holds, from_Hz)
+
+
+def highest(holds: Callable[[float], bool], start: float, slowest: float = SLOWEST_HZ, fastest: float = FASTEST_HZ) -> float:
+    """Highest rate that holds, to a quarter of an octave; 0 where none does.
+
+    Rates go up by half an octave until one fails (or down until one holds), then once by half of that.
+
+    Examples
+    --------
+    >>> round(highest(lambda rate: rate <= 50_000.0, 8000.0))
+    45255
+    """
+    step, rate = 2.0**0.5, start
+    if holds(rate):
+        while rate * step <= fastest and holds(rate * step):
+            rate *= step
+    else:
+        rate /= step
+        while rate >= slowest and not holds(rate):
             rate /= step
-            while not holds(rate):
-                rate /= step
-                if rate < 10.0:
-                    return 0.0
-        middle = rate * step**0.5
-        return middle if middle <= FASTEST_HZ and holds(middle) else rate
+        if rate < slowest:
+            return 0.0
+    middle = rate * step**0.5
+    return middle if middle <= fastest and holds(middle) else rate
 
 
 def histogram(times_ns: Nanoseconds) -> dict[float, int]:
@@ -141,3 +159,47 @@ def histogram(times_ns: Nanoseconds) -> dict[float, int]:
     counts = np.bincount(octave)
     first = int(np.flatnonzero(counts)[0])
     return {0.125 * 2.0**k: int(counts[k]) for k in range(first, counts.size)}
+
+
+@dataclass(frozen=True)
+class RealTimeFigures:
+    """What the machine made of the schedule, a step that does nothing beside it, and what a step costs.
+
+    Attributes
+    ----------
+    step, null : Paced
+    highest_rate_Hz : float or None
+        None where it was not searched for.
+    cost : StepCost or None
+    """
+
+    step: Paced
+    null: Paced
+    highest_rate_Hz: float | None
+    cost: StepCost | None
+
+    @property
+    def times_ns(self) -> dict[str, Nanoseconds]:
+        """Times by name."""
+        return {"wake-up": self.step.wake_ns, "service": self.step.service_ns, "response": self.step.response_ns,
+                "null response": self.null.response_ns}
+
+    @property
+    def times_us(self) -> dict[str, NDArray[np.float64]]:
+        """The same in µs."""
+        return {name: np.asarray(1e-3 * ns, dtype=np.float64) for name, ns in self.times_ns.items()}
+
+    @property
+    def histograms(self) -> dict[str, dict[float, int]]:
+        """The same counted by :func:`histogram`."""
+        return {name: histogram(ns) for name, ns in self.times_ns.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        tails = {name: {p.name: p.value for p in (percentile(us, q) for q in QUANTILES)} | {"max": float(us.max())}
+                 for name, us in self.times_us.items()}
+        return {"rate_Hz": self.step.rate_Hz, "samples": self.step.response_ns.size, "missed": self.step.missed,
+                "null_missed": self.null.missed, "highest_rate_Hz": self.highest_rate_Hz, "allowed": self.step.allowed,
+                "us": tails, "histograms_us": {name: {f"{bound:g}": n for bound, n in count.items()}
+                                               for name, count in self.histograms.items()},
+                "cost": None if self.cost is None else self.cost.to_dict()}

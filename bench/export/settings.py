@@ -15,9 +15,12 @@ from bench.export.numbers import Precision
 from piezo_model.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
 from piezo_model.cyclic_learning import MIN_EXCITATION, NARROW, RECALL
 from piezo_model.identification_problem import UNDETERMINED
-from piezo_model.learning_settings import MIN_SLOPE
+from piezo_model.learning_settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
+from solvers.kernels.swept_exchange import LIMIT
 from solvers.kernels.swept_gram import NEGLIGIBLE, REFRESH
+from solvers.kernels.swept_refresh import FLOOR, RESOLVED, SETTLED, SPENT, TOLERATED, UNSEEN
+from solvers.kernels.swept_rows import GROWTH, MOST_SURPRISE
 
 Part = Literal["compensator", "learning"]
 StreamSolver = Literal["projected_difference", "recursive_active_set"]
@@ -59,14 +62,14 @@ class ExportSettings:
     solver: StreamSolver = "projected_difference"
     x_limits: tuple[float, float] | None = None
     rate_limit: float | None = None
-    reset_s: float = 0.1
-    build_s: float = 8.0
-    learn_s: float = 1.9
-    hold_back: float = 0.2
-    memory_s: float = 2.0
-    hand_over_s: float = 0.01
-    fade_s: float = 0.002
-    proximal: float = 1e-6
+    reset_s: float = LearningSettings.reset_s
+    build_s: float = LearningSettings.build_s
+    learn_s: float = LearningSettings.learn_s
+    hold_back: float = LearningSettings.hold_back
+    memory_s: float = LearningSettings.memory_s
+    hand_over_s: float = LearningSettings.hand_over_s
+    fade_s: float = LearningSettings.fade_s
+    proximal: float = LearningSettings.proximal
     name: str = "piezo"
 
     def __post_init__(self) -> None:
@@ -78,6 +81,8 @@ class ExportSettings:
             raise ExportError(f"proximal must be at least 0 and below 1, not {self.proximal}")
         if not 0.0 < self.hold_back < 1.0:
             raise ExportError(f"hold_back must be between 0 and 1, not {self.hold_back}")
+        if self.x_limits is not None and any(map(math.isinf, self.x_limits)):
+            raise ExportError(f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}")
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
             raise ExportError(f"the lowest drive {self.x_limits[0]:g} must be below the highest {self.x_limits[1]:g}")
         if not (self.name.isascii() and self.name.isidentifier() and not self.name.startswith("_")):
@@ -110,5 +115,7 @@ class ExportSettings:
             "hold_samples": samples(self.build_s * self.hold_back), "learn_samples": samples(self.learn_s),
             "interval": interval, "checkpoint_intervals": max(1, samples(CHECKPOINT_S) // interval),
             "half_window": samples(self.memory_s), "row_weight": 1.0 - forgetting, "root_growth": forgetting**-0.5,
-            "refresh": REFRESH, "negligible": NEGLIGIBLE,
+            "refresh": REFRESH, "negligible": NEGLIGIBLE, "exchange_limit": LIMIT, "growth": GROWTH,
+            "most_surprise": MOST_SURPRISE, "pivot": 1e-15 * s.d, "floor": FLOOR, "unseen": UNSEEN, "spent": SPENT,
+            "settled": SETTLED, "resolved": RESOLVED, "tolerated": TOLERATED,
         }

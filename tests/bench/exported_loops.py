@@ -93,15 +93,16 @@ class Stage:
 
 def learning(mode: str, size: int = MILLION, faulty: bool = False) -> Told:
     """The self-learning loop on a stage."""
-    model = a_model(offset=True)
+    model = a_model()
     start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
     learner = SelfLearningCompensator(start.structure, solver=LEARNING[mode], mode=mode, x_limits=LIMITS,
                                       model=start, **PHASES)
     y_ref, stage = references(size, seed=2), Stage(size, faulty)
-    x, y = learner.run(y_ref, stage)
+    x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
+    x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive
     settings = ExportSettings(part="learning", solver=LEARNING[mode], x_limits=LIMITS, **PHASES)
-    return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y[:-1]])]), x, events)
+    return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
 
 
 def single(told: Told) -> Told:

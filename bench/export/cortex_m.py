@@ -1,0 +1,139 @@
+"""The exported C on ARM Cortex-M: sizes of the image, the same numbers, instructions of a step, under an emulator.
+
+The image holds the step and what it needs of the compiler's arithmetic, no start-up code and no drivers. It runs under
+qemu's user mode, which executes the same Thumb-2 instructions one by one and lists them. There are no cycles: a controller's
+memory and pipeline are not modelled.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.export.building import EXACT, WARNINGS, tool
+from bench.export.c_source import FILES, render
+from bench.export.settings import ExportError, ExportSettings
+from piezo_model import HysteresisCreepModel
+
+Vector = NDArray[np.float64]
+
+COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-arm"
+PACKAGES = {COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi", EMULATOR: "qemu-user"}
+FLAGS = ("-std=c99", "-O2", "-mthumb", "-mfloat-abi=hard", "-DPIEZO_BLOCK=1", "-ffunction-sections", "-fdata-sections",
+         "-nostartfiles", "--specs=nosys.specs", "-Wl,--gc-sections")
+ENOUGH, GIVE_UP = 1_500_000, 5_000_000
+"""Instructions to list, two or three seconds, and most of them before the first step."""
+
+
+@dataclass(frozen=True)
+class Core:
+    """A kind of controller."""
+
+    name: str
+    flags: tuple[str, ...]
+    arithmetic: str
+
+
+CORES = (Core("Cortex-M4F", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single precision in hardware, double in software"),
+         Core("Cortex-M7", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "single and double precision in hardware"))
+
+
+@dataclass(frozen=True)
+class ControllerCost:
+    """What a step needs on one kind of controller.
+
+    Attributes
+    ----------
+    core : Core
+    flash_bytes, ram_bytes : int
+        Code and constants; the axis. The stack comes on top.
+    samples : int
+        That were listed.
+    median, largest : int or None
+        Instructions of a step over these samples, None where there are too many to be listed.
+    """
+
+    core: Core
+    flash_bytes: int
+    ram_bytes: int
+    samples: int
+    median: int | None
+    largest: int | None
+
+
+def cross_build(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core) -> Path:
+    """Build the image in a folder, without a warning; ExportError where there is no compiler or it fails."""
+    compiler = tool(COMPILER, package=PACKAGES[COMPILER])
+    for name, text in render(model, settings, files={**FILES, "controller.c": "controller.c.jinja"}).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    image = folder / f"{core.name}.elf"
+    done = subprocess.run([compiler, *WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", f"{settings.name}.c", "-o", str(image),
+                           "-lm"], cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise ExportError(f"{compiler} does not build the export for {core.name}: {done.stderr.strip()[:300]}")
+    return image
+
+
+def image_bytes(image: Path) -> tuple[int, int]:
+    """Flash and RAM of an image: code, constants and initial values; what is initialised and what is zero."""
+    done = subprocess.run([tool("arm-none-eabi-size", package="binutils-arm-none-eabi"), str(image)], capture_output=True, text=True,
+                          check=True)
+    text, data, bss = (int(word) for word in done.stdout.splitlines()[1].split()[:3])
+    return text + data, data + bss
+
+
+def emulate(image: Path, samples: ArrayLike) -> Vector:
+    """Drives (N,) for samples, (N,) or (N, 2) as of `building.replay`."""
+    done = subprocess.run([tool(EMULATOR, package=PACKAGES[EMULATOR]), "-cpu", "max", str(image)],
+                          input=np.ascontiguousarray(samples, dtype=np.float64).tobytes(), capture_output=True, check=False)
+    if done.returncode != 0:
+        raise ExportError(f"{image.name} ended with status {done.returncode} under {EMULATOR}")
+    return np.frombuffer(done.stdout)
+
+
+def instructions(image: Path, samples: ArrayLike, enough: int = ENOUGH) -> NDArray[np.int64]:
+    """Instructions of each step, all that it calls included, until ``enough`` are listed; shape (at most N,).
+
+    Empty where the reset alone took GIVE_UP of them.
+    """
+    words = [tool(EMULATOR, package=PACKAGES[EMULATOR]), "-cpu", "max", "-singlestep", "-d", "nochain,exec", str(image)]
+    entry, before, counts = b"", 0, []
+    with tempfile.TemporaryFile() as source:
+        source.write(np.ascontiguousarray(samples, dtype=np.float64).tobytes())
+        source.seek(0)
+        with subprocess.Popen(words, stdin=source, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as emulator:
+            assert emulator.stderr is not None
+            # A line is "Trace 0: host address [.../address/...] function"; a step begins where its first address comes again.
+            for listed, line in enumerate(emulator.stderr):
+                if line.endswith(b" piezo_step\n"):
+                    address = line.split(b"/", 2)[1]
+                    entry = entry or address
+                    if address == entry:
+                        before = before or listed
+                        counts.append(0)
+                if counts and not line.endswith(b" _start\n"):
+                    counts[-1] += 1
+                if listed - before > (enough if counts else GIVE_UP):
+                    emulator.kill()
+                    counts = counts[:-1]  # it had not ended
+                    break
+    if emulator.returncode not in (0, -signal.SIGKILL):
+        raise ExportError(f"{image.name} ended with status {emulator.returncode} under {EMULATOR}")
+    return np.array(counts, dtype=np.int64)
+
+
+def controller_cost(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core,
+                    samples: Vector) -> ControllerCost:
+    """Build, measure and count, over as many of the samples as ENOUGH instructions allow."""
+    image = cross_build(folder, model, settings, core)
+    counts = instructions(image, samples)
+    flash, ram = image_bytes(image)
+    if not counts.size:
+        return ControllerCost(core, flash, ram, 0, None, None)
+    return ControllerCost(core, flash, ram, counts.size, int(np.median(counts)), int(counts.max()))

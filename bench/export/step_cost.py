@@ -1,0 +1,103 @@
+"""What a step of the export costs: nanoseconds and instructions on this machine, memory and instructions on controllers.
+
+Learning is slow beside a sample: a cycle of 10 s has one sample at which a phase ends. Counting instructions is slow, too. So
+steps are counted over cycles of the same proportions that are as short as the samples that can be counted.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.export.building import COUNTABLE, FAST, build, instructions_per_step, replay, tool, write_sources
+from bench.export.cortex_m import CORES, ControllerCost, controller_cost
+from bench.export.settings import ExportError, ExportSettings
+from piezo_model import Compensator, HysteresisCreepModel
+
+Vector = NDArray[np.float64]
+
+TIMED, COUNTED, LISTED = 40_000, 8_000, 512
+"""Samples to time here, to count here, and at most to list under an emulator."""
+
+NOISE = 1e-3
+"""Standard deviation of the sensor's noise, unit amplitudes."""
+
+
+@dataclass(frozen=True)
+class StepCost:
+    """What was found, and why the rest was not.
+
+    Attributes
+    ----------
+    ns : float
+        Mean of a step in the fastest of some replays.
+    instructions : float or None
+        Mean of a step.
+    axis_bytes : int
+    controllers : tuple of ControllerCost
+    absent : tuple of str
+        What is not there, in sentences.
+    """
+
+    ns: float
+    instructions: float | None
+    axis_bytes: int
+    controllers: tuple[ControllerCost, ...]
+    absent: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        return asdict(self)
+
+
+def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions: int = 20) -> StepCost:
+    """Time and count steps; ExportError where there is no C compiler.
+
+    Without valgrind, the cross compiler or the emulator the part that needs it is left out.
+    """
+    compiler, samples, absent = tool("cc", "gcc", "clang"), loop_samples(model, settings, TIMED), []
+    counted, controllers = None, []
+    with tempfile.TemporaryDirectory(prefix="piezobench-cost-") as name:
+        folder = Path(name)
+        write_sources(folder, model, shortened(model, settings, TIMED))
+        time = replay(build(folder, "replay", compiler, FAST), samples, repetitions).time
+        assert time is not None
+        try:
+            write_sources(folder, model, shortened(model, settings, COUNTED))
+            counted = instructions_per_step(build(folder, "replay", compiler, COUNTABLE), samples[:COUNTED])
+        except ExportError as error:
+            absent.append(f"Instructions here were not counted: {error}.")
+        for core in CORES:
+            try:
+                controllers.append(controller_cost(folder, model, shortened(model, settings, LISTED), core, samples[:LISTED]))
+            except ExportError as error:
+                absent.append(f"{core.name} was left out: {error}.")
+    return StepCost(time.fastest_ns, counted, time.axis_bytes, tuple(controllers), tuple(absent))
+
+
+def loop_samples(model: HysteresisCreepModel, settings: ExportSettings, count: int) -> Vector:
+    """References (N,), with learning beside them the outputs measured before (N, 2).
+
+    The actuator is the model itself and its sensor has noise; without any, the program would be degenerate and its active set
+    restless.
+    """
+    s, k = model.structure, np.arange(count)
+    y_ref = s.y_centre + s.y_scale * (0.6 * np.sin(0.013 * k) * np.cos(0.00041 * k) + 0.1 * np.sin(0.11 * k))
+    if not settings.learning:
+        return y_ref
+    y = model.simulate(Compensator(model, settings.x_limits, settings.rate_limit).run(y_ref))
+    y += NOISE * s.y_scale * np.random.default_rng(0).standard_normal(count)
+    return np.column_stack([y_ref, np.concatenate([[np.nan], y[:-1]])])
+
+
+def shortened(model: HysteresisCreepModel, settings: ExportSettings, samples: int) -> ExportSettings:
+    """The same with a cycle of so many samples."""
+    cycle_s = settings.reset_s + settings.build_s + settings.learn_s
+    share = samples * model.structure.sample_time / cycle_s
+    return replace(settings, name="piezo", reset_s=share * settings.reset_s, build_s=share * settings.build_s,
+                   learn_s=share * settings.learn_s)

@@ -1,0 +1,219 @@
+"""The compensator as an FMU, in the hands of an importer that knows nothing of us."""
+
+import json
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import CommandLine
+from exported_loops import LIMITS, SAMPLE_TIME, a_model
+
+from bench.export.building import tool
+from bench.export.fmu import variables, write_fmu
+from bench.export.settings import ExportError, ExportSettings
+from piezo_model import Compensator
+from piezo_model.deployment import Deployment
+
+fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed; it is part of the extra dev")
+from fmpy.fmi2 import FMU2Slave  # noqa: E402
+from fmpy.fmi3 import FMU3Slave  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+EXACTLY = 1e-12
+"""Unit amplitudes."""
+RATE_LIMIT = 5e4
+COUNT = 4000
+VERSIONS = (2, 3)
+
+
+@pytest.fixture(scope="module")
+def fmus(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The FMUs that the command line makes, and the model that they come from."""
+    folder = tmp_path_factory.mktemp("fmus")
+    a_model().save(folder / "model.json")
+    for fmi in VERSIONS:
+        call = piezobench("export-fmu", "model.json", f"{fmi}.fmu", "--fmi", fmi, "--low", LIMITS[0], "--high", LIMITS[1],
+                          "--rate-limit", RATE_LIMIT, folder=folder)
+        assert (call.status, call.stderr) == (0, "")
+    return {fmi: folder / f"{fmi}.fmu" for fmi in VERSIONS}
+
+
+def reference() -> np.ndarray:
+    """Most of the range and more than all of it, so that the limits are reached."""
+    t = np.arange(COUNT) * SAMPLE_TIME
+    return 17.0 * np.sin(2 * np.pi * 9.0 * t) + 6.0 * np.sin(2 * np.pi * 71.0 * t)
+
+
+def simulated(path: Path, y_ref: np.ndarray, **start: float) -> np.ndarray:
+    """Drives as FMPy's own simulation gives them: that of the reference at t is there at t + T."""
+    t = np.arange(y_ref.size) * SAMPLE_TIME
+    signals = np.array(list(zip(t, y_ref, strict=True)), dtype=[("time", float), ("reference", float)])
+    found = fmpy.simulate_fmu(str(path), stop_time=y_ref.size * SAMPLE_TIME, step_size=SAMPLE_TIME, output_interval=SAMPLE_TIME,
+                              input=signals, output=["drive"], start_values=start, fmi_type="CoSimulation")
+    assert found["drive"].size == y_ref.size + 1
+    return found["drive"][1:]
+
+
+def slave(path: Path, fmi: int, folder: Path) -> Any:
+    """An instance, initialised."""
+    description = fmpy.read_model_description(str(path))
+    kind, token = (FMU2Slave, description.guid) if fmi == 2 else (FMU3Slave, description.instantiationToken)
+    fmpy.extract(str(path), unzipdir=str(folder))
+    it = kind(guid=token, unzipDirectory=str(folder), modelIdentifier=description.coSimulation.modelIdentifier, instanceName="it")
+    it.instantiate()
+    if fmi == 2:
+        it.setupExperiment(startTime=0.0)
+    it.enterInitializationMode()
+    it.exitInitializationMode()
+    return it
+
+
+def step(it: Any, fmi: int, k: int, y_ref: float, interval: float = SAMPLE_TIME) -> float:
+    """One communication step."""
+    (it.setReal if fmi == 2 else it.setFloat64)([1], [y_ref])
+    it.doStep(currentCommunicationPoint=k * SAMPLE_TIME, communicationStepSize=interval)
+    return float((it.getReal if fmi == 2 else it.getFloat64)([2])[0])
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_fmpys_validation_has_nothing_to_say(fmus: dict[int, Path], fmi: int) -> None:
+    assert validate_fmu(str(fmus[fmi])) == []
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: int) -> None:
+    y_ref, limits = reference(), (0.5 * LIMITS[1], LIMITS[1] - 1.0)
+    for start, compensator in (({}, Compensator(a_model(), LIMITS, RATE_LIMIT)),
+                               ({"lowest_drive": limits[0], "highest_drive": limits[1], "rate_limit": 0.0},
+                                Compensator(a_model(), limits))):
+        x = compensator.run(y_ref)
+        assert np.max(np.abs(simulated(fmus[fmi], y_ref, **start) - x)) / 75.0 <= EXACTLY
+        assert x.min() == (limits if start else LIMITS)[0]
+        assert x.max() == (limits if start else LIMITS)[1]
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_variables_have_units_start_values_and_the_step_is_fixed(fmus: dict[int, Path], fmi: int) -> None:
+    description = fmpy.read_model_description(str(fmus[fmi]))
+    assert description.fmiVersion == f"{fmi}.0"
+    assert not description.coSimulation.canHandleVariableCommunicationStepSize
+    assert float(description.defaultExperiment.stepSize) == SAMPLE_TIME
+    if fmi == 3:
+        assert float(description.coSimulation.fixedInternalStepSize) == SAMPLE_TIME
+    found = {v.name: v for v in description.modelVariables if v.name != "time"}
+    settings = ExportSettings(x_limits=LIMITS, rate_limit=RATE_LIMIT)
+    for expected in variables(a_model().structure, settings):
+        v = found.pop(expected.name)
+        assert (v.causality, v.variability, float(v.start), v.unit) == (expected.causality, expected.variability, expected.start,
+                                                                       expected.unit)
+        assert v.description
+    assert found == {}
+    assert {"V", "V/s", "um"} <= {unit.name for unit in description.unitDefinitions}
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_a_long_communication_step_is_so_many_samples_and_no_other_is_taken(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
+    it = slave(fmus[fmi], fmi, tmp_path)
+    x = step(it, fmi, 0, 5.0, 3 * SAMPLE_TIME)
+    assert x == pytest.approx(Compensator(a_model(), LIMITS, RATE_LIMIT).run([5.0] * 3)[-1], rel=1e-14)
+    with pytest.raises(Exception, match="oStep"):
+        step(it, fmi, 3, 5.0, 1.5 * SAMPLE_TIME)
+    it.freeInstance()
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_a_noted_state_brings_the_same_drives_again(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
+    it, y_ref = slave(fmus[fmi], fmi, tmp_path), reference()[:300]
+    for k in range(100):
+        step(it, fmi, k, y_ref[k])
+    note, write, restored = ((it.getFMUstate, it.serializeFMUstate, it.deSerializeFMUstate) if fmi == 2 else
+                             (it.getFMUState, it.serializeFMUState, it.deserializeFMUState))
+    state = note()
+    stored = write(state)
+    first = [step(it, fmi, k, y_ref[k]) for k in range(100, 300)]
+    for again in (state, restored(stored)):
+        it.setFMUState(again) if fmi == 3 else it.setFMUstate(again)
+        assert [step(it, fmi, k, y_ref[k]) for k in range(100, 300)] == first
+        it.freeFMUState(again) if fmi == 3 else it.freeFMUstate(again)
+    it.freeInstance()
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_its_sources_build_the_same_library_again(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
+    with zipfile.ZipFile(fmus[fmi]) as archive:
+        archive.extractall(tmp_path)
+    description = ET.parse(tmp_path / ("modelDescription.xml" if fmi == 2 else "sources/buildDescription.xml"))
+    names = [str(each.get("name")) for each in description.iter("File" if fmi == 2 else "SourceFile")]
+    assert len(names) == 2
+    subprocess.run([tool("gcc"), "-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", *names, "-o", "again.so", "-lm"],
+                   cwd=tmp_path / "sources", check=True)
+    for binary in (tmp_path / "binaries").rglob("*.so"):
+        binary.write_bytes((tmp_path / "sources" / "again.so").read_bytes())
+    y_ref = reference()[:500]
+    found = simulated(tmp_path, y_ref)
+    assert np.max(np.abs(found - Compensator(a_model(), LIMITS, RATE_LIMIT).run(y_ref))) / 75.0 <= EXACTLY
+
+
+def test_limits_that_make_no_sense_are_refused_at_initialisation(fmus: dict[int, Path]) -> None:
+    for path in fmus.values():
+        with pytest.raises(Exception, match="xitInitializationMode"):
+            simulated(path, reference()[:10], lowest_drive=200.0)
+
+
+def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[int, Path], tmp_path: Path) -> None:
+    def token(path: Path) -> str:
+        return str(fmpy.read_model_description(str(path)).instantiationToken)
+
+    settings = ExportSettings(x_limits=LIMITS, rate_limit=RATE_LIMIT)
+    write_fmu(a_model(), settings, tmp_path / "same.fmu")
+    write_fmu(a_model(seed=1), settings, tmp_path / "other.fmu")
+    assert token(fmus[3]) == token(tmp_path / "same.fmu") != token(tmp_path / "other.fmu")
+
+
+def test_the_file_of_deploy_brings_its_limits(piezobench: CommandLine, tmp_path: Path) -> None:
+    Deployment(a_model(), "daqp", "direct", "high", {}, "cyclic", (10.0, 120.0)).save(tmp_path / "compensator.json")
+    call = piezobench("export-fmu", "compensator.json", "it.fmu", folder=tmp_path)
+    assert call.status == 0, call.stderr
+    found = {v.name: v for v in fmpy.read_model_description(str(tmp_path / "it.fmu")).modelVariables}
+    assert (float(found["lowest_drive"].start), float(found["highest_drive"].start)) == (10.0, 120.0)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["nothing.json", "it.fmu"], "nothing.json: there is no such file"),
+    (["broken.json", "it.fmu"], "is not a whole JSON file"),
+    (["invalid.json", "it.fmu"], "w_H[0] must be positive"),
+    (["model.json", "it.zip"], "it.zip does not end in .fmu"),
+    (["model.json", "there.fmu"], "there.fmu: is there already; name a new file"),
+    (["model.json", "nowhere/it.fmu"], "the folder nowhere does not exist"),
+    (["model.json", "it.fmu", "--fmi", "4"], "--fmi"),
+    (["model.json", "it.fmu", "--low", "9", "--high", "1"], "the lowest drive 9 must be below the highest 1"),
+    (["model.json", "it.fmu", "--rate-limit", "nan"], "--rate-limit")], ids=str)
+def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
+        piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:
+    a_model().save(tmp_path / "model.json")
+    data = json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "invalid.json").write_text(json.dumps({**data, "w_H": [0.0, *data["w_H"][1:]]}))
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "there.fmu").write_text("mine")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert said in piezobench("export-fmu", *words, folder=tmp_path).refusal
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_full_disk_leaves_no_half_written_file(piezobench: CommandLine, tmp_path: Path) -> None:
+    a_model().save(tmp_path / "model.json")
+    call = piezobench("export-fmu", "model.json", "it.fmu", folder=tmp_path, largest_file=3000)
+    assert call.status == 2
+    assert len(call.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_only_the_compensator_in_double_precision_becomes_an_fmu(tmp_path: Path) -> None:
+    for settings in (ExportSettings(part="learning"), ExportSettings(precision="float")):
+        with pytest.raises(ExportError, match="the compensator alone, in double precision"):
+            write_fmu(a_model(), settings, tmp_path / "it.fmu")
+    assert list(tmp_path.iterdir()) == []
