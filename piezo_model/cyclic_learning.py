@@ -89,6 +89,11 @@ class CyclicLearning:
         """The phase that it is in."""
         return PHASES[self.counts[step.PHASE]]
 
+    @property
+    def problem(self) -> IdentificationProblem | None:
+        """What the building phase has gathered, from its end to that of the learning phase."""
+        return self._problem
+
     def samples_until_change(self) -> int:
         """Samples for which the weights in use cannot change."""
         phase = int(self.counts[step.PHASE])

@@ -24,6 +24,7 @@ from piezo_model.compensator import Compensator
 from piezo_model.continuous_learning import ContinuousLearning
 from piezo_model.cyclic_learning import CyclicLearning, with_constant
 from piezo_model.deployment import Deployment
+from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.learning_events import LOG_LENGTH, Event, Log, Phase
 from piezo_model.learning_settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
@@ -60,8 +61,9 @@ class SelfLearningCompensator:
     samples_to_solve : int, optional
         Samples that an exact solve takes; measured by default.
     find_centre : bool, optional
-        Whether cyclic operation moves the structure to the centre of the actuator's loop with the first hand-over
-        (`loop_centre`). By default it does where the structure has no constant term and no model is given.
+        Whether a structure without a constant term gets one, since no range given beforehand has the centre of the actuator's
+        loop in its middle. Cyclic operation moves the structure to that centre with the first hand-over (`loop_centre`);
+        continuous operation keeps the constant. By default where the structure has none and no model is given.
     proximal : float
         Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of the
         variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
@@ -93,7 +95,7 @@ class SelfLearningCompensator:
         if x_limits is None:
             x_limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         if find_centre is None:
-            find_centre = mode == "cyclic" and model is None and not structure.offset
+            find_centre = model is None and not structure.offset
         self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, hold_back, memory_s, hand_over_s,
                                          fade_s, rate_limit, samples_to_solve, find_centre, proximal, solver_options)
         if model is None:
@@ -128,6 +130,11 @@ class SelfLearningCompensator:
     def phase(self) -> Phase:
         """The phase of the machine."""
         return self._learning.phase
+
+    @property
+    def problem(self) -> IdentificationProblem | None:
+        """What the building phase has gathered, while it is held back for or learned from; None otherwise and in continuous mode."""
+        return self._learning.problem if isinstance(self._learning, CyclicLearning) else None
 
     @property
     def samples(self) -> int:

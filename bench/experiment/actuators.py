@@ -54,8 +54,7 @@ class Case:
     def row(self, rig: Rig) -> dict[str, Any]:
         """Errors in percent of the actuator's range: per cycle, with hindsight, and of straight lines."""
         sensor = sensor_of(self.plant, rig)
-        structure = ModelStructure.equidistant(self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, rig.sample_time,
-                                               offset=self.mode == "continuous")  # in cycles it finds the loop's centre itself
+        structure = ModelStructure.equidistant(self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, rig.sample_time)
         learner = SelfLearningCompensator(structure, rig.reset_s, rig.build_s, rig.learn_s, SOLVER, sensor.x_range, self.mode,
                                           state=at_low_end(structure), samples_to_solve=1)
         y_ref, errors = steps(sensor, rig), []
