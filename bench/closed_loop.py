@@ -18,6 +18,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,9 +66,6 @@ class LoopSettings(RaceSettings):
 
     def __post_init__(self) -> None:
         """RaceError for what cannot race in the loop."""
-        if self.solver_files:
-            raise RaceError(f"{self.solver_files[0]}: a learner asks for its solver by name, so a file of your own cannot race in "
-                            "the loop; put it into solvers/direct")
         if self.windows < 1 or not self.learn_steps or min(self.learn_steps) < 1:
             raise RaceError("the loop needs at least one window and learning phases of at least one sample")
 
@@ -85,9 +83,9 @@ class LoopSettings(RaceSettings):
 
 def check(settings: LoopSettings) -> list[Entry]:
     """The entries that are asked for, each solver in the fastest of the lanes only: a lane changes the time and no answer."""
-    chosen: dict[str, Entry] = {}
+    chosen: dict[tuple[str, Path | None], Entry] = {}
     for entry in entries_of(settings):
-        chosen.setdefault(entry.name, entry)
+        chosen.setdefault((entry.name, entry.path), entry)
     return list(chosen.values())
 
 
@@ -98,13 +96,16 @@ def carry_on(run: Run, progress: Progress) -> None:
     limited = replace(settings, time_limit_s=settings.time_limit_s + len(still.y_ref) * still.sample_time)
     with run.alone():
         warm_up()
-        with started(check(settings), limited) as processes:
+        entries = check(settings)
+        files = {(entry.name, entry.lane): entry.path for entry in entries}
+        with started(entries, limited) as processes:
             field, children = field_of(run, processes)
             tasks = list(tasks_of(settings, field))
             for done, task in enumerate(tasks):
                 progress(f"{task.solver} ({task.tier}) on the {task.problem} stage", done, len(tasks))
                 if not run.is_done(task):
-                    outcome = children[task.solver, task.lane].ask(LoopRequest(task, settings.rig(task)))
+                    who = task.solver, task.lane
+                    outcome = children[who].ask(LoopRequest(task, settings.rig(task), files[who]))
                     run.save(task, rows_of(settings, task, outcome), {})
         progress("gathering the table", 0, 1)
         run.finish(LOOP)

@@ -6,6 +6,7 @@ The child hands back what the stage did, what was to be learned and what was tak
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,10 @@ from bench.experiment.rig import Rig
 from bench.task import Task
 from bench.worker import Outcome, Request, attempt
 from piezo_model import IdentificationProblem, SelfLearningCompensator
-from piezo_model.identification_problem import Excitation
 from piezo_model.learning_events import Phase
-from piezo_model.learning_settings import MIN_SLOPE
 from piezo_model.stage_learning import SelfLearningStage
 from solvers.protocol import Solver
+from solvers.registry import add_file
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -68,14 +68,20 @@ class Driven(Outcome):
 
 @dataclass(frozen=True)
 class LoopRequest(Request):
-    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and tier."""
+    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and tier.
+
+    ``file`` is that of a user's own solver, which is made known first.
+    """
 
     task: Task
     rig: Rig
+    file: Path | None = None
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Warm the solver up on a problem of two variables if need be, then run."""
         def work() -> Outcome:
+            if self.file is not None:
+                add_file(self.file)
             if first:
                 solver = cls(self.task.tier)
                 solver.setup(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.full(2, np.inf)))
@@ -120,8 +126,5 @@ class Watch:
                                                self._problem, self._held_until, event.error_old, event.error_new, event.message))
             self._problem = None
         if learner.phase is Phase.HOLD and self._problem is None:
-            saved = learner.memory()["learning"]["problem"]
-            self._problem = IdentificationProblem(learner.structure, saved["P"], saved["q"], saved["c"],
-                                                  Excitation(**saved["excitation"]), saved["reference"],
-                                                  learner.settings.proximal, MIN_SLOPE)
+            self._problem = learner.problem
             self._held_until = learner.samples + learner.samples_until_change()

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from bench.compare_rows import LEVEL, NAMES, Comparison, compare, effects_of
-from bench.paired import FREEDOM, benjamini_hochberg
+from bench.compare_rows import FEWEST, LEVEL, NAMES, WITNESSES, Comparison, compare, effects_of
+from bench.paired import benjamini_hochberg
 from bench.store import ONESHOT, Run, RunError
 from solvers import Status
 
@@ -27,6 +27,10 @@ GAP_FACTOR = 10.0
 LEAST_GAP = 1e-12
 KINDS = ("slower", "faster", "less accurate", "more accurate", "status changed", "gone", "new")
 WORSE = ("slower", "less accurate", "gone")
+VERBS = {"status changed": "of another status"}
+"""How a sentence says it, where not by the name of the kind."""
+MOST_NAMED = 6
+"""Solver lanes that have a sentence each."""
 TIMES = ("interleaved_solve", "solve")
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
 """Settings that change nothing of what is compared, or which the time itself shows."""
@@ -42,7 +46,7 @@ class RunComparison:
     warnings : tuple of str
         Why the two may not be comparable.
     notes : tuple of str
-        Versions that differ.
+        Versions that differ, and what the times cannot tell.
     rows : DataFrame
         One row a row of either run: names, ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``timed`` (which times),
         ``gap_a``, ``gap_b``, ``status_a``, ``status_b``, ``changes`` (of KINDS) and ``regression``.
@@ -75,15 +79,26 @@ class RunComparison:
     def verdict(self) -> list[str]:
         """In words: "no difference", or one sentence a solver lane and kind of change."""
         names = f"{self.b.path.name} against {self.a.path.name}"
+        untimed = int((self.rows.ratio.isna() & (self.rows.in_run == "both")).sum())
+        left_out = [f"The times of {untimed} rows are not compared, since a run has fewer than {FEWEST} of them."] if untimed else []
         if self.changed.empty:
-            return [f"{names}: no difference in {len(self.rows)} rows."]
+            return [f"{names}: no difference in {len(self.rows)} rows.", *left_out]
         sentences = [f"{names}: {len(self.changed)} of {len(self.rows)} rows differ."]
         for kind in KINDS:
-            for (solver, lane), part in self.rows.groupby(["solver", "lane"], sort=False):
-                those = part[part.changes.map(lambda changes, kind=kind: kind in changes)]
-                if len(those):
-                    sentences.append(f"{solver} ({lane}) is {kind} in {len(those)} of {len(part)} rows" + _how(kind, those) + ".")
-        return sentences
+            sentences += self._said_of(kind)
+        return sentences + left_out
+
+    def _said_of(self, kind: str) -> list[str]:
+        """One sentence a solver lane, or one for all where they are many."""
+        those = self.rows[self.rows.changes.map(lambda changes: kind in changes)]
+        lanes = those.groupby(["solver", "lane"], sort=False)
+        if len(lanes) > MOST_NAMED:
+            most = [f"{solver} ({lane})" for solver, lane in lanes.size().sort_values(ascending=False, kind="stable").index[:3]]
+            return [f"{len(lanes)} solver lanes are {VERBS.get(kind, kind)} in {len(those)} rows{_how(kind, those)}, the most of them "
+                    f"of {', '.join(most)}."]
+        rows = self.rows.groupby(["solver", "lane"]).size().to_dict()
+        return [f"{solver} ({lane}) is {VERBS.get(kind, kind)} in {len(part)} of {rows[solver, lane]} rows{_how(kind, part)}."
+                for (solver, lane), part in lanes]
 
 
 def _how(kind: str, those: pd.DataFrame) -> str:
@@ -113,6 +128,9 @@ def compare_runs(a: Run, b: Run) -> RunComparison:
     rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT))
     times, noise = _times(a, b)
     rows = rows.merge(times, on="task", how="left")
+    if 0 < (count := rows[rows.ratio.notna()].solver.nunique()) < WITNESSES:
+        notes += (f"Only {count} solvers, the one that does nothing among them, have times in both runs: what the machine changed "
+                  "cannot be told from what they changed.",)
     records = cast(list[dict[str, Any]], rows.to_dict("records"))
     changes = [_changes(row) for row in records]
     rows["changes"] = changes
@@ -128,16 +146,22 @@ def _conditions(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[tuple[str, 
         if first != second:
             warnings.append(f"Different machines: {what} {first} and {second}; times cannot be compared.")
     for name in sorted(set(a["settings"]) | set(b["settings"])):
-        first, second = a["settings"].get(name), b["settings"].get(name)
+        first, second = _said(a["settings"].get(name)), _said(b["settings"].get(name))
         if first != second and name not in IGNORED:
             warnings.append(f"Different settings: {name} {first} and {second}.")
-    if a["settings"].get("effort") != b["settings"].get("effort"):
-        warnings.append(f"Different effort of timing: {a['settings'].get('effort')} and {b['settings'].get('effort')}.")
+    efforts = [run["settings"].get("effort") or {} for run in (a, b)]
+    warnings += [f"Different effort of timing: {name} {efforts[0].get(name)} and {efforts[1].get(name)}."
+                 for name in sorted(efforts[0].keys() | efforts[1].keys()) if efforts[0].get(name) != efforts[1].get(name)]
     for title, first, second in (("package", a["machine"].get("versions", {}), b["machine"].get("versions", {})),
                                  ("solver", a.get("field", {}), b.get("field", {}))):
         notes += [f"The {title} {name} is {first[name]} in the first run and {second[name]} in the second."
                   for name in sorted(first.keys() & second.keys()) if first[name] != second[name]]
     return tuple(warnings), tuple(notes)
+
+
+def _said(value: Any) -> str:
+    """A setting in words; the order in a list means nothing."""
+    return (", ".join(sorted(map(str, value))) or "all") if isinstance(value, list) else str(value)
 
 
 def _matched(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
@@ -171,7 +195,7 @@ def _times(a: Run, b: Run) -> tuple[pd.DataFrame, dict[str, float]]:
 
 
 def _intervals(found: Comparison) -> pd.DataFrame:
-    half = student.ppf(0.975, FREEDOM) * np.hypot(found.table.deviation, found.noise)
+    half = student.ppf(0.975, found.table.freedom) * np.hypot(found.table.deviation, found.noise)
     return found.table.assign(ratio_low=np.exp(found.table.log_ratio - half), ratio_high=np.exp(found.table.log_ratio + half))
 
 

@@ -4,7 +4,8 @@ For each task that both runs have times of, these are compared, and what differs
 told, after correction for so many rows; see `paired` for the method. By default the times of interleaved turns are taken:
 their rounds spread over seconds, so that a burst of a neighbour hits all solvers alike, and the order in a round is the same
 in both runs. A hot block takes milliseconds and may fall into a burst as a whole. What all solvers share that were measured
-together, on one problem in one scaling, is called the machine's where at least MANY are compared.
+together, on one problem in one scaling, is called the machine's where at least MANY rows of WITNESSES solvers are compared:
+the median of the medians of each solver, so that one of many rows does not pass for the machine.
 
 Two runs of the same field on the same machine (A/A) show what the method itself calls different: at most one row in twenty.
 """
@@ -20,17 +21,17 @@ import numpy as np
 import pandas as pd
 
 from bench.cli.console import console, print_table
+from bench.clock import Effort
 from bench.paired import Effect, Vector, benjamini_hochberg, effect, holm, log_ratios, noise_band, p_values
-from bench.percentiles import needed
 from bench.store import Run, RunError
 
 NAMES = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "start", "settings"]
 CORRECTIONS = {"holm": holm, "bh": benjamini_hochberg}
 TOGETHER = NAMES[:3]
 LEVEL = 0.05
-FEWEST = needed(0.5)
-"""Pairs that a row needs: what a median with an interval needs."""
-MANY = 8
+FEWEST = Effort().fewest
+"""Pairs that a row needs: what the slowest solver is timed at the least; few pairs count by their few degrees of freedom."""
+MANY, WITNESSES = 8, 3
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class Comparison:
     Attributes
     ----------
     table : DataFrame
-        One row a task: names, ``ratio`` (b over a), ``log_ratio``, ``deviation``, ``pairs``, ``p``, ``adjusted``,
-        ``significant``.
+        One row a task: names, ``ratio`` (b over a), ``log_ratio``, ``deviation``, ``pairs``, ``freedom``, ``p``,
+        ``adjusted``, ``significant``.
     noise : float
         Noise band τ.
     shared : Series
@@ -94,7 +95,7 @@ def compare(effects: pd.DataFrame, noise: float | None = None, correction: str =
     adjusted = CORRECTIONS[correction](p)
     table = effects.drop(columns="effect").assign(
         ratio=np.exp(log_ratio), own_ratio=np.exp(own), log_ratio=log_ratio, deviation=[one.deviation for one in each],
-        pairs=[one.pairs for one in each], p=p, adjusted=adjusted, significant=adjusted < level)
+        pairs=[one.pairs for one in each], freedom=[one.freedom for one in each], p=p, adjusted=adjusted, significant=adjusted < level)
     of_units = shared.groupby([effects[name] for name in TOGETHER]).first()
     return Comparison(table.sort_values("p", ignore_index=True), band, of_units)
 
@@ -107,9 +108,12 @@ def noise_of(effects: pd.DataFrame) -> float:
 
 def _shared(effects: pd.DataFrame, log_ratio: pd.Series) -> pd.Series:
     """What the rows share that were measured together, or all rows where those are few; nothing where all are few."""
-    of_all = float(log_ratio.median()) if len(log_ratio) >= MANY else 0.0
-    groups = log_ratio.groupby([effects[name] for name in TOGETHER])
-    return groups.transform("median").where(groups.transform("size") >= MANY, of_all)
+    def of(part: pd.Series, otherwise: float) -> float:
+        by_solver = part.groupby(effects.solver[part.index]).median()
+        return float(by_solver.median()) if len(part) >= MANY and len(by_solver) >= WITNESSES else otherwise
+
+    of_all = of(log_ratio, 0.0)
+    return log_ratio.groupby([effects[name] for name in TOGETHER]).transform(lambda part: of(part, of_all))
 
 
 def main(words: list[str] | None = None) -> int:

@@ -7,6 +7,8 @@ The rule, in this order:
    and r the upper 95 % bound of that rate, at most ⌈r N⌉ of N.
 3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response).
 
+A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
+
 A percentile that a sample cannot support is not known, so where some of those that are left have too few samples for p99.9
 all are held by p99 or the median, and that is said.
 """
@@ -134,7 +136,7 @@ class Decision:
     runners_up : tuple of Candidate
         Those that qualify, too, in order.
     refused : tuple of (Candidate, str)
-        The others, with why.
+        The others, with why, the nearest first.
     by : int
         Index in QUANTILES of the percentile that decided.
     """
@@ -154,9 +156,16 @@ class Decision:
                  f"deadlines missed, {it.beyond_floor} beyond the floor, {name} {best.value:.3g} µs ({best.low:.3g} to {best.high:.3g})."]
         if self.by:
             found.append(f"Decided by {name}, since p99.9 {self._lacking()}.")
-        found += [f"Runner-up: {each.name} with {name} {each.tail[self.by].value:.3g} µs." for each in self.runners_up[:3]]
+        found += [f"Runner-up: {each.name} with {name} {each.tail[self.by].value:.3g} µs." for each in self.others[:3]]
         count = len(self.refused)
         return [*found, f"{count} other{'s do' if count != 1 else ' does'} not qualify."] if count else found
+
+    @property
+    def others(self) -> list[Candidate]:
+        """The best of each solver lane that qualifies, too, but the chosen one's."""
+        best = {(each.solver, each.lane): each for each in reversed(self.runners_up)}
+        best.pop((self.chosen.solver, self.chosen.lane), None)
+        return [each for each in self.runners_up if each in best.values()]
 
     def _lacking(self) -> str:
         lacking = [each for each in (self.chosen, *self.runners_up) if each.tail[0].value is None]
@@ -168,7 +177,7 @@ class Decision:
         return {"run": self.run.path.name, "race": settings.get("race", "oneshot"), "machine": settings["machine"],
                 "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
                 "rule": self.rule.sentence, "why": self.sentences(), "figures": self.chosen.figures(),
-                "runners_up": [each.figures() for each in self.runners_up[:3]]}
+                "runners_up": [each.figures() for each in self.others[:3]]}
 
 
 def decide(run: Run, rule: Rule) -> Decision:
@@ -184,16 +193,24 @@ def decide(run: Run, rule: Rule) -> Decision:
         raise RunError(f"{run.path}: is a race of the kind {race!r}; a decision needs a one-shot race or a stream")
     candidates = list(_of_stream(run, rule) if race == STREAM_KIND else _of_oneshot(run, rule))
     verdicts = [(each, each.failing(rule)) for each in candidates]
-    qualified, refused = [each for each, why in verdicts if not why], tuple((each, why) for each, why in verdicts if why)
+    qualified, refused = [each for each, why in verdicts if not why], tuple(sorted(
+        ((each, why) for each, why in verdicts if why),
+        key=lambda pair: (pair[0].right < pair[0].problems, pair[0].beyond_floor, pair[0].gap)))
     if not qualified:
-        nearest = min(refused, key=lambda pair: (pair[0].right < pair[0].problems, pair[0].beyond_floor, pair[0].gap), default=None)
-        raise RunError(f"{run.path}: no solver qualifies" + (f"; the nearest, {nearest[0].name}, {nearest[1]}" if nearest else
+        raise RunError(f"{run.path}: no solver qualifies" + (f"; the nearest, {refused[0][0].name}, {refused[0][1]}" if refused else
                                                               f", none of its solvers is in the lanes {', '.join(rule.lanes)}"))
     by = next((i for i in range(len(QUANTILES)) if all(each.tail[i].value is not None for each in qualified)), None)
     if by is None:
         raise RunError(f"{run.path}: too few times to tell the solvers from each other; a median {qualified[0].tail[-1].reason}")
     ranked = sorted(qualified, key=lambda each: (float(each.tail[by].value or 0.0), each.name))
     return Decision(run, rule, ranked[0], tuple(ranked[1:]), refused, by)
+
+
+def _judged(run: Run, rule: Rule, missed: int, samples: int) -> None:
+    """RunError where the machine itself misses most deadlines."""
+    if missed > samples / 2:
+        raise RunError(f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of {rule.deadline_us:g} µs, so "
+                       "this run says nothing about them")
 
 
 def _of_oneshot(run: Run, rule: Rule) -> Iterable[Candidate]:
@@ -205,7 +222,9 @@ def _of_oneshot(run: Run, rule: Rule) -> Iterable[Candidate]:
     rows = rows[(rows.scaling == "scaled") & (rows.start == "cold")]
     hot, raw = _pairs(times, ("",)), _pairs(times, ("", "interleaved_"))
     floor = _all(raw, rows[rows.solver == null_solver.ENTRY.name].task)
-    bound = _bound(floor, rule.deadline_us)
+    missed = int(np.count_nonzero(floor > rule.deadline_us))
+    _judged(run, rule, missed, floor.size)
+    bound = rate_bound(missed, floor.size) if floor.size else 0.0  # nothing is forgiven where it was not measured
     field = rows[(rows.solver != null_solver.ENTRY.name) & rows.lane.isin([str(lane) for lane in rule.lanes])]
     for (solver, lane, tier, settings), part in field.groupby(WHO, sort=False):
         worst = part[["cost_gap", "violation"]].max(axis=1, skipna=False).fillna(math.inf)
@@ -215,7 +234,9 @@ def _of_oneshot(run: Run, rule: Rule) -> Iterable[Candidate]:
 def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
     """Each sample's own answer; times from its due time to its answer. Compiled loops have none and are left out."""
     rows, times = run.rows(STREAM), run.times()
-    bound = stream_figures.floor_bound(rows[rows.solver == stream_figures.FLOOR])
+    floor = rows[rows.solver == stream_figures.FLOOR]
+    _judged(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
+    bound = stream_figures.floor_bound(floor)
     paced = (rows.solver != stream_figures.FLOOR) & rows.paced.astype(bool)
     field = rows[paced & rows.lane.isin([str(lane) for lane in rule.lanes])]
     for who, part in field.groupby(WHO, sort=False):
@@ -249,11 +270,6 @@ def _pairs(times: pd.DataFrame, kinds: tuple[str, ...]) -> dict[str, list[Micros
 def _all(raw: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
     parts = [part for task in tasks for part in raw.get(task, [])]
     return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _bound(floor: Microseconds, deadline_us: float) -> float:
-    """Upper bound of the share of deadlines that the machine misses; nothing is forgiven where it was not measured."""
-    return rate_bound(int(np.count_nonzero(floor > deadline_us)), floor.size) if floor.size else 0.0
 
 
 def deployment(decision: Decision, model: HysteresisCreepModel | None = None, problem: str | None = None) -> Deployment:

@@ -13,9 +13,10 @@ What s cannot see is what changes from process to process, where memory lies and
 s, or, without any, from the rows that are compared: most of them do not differ (Efron's empirical null). What comes and goes
 with time, a neighbour or the clock rate, shifts all rows that were measured together; their median m is taken off. Then
 
-    t = (θ − m) / √(s² + τ²/R),   p = 2 P(T > |t|),   T of Student's distribution with FREEDOM·R degrees,
+    t = (θ − m) / √(s² + τ²/R),   p = 2 P(T > |t|),   T of Student's distribution with min(FREEDOM·R, N − R) degrees,
 
-since θ over A/A rows has heavier tails than the normal law, the less so the more processes are in it.
+since θ over A/A rows has heavier tails than the normal law, the less so the more processes are in it, and since s of N pairs
+in all is itself uncertain where they are few.
 
 Sources: D. N. Politis and J. P. Romano (1992) on the circular block bootstrap; B. Efron, J. Amer. Statist. Assoc. 99 (2004)
 96 to 104; S. Holm, Scand. J. Statist. 6 (1979) 65 to 70; Y. Benjamini and Y. Hochberg, J. R. Statist. Soc. B 57 (1995)
@@ -56,6 +57,11 @@ class Effect:
     deviation: float
     pairs: int
     processes: int
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of its t."""
+        return max(1, min(FREEDOM * self.processes, self.pairs - self.processes))
 
 
 def log_ratios(a: ArrayLike, b: ArrayLike) -> Vector:
@@ -115,10 +121,9 @@ def noise_band(effects: Sequence[Effect], common: ArrayLike = 0.0) -> float:
 def p_values(effects: Sequence[Effect], noise: float, common: ArrayLike = 0.0) -> Vector:
     """Two-sided p of each effect against ``common``, what rows share that were measured together, shape () or (effects,)."""
     theta = np.array([each.log_ratio for each in effects]) - np.asarray(common, dtype=np.float64)
-    processes = np.array([each.processes for each in effects])
     scale = np.array([math.hypot(each.deviation, noise / math.sqrt(each.processes)) for each in effects])
     ratio = np.divide(np.abs(theta), scale, out=np.where(theta == 0.0, 0.0, np.inf), where=scale > 0.0)
-    return np.asarray(2.0 * student.sf(ratio, FREEDOM * processes), dtype=np.float64)
+    return np.asarray(2.0 * student.sf(ratio, np.array([each.freedom for each in effects])), dtype=np.float64)
 
 
 def holm(p: ArrayLike) -> Vector:

@@ -17,7 +17,7 @@ from bench import cores, engine, machine, null_solver, sentinel
 from bench.engine import Workers
 from bench.isolation import Child, entry_of_file, warm_up
 from bench.line_up import LineUp
-from bench.problems import find as find_set
+from bench.problems import make
 from bench.problems.protocol import RaceProblem
 from bench.race_settings import RaceError, RaceSettings
 from bench.rows import PERIOD_US
@@ -97,12 +97,9 @@ def started(chosen: Sequence[Entry], settings: RaceSettings, core: int | None = 
 
 
 def checked(settings: RaceSettings) -> list[Entry]:
-    """The entries that are asked for; RaceError unless there is all that is asked for."""
+    """The entries that are asked for; RaceError or ProblemSetError unless there is all that is asked for."""
     for problem_set in settings.problem_sets:
-        try:
-            find_set(problem_set)
-        except KeyError as error:
-            raise RaceError(str(error.args[0])) from None
+        make(problem_set, settings.seed, settings.set_options)
     return entries_of(settings)
 
 
@@ -202,7 +199,7 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
 
 def _made(run: Run, settings: RaceSettings, set_name: str, progress: Progress) -> Iterator[str]:
     """Make the problems of a set and keep those that are not kept yet; yields their names."""
-    made = find_set(set_name)(settings.seed)
+    made = make(set_name, settings.seed, settings.set_options)
     count = min(len(made), settings.limit or len(made))
     for i, problem in enumerate(islice(made.problems(), count)):
         progress(f"certified {set_name}/{problem.name}", i + 1, count)

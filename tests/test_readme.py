@@ -1,45 +1,39 @@
 """What the README tells a newcomer to type works as it stands."""
 
-import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import documents
 import numpy as np
 import pytest
+import typer
 
-from piezo_model import plants
-from piezo_model.recordings import write_table
-from piezo_model.signals import decaying_triangle, multi_sine
+from bench.cli.app import app
 
-README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-SAMPLE_TIME = 1e-3
+ROOT = Path(__file__).parent.parent
+README = ROOT / "README.md"
+MAKEFILE = (ROOT / "Makefile").read_text()
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+    return [block.text for block in documents.blocks(README) if block.language == language]
 
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Path:
     """A folder with a recording of a simulated actuator and a reference, as the README assumes."""
-    plant = plants.get("relay_preisach", sample_time=SAMPLE_TIME)
-    x = multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
-    y = plant.run(x)
-    write_table(tmp_path / "stage.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x, "displacement_um": y})
-    y_ref = decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=float(y.min()), high=float(y.max()))
-    write_table(tmp_path / "reference.csv", {"time_s": np.arange(y_ref.size) * SAMPLE_TIME, "reference_um": y_ref})
+    documents.lay_out(tmp_path)
     return tmp_path
 
 
 def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(stage: Path) -> None:
     (block,) = [text for text in blocks("sh") if "identify" in text]
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    for command in block.strip().splitlines():
-        done = subprocess.run(command.split(), cwd=stage, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+    for words in documents.commands(block):
+        documents.call(words, stage)
     assert (stage / "model.json").is_file()
+    assert (stage / "stage.html").is_file()
     assert (stage / "drive.csv").read_text().startswith("time_s,drive_V")
 
 
@@ -52,13 +46,36 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, c
     assert np.all(np.isfinite(names["drive"]))
 
 
-def test_every_verb_that_the_readme_shows_exists() -> None:
-    done = subprocess.run([sys.executable, "-m", "bench", "--help"], capture_output=True, text=True, check=True)
-    for verb in set(re.findall(r"^piezobench (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)):
-        assert re.search(rf"^\s+{verb}\s", done.stdout, flags=re.MULTILINE), verb
+def test_every_verb_and_option_that_the_readme_shows_exists() -> None:
+    verbs = typer.main.get_command(app).commands
+    shown = [words for block in blocks("sh") for words in documents.commands(block) if words[0] == "piezobench"]
+    assert {words[1] for words in shown} >= {"race", "compare", "deploy", "experiment", "identify", "export-c"}
+    for words in shown:
+        known = {option for parameter in verbs[words[1]].params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= known, words
 
 
 def test_every_make_target_that_the_readme_shows_exists() -> None:
-    makefile = (Path(__file__).parent.parent / "Makefile").read_text()
-    for target in set(re.findall(r"make ([a-z]+)", README)):
-        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+    for target in set(re.findall(r"make ([a-z]+)", README.read_text(encoding="utf-8"))):
+        assert re.search(rf"^{target}:", MAKEFILE, flags=re.MULTILINE), target
+
+
+def made(*words: str) -> subprocess.CompletedProcess[str]:
+    """What make would do, with this Python's folder in place of the environment that it would set up."""
+    return subprocess.run(["make", "--old-file=.venv/.field", f"BIN={Path(sys.executable).parent}", *words], cwd=ROOT,
+                          capture_output=True, text=True, check=False)
+
+
+def test_make_help_lists_every_target() -> None:
+    targets = set(re.findall(r"^([a-z]+):", MAKEFILE, flags=re.MULTILINE))
+    assert {line.split()[0] for line in made("help").stdout.splitlines()} == targets
+
+
+def test_make_compare_compares_two_runs_and_says_what_is_missing(tmp_path: Path) -> None:
+    done = made("compare", "A=results/reference", "B=results/reference", f"OUT={tmp_path}")
+    assert done.returncode == 0, done.stderr
+    assert "no difference" in done.stdout
+    assert (tmp_path / "comparison.html").is_file()
+    missing = made("compare", "A=results/reference")
+    assert missing.returncode != 0
+    assert "make compare A=results/<run> B=results/<run>" in missing.stderr

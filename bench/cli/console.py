@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -28,6 +30,16 @@ def progress_bar() -> Iterator[Report]:
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         shown = bar.add_task("", total=None)
         yield lambda what, done, total: bar.update(shown, description=what, completed=done, total=total)
+
+
+def check_writable(out: Path, option: str = "--out") -> None:
+    """Refuse a file that cannot be written before the work and not after it."""
+    if not out.parent.is_dir():
+        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
+    if out.exists() and not out.is_file():  # it would be replaced, be it /dev/null
+        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint=option)
+    if not os.access(out.parent, os.W_OK):
+        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:

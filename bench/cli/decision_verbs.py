@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.cli.console import AsJson, console, print_json, print_table, progress_bar
+from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.compare import compare_runs
 from bench.deploy import Rule, decide, deployment
 from bench.report import comparison as pages
@@ -19,6 +18,8 @@ from solvers import Lane
 
 FAILED = 3
 """Exit status of a comparison that found what it was told to fail on."""
+MOST_ROWS, NEAREST = 40, 5
+"""Rows of a comparison that the terminal shows, the worst first; solvers of which it says why they do not qualify."""
 
 
 class FailOn(StrEnum):
@@ -42,7 +43,10 @@ def compare_verb(
     fail_on: Annotated[FailOn, typer.Option(help=f"What ends with exit status {FAILED}.")] = FailOn.nothing,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs: what is faster, slower, more or less accurate, new or gone."""
+    """Compare runs: what is faster, slower, less accurate or gone.
+
+    Times count as different only beyond the noise that all rows show, corrected for so many rows.
+    """
     if len(runs) < 2:
         raise typer.BadParameter("a comparison needs two runs or more", param_hint="RUN_A RUN_B")
     opened = [Run.open(path) for path in runs]
@@ -51,8 +55,9 @@ def compare_verb(
         for done, other in enumerate(opened[1:]):
             progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
             found.append(compare_runs(opened[0], other))
-    names = "-".join(run.path.resolve().name for run in opened)
-    page = pages.write(found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out)
+        progress("writing the page", len(found), len(found))
+        names = "-".join(run.path.resolve().name for run in opened)
+        page = pages.write(found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out)
     if as_json:
         print_json(pages.to_dict(found))
     else:
@@ -63,7 +68,9 @@ def compare_verb(
                 console.print(sentence, markup=False)
             grid = pages.grid(each)
             if grid.rows:
-                print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:40]], left=grid.left)
+                print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:MOST_ROWS]], left=grid.left)
+            if (more := len(grid.rows) - MOST_ROWS) > 0:
+                console.print(f"{more} more rows stand on the page.")
         console.print(f"\nComparison: {page}", markup=False)
     bad = sum(len(each.changed if fail_on is FailOn.difference else each.regressions) for each in found)
     if fail_on is not FailOn.nothing and bad:
@@ -75,7 +82,8 @@ def deploy_verb(
     out: Annotated[Path | None, typer.Option(help="Where the decision is written; compensator.json in the run by default.")] = None,
     accuracy: Annotated[float, typer.Option(min=0.0, help="Largest relative cost gap and violation, on every problem.")] = 1e-9,
     deadline: Annotated[float, typer.Option(min=0.0, help="Deadline in µs.")] = 125.0,
-    misses: Annotated[int, typer.Option(min=0, help="Deadlines that may be missed beyond the machine's floor.")] = 0,
+    misses: Annotated[int, typer.Option(min=0, help="Deadlines that may be missed beyond those that a solver that "
+                                                         "does nothing misses here, too.")] = 0,
     lane: Annotated[list[Lane] | None, typer.Option(help="Lane that the controller can have; may be given again. "
                                                          "Kernel and direct by default.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model written by identify; by default that of the run's problem.")] = None,
@@ -83,16 +91,20 @@ def deploy_verb(
                                                      "default.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Pick the solver for a controller, say why, and write the file that a compensator starts from."""
+    """Pick the solver for a controller, and say why.
+
+    It is right on every problem, misses no deadline that the machine itself does not miss, and has the lowest p99.9 (the time that
+    99.9 % of its answers need at most). SelfLearningCompensator.load starts from the file that is written.
+    """
     opened = Run.open(run)
     target = run / "compensator.json" if out is None else out
-    if not target.parent.is_dir() or not os.access(target.parent, os.W_OK):
-        raise typer.BadParameter(f"nothing can be written into the folder {target.parent}", param_hint="--out")
-    if target.exists() and not target.is_file():
-        raise typer.BadParameter(f"{target} is no ordinary file", param_hint="--out")
+    check_writable(target)
     rule = Rule(accuracy, deadline, tuple(lane or (Lane.KERNEL, Lane.DIRECT)), misses)
-    decision = decide(opened, rule)
-    found = deployment(decision, None if model is None else HysteresisCreepModel.load(model), problem)
+    with progress_bar() as progress:
+        progress("weighing the solvers", 0, 2)
+        decision = decide(opened, rule)
+        progress("proving the model", 1, 2)
+        found = deployment(decision, None if model is None else HysteresisCreepModel.load(model), problem)
     found.save(target)
     if as_json:
         print_json({"file": target, "solver": found.solver, "lane": found.lane, "tier": found.tier,
@@ -103,6 +115,6 @@ def deploy_verb(
         return
     for sentence in decision.sentences():
         console.print(sentence, markup=False)
-    for each, why in decision.refused[:12]:
+    for each, why in decision.refused[:NEAREST]:
         console.print(f"Not {each.name}: it {why}.", markup=False)
     console.print(f"Compensator: {target}", markup=False)

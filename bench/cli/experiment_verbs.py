@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import AsJson, console, print_json, progress_bar
 from bench.experiment.rig import Rig
 from solvers import find
 
@@ -24,8 +24,9 @@ def experiment_verb(
     quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
     solver: Annotated[str, typer.Option(help="Any registered solver; the paper's by default.")] = "projected_difference",
+    as_json: AsJson = False,
 ) -> None:
-    """Compensate a two-axis stage while learning, and draw what comes of it."""
+    """Let a simulated stage learn while it moves, and draw it."""
     from bench.experiment.experiment import run  # the figures' library takes a while to load
 
     try:
@@ -39,6 +40,10 @@ def experiment_verb(
     rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)
     with progress_bar() as progress:
         made = run(out, rig, progress)
+    if as_json:
+        print_json({"verdict": made.verdict, "page": made.page, "exhibits": [
+            {"title": exhibit.title, "sentences": list(exhibit.sentences)} for exhibit in made.exhibits]})
+        return
     console.print(made.verdict)
     for exhibit in made.exhibits:
         console.print(f"\n{exhibit.title}")

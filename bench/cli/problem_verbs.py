@@ -37,7 +37,10 @@ def problems_verb(
     limit_s: Annotated[float, typer.Option(min=0.1, help="For the set foreign: seconds for each proof.")] = 60.0,
     as_json: AsJson = False,
 ) -> None:
-    """List the problem sets, or the problems of one; check every proof, write the problems to files."""
+    """List the problem sets, or the problems of one.
+
+    Every proof can be checked again, and the problems be written to files.
+    """
     if problem_set is None and source is None:
         if verify or export is not None:
             raise typer.BadParameter("which problems is not said; name a --set, or a folder with --from", param_hint="--set")

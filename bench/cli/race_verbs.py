@@ -12,12 +12,16 @@ from bench.cli.console import AsJson, console, errors, print_json, print_table, 
 from bench.clock import Effort
 from bench.engine import Backend, Workers
 from bench.isolation import Child
+from bench.race import Progress
+from bench.race_settings import LANES
 from bench.races import KINDS, kind_of
 from bench.report import figures, html, markdown
 from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
 
 RESULTS = Path("results")
+FILE_OF = {"recorded": "recording", "foreign": "folder"}
+"""What a problem set of files is made from; naming the files asks for the set."""
 
 
 class Scale(StrEnum):
@@ -45,16 +49,27 @@ def register(app: typer.Typer) -> None:
 
 
 def race_verb(
-    kind: Annotated[RaceName, typer.Option("--race", help="Full solves, accuracy within a time, sample by sample at "
-                                                          "8 kHz, or learning in the loop with a stage.")] = RaceName.oneshot,
+    kind: Annotated[RaceName, typer.Option("--race", help="Full solves (oneshot), accuracy within a time (anytime), "
+                                                          "sample by sample at 8 kHz (stream), or learning in the loop "
+                                                          "with a stage (loop).")] = RaceName.oneshot,
     problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set; may be given again. A stream and a "
                                                                          "loop have their own problems.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
                                                           "given again. All by default.")] = None,
-    lane: Annotated[list[Lane] | None, typer.Option(help="Lane; may be given again. All by default.")] = None,
-    tier: Annotated[list[Tier] | None, typer.Option(help="Accuracy asked for; may be given again.")] = None,
-    scaling: Annotated[list[Scale] | None, typer.Option(help="May be given again. Both by default.")] = None,
+    lane: Annotated[list[Lane] | None, typer.Option(help="How solvers are called: compiled, by their own object, through "
+                                                         "qpsolvers or cvxpy, as generated C; may be given again. All but "
+                                                         "codegen by default.")] = None,
+    tier: Annotated[list[Tier] | None, typer.Option(help="Accuracy asked for: the library's default, 1e-3, 1e-6 or 1e-9; "
+                                                         "may be given again.")] = None,
+    scaling: Annotated[list[Scale] | None, typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; "
+                                                              "both by default.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Problems of each set; all by default.")] = None,
+    recording: Annotated[Path | None, typer.Option(help="CSV or Parquet file to make problems of, the set recorded.")] = None,
+    time: Annotated[str | None, typer.Option(help="Time column of the recording; guessed by default.")] = None,
+    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
+    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Folder of NPZ, MAT, QPS and MPS files to race on, the set "
+                                                               "foreign.")] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.015,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
@@ -69,20 +84,27 @@ def race_verb(
     name: Annotated[str | None, typer.Option(help="Name of this run; the time by default.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Race solvers on certified problems and report who is right and how fast."""
-    names, files = _names_and_files(solver or [])
+    """Race solvers: who is right, and how fast.
+
+    Every answer is judged against an optimum that is proven in exact arithmetic. The run is a folder with a report.
+    """
+    names, solver_files = _names_and_files(solver or [])
     streams, oneshot = kind is RaceName.stream, kind is RaceName.oneshot
     if samples is not None and not streams:
         raise typer.BadParameter("only a stream has samples; ask for --race stream", param_hint="--samples")
-    if problem_set and kind in (RaceName.stream, RaceName.loop):
+    if (problem_set or recording or folder) and kind in (RaceName.stream, RaceName.loop):
         raise typer.BadParameter(f"a {kind.value} has its own problem", param_hint="--set")
+    files = {**{name: path and str(path.resolve()) for name, path in (("recording", recording), ("folder", folder))},
+             "time": time, "input": input, "output": output}
+    chosen_sets = problem_set or [name for name, option in FILE_OF.items() if files[option]] or ["paper"]
     race = KINDS[kind.value]
     settings = race.settings(
-        tuple(problem_set or ["paper"]), names, tuple(lane or Lane),
+        tuple(chosen_sets), names, tuple(lane or LANES),
         tuple(tier or ((Tier.DEFAULT, Tier.HIGH) if oneshot or kind is RaceName.loop else (Tier.HIGH,))),
         tuple(choice.value for choice in scaling or Scale), limit, seed,
-        Effort(budget_s=budget) if oneshot else Effort(budget_s=budget, fewest=1), time_limit, memory, files, rounds,
-        repeats, **({"samples": samples} if samples else {}))
+        Effort(budget_s=budget) if oneshot else Effort(budget_s=budget, fewest=1), time_limit, memory, solver_files, rounds,
+        repeats, set_options={name: text for name, text in files.items() if text},
+        **({"samples": samples} if samples else {}))
     spread = Workers(workers, backend, scheduler)
     race.check(spread)
     _finish(race.start(out, settings, name), spread, as_json)
@@ -90,12 +112,12 @@ def race_verb(
 
 def resume_verb(
     run: Annotated[Path, typer.Argument(help="Folder of the run.")],
-    workers: Annotated[int, typer.Option(min=1, help="As of race.")] = 1,
-    backend: Annotated[Backend, typer.Option(help="As of race.")] = Backend.LOCAL,
-    scheduler: Annotated[str, typer.Option(help="As of race.")] = "",
+    workers: Annotated[int, typer.Option(min=1, help="Processes that race at once, each on a core of its own.")] = 1,
+    backend: Annotated[Backend, typer.Option(help="Where the workers are.")] = Backend.LOCAL,
+    scheduler: Annotated[str, typer.Option(help="Address of a Dask scheduler, whose workers reach the same folder.")] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Carry on with a race that was interrupted."""
+    """Carry on with an interrupted race; what is done is kept."""
     opened = Run.open(run)
     if opened.is_finished(kind_of(opened).schema):
         if not as_json:
@@ -108,18 +130,22 @@ def resume_verb(
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
-    """Write the report of a run again, as Markdown and as a page, and show its verdict."""
+    """Write the report of a run again, and show its verdict."""
     opened = Run.open(run)
-    _show(opened, _written(opened), as_json)
+    with progress_bar() as progress:
+        report = _written(opened, progress)
+    _show(opened, report, as_json)
 
 
 def solvers_verb(as_json: AsJson = False) -> None:
     """List every solver in every lane, or why it is absent."""
     children = [Child(entry) for entry in entries()]
     rows = []
-    for child in children:
-        with child:
-            found = child.describe()
+    with progress_bar() as progress:
+        for done, child in enumerate(children):
+            progress(child.entry.name, done, len(children))
+            with child:
+                found = child.describe()
             rows.append((found.name, str(found.lane), found.algorithm, found.version, found.licence,
                          "yes" if found.warm_start else "no") if not found.absent
                         else (found.name, str(found.lane), f"absent: {found.absent}", "", "", ""))
@@ -130,9 +156,11 @@ def solvers_verb(as_json: AsJson = False) -> None:
         print_table(headings, rows, left=6)
 
 
-def _written(run: Run) -> Path:
+def _written(run: Run, progress: Progress) -> Path:
     """Write the report both ways; returns the path of the Markdown."""
+    progress("writing the report", 0, 2)
     report = kind_of(run).write(run)
+    progress("writing the page", 1, 2)
     html.write(run)
     return report
 
@@ -147,7 +175,7 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
     try:
         with progress_bar() as progress:
             kind_of(run).carry_on(run, progress, workers)
-        report = _written(run)
+            report = _written(run, progress)
     except OSError as error:
         raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
     except KeyboardInterrupt:

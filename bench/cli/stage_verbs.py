@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.console import AsJson, console, print_json, print_table, progress_bar
+from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.report import recording_page
 from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
 from piezo_model.fit_review import review
@@ -52,32 +51,40 @@ def identify_verb(
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Identify a model of hysteresis and creep from a recording."""
+    """Identify a model of hysteresis and creep from a recording.
+
+    It says how well the model fits and what it found out about the recording; --page draws it.
+    """
     try:
         find(solver).load()
     except KeyError as error:
         raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
     except ImportError as error:
         raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
-    _check_folder(out)
+    check_writable(out)
     opened = Recording.open(recording, time=time, input=input, output=output)
     if page is not None:
-        _check_folder(page, "--page")
+        check_writable(page, "--page")
     if not as_json:
         console.print(opened.describe())
     rates = _rates(creep_rates)
-    model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
     orders = None
-    if select:
-        with progress_bar() as progress:
+    with progress_bar() as progress:
+        progress(f"identifying with n = {n}, m = {m}", 0, 1 + select)
+        model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
+        if select:
             orders = select_order(opened, model.structure, model.report["resting_input"], solver, progress=progress)
-        model = identify(opened, n=orders.chosen.n, m=orders.chosen.m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
+            n, m = orders.chosen.n, orders.chosen.m
+            progress(f"identifying with n = {n}, m = {m}", 1, 2)
+            model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
     try:
         model.save(out)
     except OSError as error:
         raise ModelError(f"{out}: cannot be written: {error.strerror or error}") from None
     if page is not None:
-        recording_page.write(page, recording.name, review(opened, model), orders)
+        with progress_bar() as progress:
+            progress("writing the page", 0, 1)
+            recording_page.write(page, recording.name, review(opened, model), orders)
     if as_json:
         print_json({"model": out, "page": page, "report": dict(model.report),
                     "orders": None if orders is None else [asdict(order) for order in orders.orders],
@@ -104,9 +111,10 @@ def compensate_verb(
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
     rate_limit: Annotated[float | None, typer.Option(help="Fastest change of the drive, per second.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Compute the drive that makes the actuator follow a reference."""
-    _check_folder(out)
+    check_writable(out)
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
     wanted = read_reference(reference, time=time, column=column)
@@ -126,6 +134,10 @@ def compensate_verb(
     unit = f"_{s.input_unit}" if s.input_unit else ""
     write_table(out, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive{unit}": x})
     saturated = float(np.mean((x <= limits[0]) | (x >= limits[1])))
+    if as_json:
+        print_json({"drive": out, "samples": x.size, "lowest": x.min(), "highest": x.max(), "unit": s.input_unit,
+                    "share_at_limits": saturated})
+        return
     console.print(f"{x.size} samples of drive from {x.min():.4g} to {x.max():.4g} {s.input_unit}; "
                   + (f"{100 * saturated:.1f} % of them at the limits, where the reference cannot be followed."
                      if saturated else "the limits are never reached."))
@@ -142,13 +154,3 @@ def _rates(text: str | None) -> tuple[float, ...] | None:
     except ValueError:
         raise typer.BadParameter(f"{text!r} is not a list of numbers separated by commas",
                                  param_hint="--creep-rates") from None
-
-
-def _check_folder(out: Path, option: str = "--out") -> None:
-    """Refuse before the work and not after it."""
-    if not out.parent.is_dir():
-        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
-    if out.exists() and not out.is_file():  # it would be replaced, be it /dev/null
-        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint=option)
-    if not os.access(out.parent, os.W_OK):
-        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)

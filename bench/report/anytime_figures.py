@@ -77,10 +77,10 @@ def verdict(rows: pd.DataFrame) -> list[str]:
     for (problem_set, d, scaling), part in table.groupby(["problem_set", "d", "scaling"], sort=False):
         fits = part[part.pace == FITS]
         exact = fits[fits[1] <= RIGHT]
-        sentence = (f"{problem_set}, d = {d}, {scaling} data: within one sampling period {len(exact)} of {len(fits)} solver lanes "
-                    f"reach a relative cost gap of {RIGHT:g} on the median problem")
+        sentence = (f"On {scaling} data of the set {problem_set} (d = {d}) within one sampling period {len(exact)} of {len(fits)} "
+                    f"solver lanes reach a relative cost gap of {RIGHT:g} on the median problem")
         if len(exact):
-            sentence += f", closest {exact.iloc[0].solver} ({exact.iloc[0].lane}) with {exact.iloc[0][1]:.1e}"
+            sentence += f", the closest being {exact.iloc[0].solver} ({exact.iloc[0].lane}) with {exact.iloc[0][1]:.1e}"
         sentences.append(sentence + "." + _paper(part))
     return sentences
 

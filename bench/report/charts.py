@@ -23,10 +23,11 @@ from bench.rows import PERIOD_US
 INK = "currentColor"
 MACHINE = "the machine"
 """Stands among the lanes for the solver that does nothing."""
-LANES = {**COLOURS, MACHINE: INK}
-DASHES = dict(zip(LANES, ([1, 0], [6, 3], [2, 2], [8, 2, 2, 2], [1, 0]), strict=True))
-SHAPES = dict(zip(LANES, ("circle", "square", "triangle-up", "diamond", "cross"), strict=True))
-PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
+LANES = {**COLOURS, "direct": "#1f86c7", MACHINE: INK}
+"""Okabe and Ito's blue is too dark to be read on a dark page; this one is read on both."""
+DASHES = dict(zip(LANES, ([1, 0], [6, 3], [2, 2], [8, 2, 2, 2], [4, 4], [1, 0]), strict=True))
+SHAPES = dict(zip(LANES, ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross"), strict=True))
+PALETTE = ["#1f86c7", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
 HEIGHT = 380
 ROW = 20
 """Height of one bar, pixels."""
@@ -65,10 +66,10 @@ def data(table: pd.DataFrame) -> alt.Data:
 def views(table: pd.DataFrame, column: str = "view", called: str = "Show ") -> alt.Parameter | None:
     """A choice between the views of a table; None for one view only."""
     names = list(dict.fromkeys(map(str, table[column])))
-    scaled = [name for name in names if "scaled" in name]
     if len(names) < 2:
         return None
-    return alt.param(name=column, value=(scaled or names)[0], bind=alt.binding_select(options=names, name=called))
+    first = min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name))  # min takes the first of equals
+    return alt.param(name=column, value=first, bind=alt.binding_select(options=names, name=called))
 
 
 def finished(chart: Any, choice: alt.Parameter | None, height: int = HEIGHT) -> alt.TopLevelMixin:
@@ -108,53 +109,68 @@ def log(field: str, title: str, values: pd.Series, power_of_ten: bool = False) -
     return {"shorthand": f"{field}:Q", "scale": alt.Scale(type="log", nice=False, padding=8), "title": title, "axis": axis}
 
 
-def named(table: pd.DataFrame, x: str, y: str, wide: int = 980, high: int = 420) -> list[bool]:
-    """Which points have room for their names, those of the front first; a name takes 6 by 13 pixels a letter."""
+def named(table: pd.DataFrame, x: str, y: str, name: str = "solver", wide: int = 980, high: int = 420) -> list[str]:
+    """On which side of its point a name has room, "left" near the right end, or ""; those of the front first.
+
+    A name takes 6 by 13 pixels a letter.
+    """
     taken: dict[str, list[tuple[float, float, float]]] = {}
-    found = pd.Series(False, index=table.index)
-    at = pd.DataFrame({name: np.log10(table[name].astype(float)) for name in (x, y)})
+    found = pd.Series("", index=table.index)
+    at = pd.DataFrame({column: np.log10(table[column].astype(float)) for column in (x, y)})
     for view, part in table.groupby("view", sort=False):
         here = at.loc[part.index]
         scale = np.array([wide, high]) / np.maximum((here.max() - here.min()).to_numpy(), 1e-9)
-        places = taken.setdefault(str(view), [])
+        places, middle = taken.setdefault(str(view), []), float(here[x].min() + here[x].max()) / 2.0 * scale[0]
         for index in part.sort_values(["front", x], ascending=[False, True]).index:
-            (left, top), width = here.loc[index].to_numpy() * scale, 6.0 * len(table.solver[index]) + 12.0
+            (left, top), width = here.loc[index].to_numpy() * scale, 6.0 * len(table[name][index]) + 12.0
+            side = "left" if left + width > middle + wide / 2.0 else "right"
+            left -= width if side == "left" else 0.0
             if all(left + width < other or left > end or abs(top - level) > 13.0 for other, end, level in places):
                 places.append((left, left + width, top))
-                found[index] = True
+                found[index] = side
     return found.tolist()
+
+
+def names_beside(base: alt.Chart, name: str = "solver") -> list[alt.Chart]:
+    """The names of `named` points; a narrow page, where hidden text would still take room, has those of the front only.
+
+    Points without a name have an empty one: were they filtered out, an axis would get the extent of no data at all.
+    """
+    def text(side: str) -> Any:
+        return alt.condition(f"datum.named == '{side}' && (width > 600 || datum.front)", f"{name}:N", alt.value(""))
+
+    return [base.mark_text(align="left", dx=7, dy=-6).encode(text=text("right")),
+            base.mark_text(align="right", dx=-7, dy=-6).encode(text=text("left"))]
 
 
 def accuracy(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     """The picture of the project: worst cost gap against time, with the sampling period as a line."""
     table = table.assign(drawn=np.maximum(table.worst_cost_gap, FLOOR), period=PERIOD_US)
     solved = table[table.pace == FULL_SOLVE]
-    table["named"] = pd.Series(named(solved, "total_us", "drawn"), index=solved.index).reindex(table.index, fill_value=False)
+    table["named"] = pd.Series(named(solved, "total_us", "drawn"), index=solved.index).reindex(table.index, fill_value="")
     paced = table[table.pace == PAPERS_PACE]
-    table["last"] = table.total_us == paced.groupby(["view", "solver"]).total_us.transform("max").reindex(table.index)
+    table["first"] = table.total_us == paced.groupby(["view", "solver"]).total_us.transform("min").reindex(table.index)
     source, lane = data(table), alt.selection_point(fields=["lane"], bind="legend")
     tips = [alt.Tooltip(f"{name}:N") for name in ("solver", "lane", "tier", "settings")] + [
         alt.Tooltip("worst_cost_gap:Q", format=".1e", title="worst cost gap"),
         alt.Tooltip("total_us:Q", format=".3~g", title="update and solve, µs"), alt.Tooltip("right:Q"),
         alt.Tooltip("problems:Q")]
     base = alt.Chart(source).encode(
-        x=alt.X(**log("total_us", "time for one answer, µs (update and solve)", table.total_us)),
+        x=alt.X(**log("total_us", "update and solve, µs", table.total_us)),
         y=alt.Y(**log("drawn", "worst relative cost gap to the certified optimum", table.drawn, power_of_ten=True)))
     points = base.transform_filter(f"datum.pace == '{FULL_SOLVE}'").mark_point(filled=True, size=70).encode(
         color=alt.Color("lane:N", scale=lane_scale(table, LANES)),
         shape=alt.Shape("lane:N", scale=lane_scale(table, SHAPES)), tooltip=tips,
         opacity=alt.condition(lane, alt.value(0.9), alt.value(0.08))).add_params(lane)
-    names = base.transform_filter("datum.named").mark_text(align="left", dx=7, dy=-6).encode(
-        text="solver:N", opacity=alt.condition("width > 600 || datum.front", alt.value(1), alt.value(0)))
     steps = base.transform_filter(f"datum.pace == '{PAPERS_PACE}'").mark_line(
         strokeWidth=1.5, point={"size": 25, "color": PALETTE[5]}, color=PALETTE[5]).encode(
         detail="solver:N", order="total_us:Q", tooltip=tips)
-    paces = base.transform_filter("datum.last").mark_text(align="right", dy=14).encode(text="label:N").transform_calculate(
+    paces = base.transform_filter("datum.first").mark_text(align="left", dx=8, dy=4).encode(text="label:N").transform_calculate(
         label=f"datum.solver + ', {PAPERS_PACE}'")
     rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(period):Q")
-    word = alt.Chart(source).mark_text(align="left", dx=4, baseline="top").encode(
+    word = alt.Chart(source).mark_text(align="right", dx=-4, baseline="top").encode(
         x="min(period):Q", y=alt.value(2), text=alt.value(f"sampling period, {PERIOD_US:g} µs"))
-    return [finished(alt.layer(rule, word, steps, paces, points, names), views(table), 460)]
+    return [finished(alt.layer(rule, word, *([steps, paces] if len(paced) else []), points, *names_beside(base)), views(table), 460)]
 
 
 def lines(table: pd.DataFrame, x: alt.X, y: alt.Y, tips: Sequence[alt.Tooltip], labels: str, log_y: bool,
@@ -173,7 +189,7 @@ def lines(table: pd.DataFrame, x: alt.X, y: alt.Y, tips: Sequence[alt.Tooltip], 
         strokeWidth=alt.when(near).then(alt.value(4)).otherwise(alt.value(1.6))).add_params(lane)
     points = base.mark_point(filled=True, size=30, clip=True).encode(
         color=colour, tooltip=list(tips), opacity=alt.when(near).then(alt.value(1)).otherwise(alt.value(0.25))).add_params(near)
-    text = alt.Chart(source).transform_filter("datum.label_at != null").mark_text(align="right", dx=-4, baseline="middle")
+    text = alt.Chart(source).transform_filter("datum.label_at != null").mark_text(align="right", dx=-4, dy=-8, baseline="middle")
     words = text.encode(x=alt.value("width"), y=alt.Y("label_at:Q"), text="name:N", color=colour)
     rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="min(period):Q")
     return [finished(alt.layer(drawn, points, *([rule] if deadline else []), words), views(table))]
@@ -198,7 +214,7 @@ def spread_labels(table: pd.DataFrame, column: str, log_scale: bool, apart: floa
 
 def performance_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     """ρ(τ) of each solver lane."""
-    return lines(table, alt.X(**log("factor", "τ: times as long as the fastest right answer to the problem", table.factor)),
+    return lines(table, alt.X(**log("factor", "τ: times as long as the fastest", table.factor)),
                  alt.Y("share:Q", title="ρ(τ): share of the problems answered right", axis=alt.Axis(format="%", tickCount=5),
                        scale=alt.Scale(domain=[0, 1])),
                  [alt.Tooltip("name:N"), alt.Tooltip("factor:Q", format=".3~g"), alt.Tooltip("share:Q", format=".0%")],
@@ -227,7 +243,7 @@ def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
         bars = alt.Chart(data(shown)).transform_filter(f"with_setup || datum.stage != '{STAGES[0]}'").mark_bar().encode(
             y=alt.Y("label:N", title=None, axis=alt.Axis(labelLimit=220), sort=alt.EncodingSortField(
                 "update_and_solve_us", op="min")),
-            x=alt.X("us:Q", stack="normalize", title=f"share of the time in the lane {lane}",
+            x=alt.X("us:Q", stack="normalize", title=f"share of time, lane {lane}",
                     axis=alt.Axis(format="%", tickCount=5)),
             color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2", "#e69f00"]),
                             legend=alt.Legend(columns=2)),
@@ -239,7 +255,7 @@ def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
 
 def deadline_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     """Share of samples answered within k periods."""
-    return lines(table, alt.X(**log("periods", f"k: sampling periods of {PERIOD_US:g} µs after the due time", table.periods)),
+    return lines(table, alt.X(**log("periods", f"k: periods of {PERIOD_US:g} µs after the due time", table.periods)),
                  alt.Y("share:Q", title="share of samples answered within k periods", axis=alt.Axis(format="%", tickCount=5),
                        scale=alt.Scale(domain=[0, 1])),
                  [alt.Tooltip("name:N"), alt.Tooltip("periods:Q"), alt.Tooltip("share:Q", format=".3%")], "share",
@@ -268,17 +284,15 @@ def anytime(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
 def closed_loop(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     """Tracking error against cost gap, by stage."""
     table = table.assign(drawn=np.maximum(table.cost_gap, FLOOR), view="", front=False)
-    table["named"] = named(table, "drawn", "rms_percent")
+    table["named"] = named(table, "drawn", "rms_percent", "name")
     source = data(table)
     base = alt.Chart(source).encode(
-        x=alt.X(**log("drawn", "relative cost gap of the weights in use", table.drawn, power_of_ten=True)),
+        x=alt.X(**log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True)),
         y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
     stage = alt.Color("problem:N", scale=alt.Scale(range=PALETTE[:2]))
-    points = base.mark_point(filled=True, size=70).encode(
+    points = base.mark_point(filled=True, size=70, opacity=0.9).encode(
         color=stage, shape="problem:N", tooltip=[
             alt.Tooltip("name:N"), alt.Tooltip("problem:N", title="stage"), alt.Tooltip("cost_gap:Q", format=".1e"),
             alt.Tooltip("rms_percent:Q", format=".3~g"), alt.Tooltip("learn_samples:Q", format=".3~s")])
-    words = base.transform_filter("datum.named").mark_text(align="left", dx=7, dy=-6).encode(
-        text="name:N", opacity=alt.condition("width > 600", alt.value(1), alt.value(0)))
     rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="median(straight_rms_percent):Q")
-    return [finished(alt.layer(rule, points, words), None)]
+    return [finished(alt.layer(rule, points, *names_beside(base, "name")), None)]

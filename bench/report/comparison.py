@@ -13,6 +13,7 @@ import jinja2
 import numpy as np
 import pandas as pd
 
+from bench import null_solver
 from bench.compare import RunComparison
 from bench.compare_rows import NAMES
 from bench.report import charts
@@ -21,8 +22,10 @@ from bench.report.page import TEMPLATES, Cell, Figure, Grid, save
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 1
-HEADINGS = ("solver", "lane", "tier", "start", "settings", "problem set", "problem", "scaling", "change", "ratio", "interval",
+HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "tier", "start", "settings",
             "adjusted p", "cost gaps", "statuses")
+MOST_LANES = 20
+"""Solver lanes of which the ratios are drawn."""
 COLOURS = {"slower": "#d55e00", "faster": "#009e73", "no difference": "#999999"}
 TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.5, 2, 3, 5, 10, 20, 50, 100]
 DEFINITIONS = (
@@ -69,17 +72,17 @@ def grid(comparison: RunComparison) -> Grid:
     """The rows that changed, the worst first."""
     changed = comparison.changed.sort_values(["regression", "ratio"], ascending=[False, False])
     rows = [_cells(row) for row in cast(list[dict[str, Any]], changed.to_dict("records"))]
-    return Grid(f"Rows that differ: {comparison.b.path.name} against {comparison.a.path.name}", HEADINGS, rows, 9,
+    return Grid(f"Rows that differ: {comparison.b.path.name} against {comparison.a.path.name}", HEADINGS, rows, 3,
                 ("lane", "tier", "change"))
 
 
 def _cells(row: Mapping[str, Any]) -> list[Cell]:
-    names = (row["solver"], row["lane"], row["tier"], row["start"], settings_label(row["settings"]), row["problem_set"],
-             row["problem"], row["scaling"], ", ".join(row["changes"]))
+    names = (row["problem_set"], row["problem"], row["scaling"], row["tier"], row["start"], settings_label(row["settings"]))
     low, high = (_number(row[f"ratio_{end}"], ".3f") for end in ("low", "high"))
     statuses = (row["status_a"] or "–", row["status_b"] or "–")
-    return [*(Cell(name, name) for name in names), Cell(_number(row["ratio"], ".3f"), row["ratio"]),
-            Cell(f"{low} to {high}", row["ratio_low"]), Cell(_number(row["adjusted"], ".1e"), row["adjusted"]),
+    return [*(Cell(name, name) for name in (row["solver"], row["lane"], ", ".join(row["changes"]))),
+            Cell(_number(row["ratio"], ".3f"), row["ratio"]), Cell(f"{low} to {high}", row["ratio_low"]),
+            *(Cell(name, name) for name in names), Cell(_number(row["adjusted"], ".1e"), row["adjusted"]),
             Cell(f"{_number(row['gap_a'], '.1e')}, {_number(row['gap_b'], '.1e')}", row["gap_b"]),
             Cell(statuses[0] if statuses[0] == statuses[1] else " → ".join(statuses), statuses[1])]
 
@@ -94,20 +97,25 @@ def ratios(comparison: RunComparison, number: int) -> list[Figure]:
     if rows.empty:
         return []
     change = rows.changes.map(lambda changes: next((kind for kind in ("slower", "faster") if kind in changes), "no difference"))
-    table = rows.assign(name=rows.solver + " (" + rows.lane + ")", change=change)[
+    names = (rows.solver + " (" + rows.lane + ")").where(rows.solver != null_solver.ENTRY.name, "the machine's floor")
+    table = rows.assign(name=names, change=change)[
         ["name", *NAMES, "ratio", "ratio_low", "ratio_high", "adjusted", "timed", "change"]]
-    colour = alt.Color("change:N", scale=alt.Scale(domain=[*COLOURS], range=[*COLOURS.values()]))
+    farthest = np.log(table.ratio).abs().groupby(table.name).max().sort_values(ascending=False).index[:MOST_LANES]
+    shown = table[table.name.isin(farthest)]
+    colour = alt.Color("change:N", scale=alt.Scale(domain=[*COLOURS], range=[*COLOURS.values()]), legend=alt.Legend(columns=2))
     tips = [alt.Tooltip(f"{name}:N") for name in ("name", "tier", "problem", "scaling", "change")] + [
         alt.Tooltip(f"{name}:Q", format=".3f") for name in ("ratio", "ratio_low", "ratio_high")]
-    source = charts.data(table.assign(same=1.0))
-    base = alt.Chart(source).encode(y=alt.Y("name:N", title=None, axis=alt.Axis(labelLimit=220)))
+    source = charts.data(shown.assign(same=1.0))
+    base = alt.Chart(source).encode(y=alt.Y("name:N", title=None, sort=list(farthest), axis=alt.Axis(labelLimit=220)))
     points = base.mark_point(filled=True, size=45, opacity=0.7).encode(
-        x=alt.X("ratio:Q", title="time of the second run over that of the first", axis=alt.Axis(values=TICKS, format="~g"),
+        x=alt.X("ratio:Q", title="second run over first", axis=alt.Axis(values=TICKS, format="~g"),
                 scale=alt.Scale(type="log", nice=False, domain=[min(0.8, table.ratio.min()), max(1.25, table.ratio.max())])),
         shape=alt.Shape("change:N", scale=alt.Scale(domain=[*COLOURS], range=["triangle-right", "triangle-left", "circle"])),
         color=colour, tooltip=tips)
     rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(same):Q")
     bands = ", ".join(f"{100.0 * band:.1f} % for {what.replace('_', ' ')}" for what, band in comparison.noise.items())
-    plot = charts.finished(alt.layer(rule, points), None, 40 + charts.ROW * table.name.nunique())
+    plot = charts.finished(alt.layer(rule, points), None, 40 + charts.ROW * len(farthest))
     return [Figure(f"ratios_{number + 1}", f"Times of {comparison.b.path.name} over those of {comparison.a.path.name}",
-                   f"Each point is one problem in one scaling at one tier. Noise band: {bands}.", table, [plot])]
+                   "Each point is one problem in one scaling at one tier; the solver lanes with the largest changes come first"
+                   + (f", {len(farthest)} of {table.name.nunique()}" if len(farthest) < table.name.nunique() else "")
+                   + f". Noise band: {bands}.", table, [plot])]

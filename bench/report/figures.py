@@ -80,19 +80,35 @@ def verdict(rows: pd.DataFrame) -> Verdict:
     table = raced(whole)
     stepping = table.settings.str.contains('"steps"')
     sentences = []
-    for scaling, part in table[~stepping].groupby("scaling", sort=False):
+    for scaling, part in table[~stepping].sort_values("scaling", ascending=False, kind="stable").groupby("scaling", sort=False):
         tier = "high" if (part.tier == "high").any() else part.tier.iloc[0]
-        asked = part[part.tier == tier]
-        right = asked[asked.all_right]
-        sentence = (f"With {scaling} data, {len(right)} of {len(asked)} solver lanes answer every problem right at "
-                    f"the tier {tier}")
+        asked = part[part.tier == tier].groupby(["solver", "lane", "settings"]).agg(  # over all problem sets
+            all_right=("all_right", "all"), total_us=("total_us", "median"), periods=("periods", "median")).reset_index()
+        right = asked[asked.all_right].sort_values("total_us")
+        sentence = f"On {scaling} data {len(right)} of {len(asked)} solver lanes answer every problem right at the tier {tier}"
         if len(right):
             best = right.iloc[0]
-            sentence += (f"; the fastest is {best.solver} ({best.lane}) with {best.total_us:.3g} µs for update and solve, "
-                         f"{best.periods:.2g} sampling periods")
+            sentence += (f"; the fastest of them is {best.solver} ({best.lane}), whose update and solve take {best.total_us:.3g} µs, "
+                         f"{_periods(best.periods)}")
         sentences.append(sentence + ".")
     sentences += [*_paper_sentences(rows[rows.start == "cold"]), *_warm_sentences(whole), *_turn_sentences(table)]
     return Verdict(tuple(sentences))
+
+
+def failures(rows: pd.DataFrame) -> list[list[str]]:
+    """What went wrong, once a solver lane, tier, scaling and status: these, how often, the first problem and its message.
+
+    Breakdowns come first, then answers that are not exact enough.
+    """
+    wrong = rows[(rows.message != "") & (rows.solver != null_solver.ENTRY.name)]
+    wrong = wrong.assign(late=wrong.status.isin([str(Status.INACCURATE), str(Status.UNSUPPORTED)]))
+    lines = [[*names[1:], str(len(part)), f"{part.problem_set.iloc[0]}/{part.problem.iloc[0]}", part.message.iloc[0]]
+             for names, part in wrong.groupby(["late", "solver", "lane", "tier", "scaling", "status"], sort=True)]
+    return [[str(cell) for cell in line] for line in lines]
+
+
+def _periods(count: float) -> str:
+    return f"{count:.2g} of a sampling period" if count < 1.0 else f"{count:.3g} sampling periods"
 
 
 def _warm_sentences(table: pd.DataFrame) -> list[str]:
@@ -124,20 +140,32 @@ def _paper_sentences(rows: pd.DataFrame) -> list[str]:
                  & rows.settings.str.contains('"steps": 15200')]
     exact = rows[(rows.status == Status.OK) & (rows.tier == "high")].groupby("problem").model_error_um.median()
     sentences = []
-    for scaling, part in steps.groupby("scaling", sort=False):
-        sentence = (f"The paper's 15 200 projected steps (1.9 s of machine time) on {scaling} data end "
-                    f"{_percent(part.cost_gap.min())} to {_percent(part.cost_gap.max())} above the optimal cost (median "
-                    f"{_percent(part.cost_gap.median())})")
+    for scaling, part in steps.sort_values("scaling", ascending=False, kind="stable").groupby("scaling", sort=False):
+        least, most = part.cost_gap.min(), part.cost_gap.max()
+        span = f"{_percent(least)} to {_percent(most)}" if 0.01 * most < least < most else f"at most {_percent(most)}"
+        sentence = (f"The paper's 15 200 projected steps, 1.9 s of machine time, end on {scaling} data {span} above the optimal "
+                    f"cost (median {_percent(part.cost_gap.median())})")
         both = part.assign(model_error_um_optimal=part.problem.map(exact))
         both = both[both.model_error_um_optimal.notna() & both.model_error_um.notna()]
         if not both.empty:
             noticed = int((both.model_error_um - both.model_error_um_optimal > both.noise_um).sum())
-            sentence += (f"; on data that the fit has not seen its model errs by {both.model_error_um.median():.3g} µm RMS, "
-                         f"that of the exact optimum by {both.model_error_um_optimal.median():.3g} µm, and on {noticed} of "
-                         f"{len(both)} problems the stage would notice, by more than its sensor's noise")
+            sentence += (f"; on data that the fit has not seen their model errs by {both.model_error_um.median():.3g} µm RMS and "
+                         f"that of the exact optimum by {both.model_error_um_optimal.median():.3g} µm, a difference that the "
+                         f"stage would notice above its sensor's noise on {noticed} of {len(both)} problems")
         sentences.append(sentence + ".")
     return sentences
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %" if share < 10.0 else f"{share:.0f} times"
+    """A cost gap for a reader.
+
+    Examples
+    --------
+    >>> [_percent(share) for share in (0.0, 0.0062, 3.14, 641.2)]
+    ['less than 1e-9 %', '0.62 %', '314 %', '641 times']
+    """
+    if share < 1e-11:
+        return "less than 1e-9 %"
+    if share >= 10.0:
+        return f"{share:.0f} times"
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"

@@ -14,7 +14,6 @@ from typing import Any
 import altair as alt
 import pandas as pd
 
-from bench import null_solver
 from bench.anytime import ANYTIME
 from bench.closed_loop import LOOP
 from bench.report import (
@@ -32,11 +31,14 @@ from bench.store import ONESHOT, Run
 from bench.stream import STREAM
 
 FILTERS = ("problem set", "scaling", "lane", "tier", "start", "status")
-HEADINGS = {"solver": "solver", "problem_set": "problem set", "scaling": "scaling",
-            **{key: text for key, text in markdown.HEADINGS.items() if key != "solver"}}
-NAMES = 7
+FIRST = ("solver", "lane", "tier", "right", "worst_cost_gap", "update_us", "solve_us_p50", "periods", "status")
+HEADINGS = {key: {**markdown.HEADINGS, "problem_set": "problem set", "scaling": "scaling"}[key] for key in dict.fromkeys(
+    (*FIRST, "problem_set", "scaling", *markdown.HEADINGS))}
+"""Who, right and how fast come first, for a screen without the room for all."""
+NAMES = 3
 TITLES = {"oneshot": "One-shot race", "stream": "Stream race", "anytime": "Anytime race", "loop": "Closed-loop race"}
-FAILURE = ["solver", "lane", "tier", "scaling", "problem", "status", "message"]
+FAILURE = ("solver", "lane", "tier", "scaling", "problem", "status", "message")
+FAILURES = ("solver", "lane", "tier", "scaling", "status", "times", "such as", "message")
 ONESHOT_DEFINITIONS = (
     "right: problems whose relative cost gap (exact arithmetic, against the certified optimum) and constraint violation are "
     "within the tier's tolerance: default and low 1e-3, mid 1e-6, high 1e-9.",
@@ -147,16 +149,14 @@ def oneshot(run: Run) -> Content:
     table = figures.summary(rows)
     cells = [[Cell(markdown.text(line, key), _key(line, key)) for key in HEADINGS] for _, line in table.iterrows()]
     grids = [Grid("Who is right, and how fast", [*HEADINGS.values()], cells, NAMES, FILTERS)]
-    failed = rows[(rows.message != "") & (rows.solver != null_solver.ENTRY.name)].drop_duplicates(["solver", "lane", "message"])
-    if len(failed):
-        grids.append(Grid.of_text("What went wrong", FAILURE, failed[FAILURE].astype(str).values.tolist(), 7,
-                                  ("lane", "tier", "status")))
+    if failed := figures.failures(rows):
+        grids.append(Grid.of_text("What went wrong", FAILURES, failed, 8, ("lane", "tier", "scaling", "status")))
     shown = [
         *figure("accuracy", "Accuracy against time",
                 "Each point is a solver lane at the most exact tier that it raced: the worst relative cost gap over the problems "
                 "(exact arithmetic, gaps below 1e-17 drawn at that) against the median of update and solve. Left of the dashed "
                 "line an answer is there before the next sample. The line of points is the paper's method, which takes one step "
-                "a period. Named are those that no other beats in both. Click a lane to see it alone.",
+                "a period. Names stand where there is room, first of those that no other beats in both. Click a lane to see it alone.",
                 plot_data.accuracy(rows), charts.accuracy),
         *figure("performance_profile", "Performance profile",
                 "ρ(τ) is the share of problems that a solver lane answers right within τ times the time of the fastest right "

@@ -29,7 +29,7 @@ NOTICED = 1.1
 EXACT = 1e-6
 """Cost gaps up to this are called exact."""
 NAMED = 6
-"""Learners that a sentence names."""
+"""Solvers that a sentence names."""
 GROUP = ["problem", "solver", "lane", "tier", "settings"]
 
 
@@ -71,27 +71,29 @@ def verdict(table: pd.DataFrame) -> Iterator[str]:
             continue
         best = learned.iloc[0]
         near = learned.rms_percent <= NOTICED * best.rms_percent
-        yield (f"On the {problem} stage the least error is {best.rms_percent:.3f} % RMS of range ({1e3 * best.rms_um:.0f} nm), by "
-               f"{best.who}; a straight line leaves {best.straight_rms_percent:.2f} %. {near.sum()} of {len(part)} learners are "
-               f"within 10 % of it, with cost gaps up to {learned[near].cost_gap.max():.1e}.")
+        yield (f"On the {problem} stage the least error is {best.rms_percent:.3f} % RMS of range ({1e3 * best.rms_um:.0f} nm), that "
+               f"of {best.who}, where a straight line in place of a model leaves {best.straight_rms_percent:.2f} %; {near.sum()} of "
+               f"{len(part)} learners are within 10 % of it, with cost gaps up to {learned[near].cost_gap.max():.1e}.")
         often = learned.refused > best.refused
         if (refused := learned[~near & often]).size:
-            yield (f"{_names(refused)} are farther away since more of their answers were refused, up to {refused.refused.max()} where "
-                   f"the best had {best.refused}.")
+            yield (f"Farther away, since more of the answers were refused ({refused.refused.max()} where the best had "
+                   f"{best.refused}): {_names(refused)}.")
         if (far := learned[~near & ~often]).size:
-            yield (f"{_names(far)} are farther away with cost gaps from {far.cost_gap.min():.1e} on, up to "
-                   f"{far.rms_percent.max():.3f} %.")
+            yield (f"Farther away, with errors up to {far.rms_percent.max():.3f} % and cost gaps from {far.cost_gap.min():.1e} on: "
+                   f"{_names(far)}.")
         exact = learned[(learned.cost_gap <= EXACT) & ~often]
         if len(exact) > 1:
-            yield (f"The {len(exact)} with a gap of at most {EXACT:g} and no more refusals are between {exact.rms_percent.min():.4f} % "
-                   f"and {exact.rms_percent.max():.4f} %, though they take from {exact.learn_samples.min():.0f} to "
-                   f"{exact.learn_samples.max():.0f} samples to learn.")
+            least, most = (f"{value:.4f} %" for value in (exact.rms_percent.min(), exact.rms_percent.max()))
+            yield (f"The {len(exact)} with a gap of at most {EXACT:g} and no more refusals "
+                   + (f"all leave {least}" if least == most else f"leave between {least} and {most}")
+                   + f", though they take from {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn.")
 
 
 def _names(part: pd.DataFrame) -> str:
-    """The first few learners by name."""
-    names = list(part.who)
-    return "; ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    """The first few solvers, each with the settings or tiers of its learners."""
+    by_solver = [f"{solver} with {', '.join(who.removeprefix(f'{solver}, ') for who in learners)}"
+                 for solver, learners in part.groupby("solver", sort=False).who]
+    return "; ".join(by_solver[:NAMED]) + (f" and {len(by_solver) - NAMED} more" if len(by_solver) > NAMED else "")
 
 
 def loop_report(run: Run) -> Report:

@@ -8,7 +8,7 @@ from pathlib import Path
 import jinja2
 import pandas as pd
 
-from bench.report import figures, plots
+from bench.report import figures, plot_data, plots
 from bench.store import Run
 from piezo_model.atomic_file import replacing, write_text
 
@@ -62,14 +62,15 @@ def render(run: Run) -> str:
         parts=[(*names, [row for _, row in part.iterrows()])
                for names, part in table.groupby(["problem_set", "scaling"], sort=False)],
         problems=rows.drop_duplicates(["problem_set", "problem"])[["problem_set", "problem", "d"]].values.tolist(),
-        failures=rows[rows.message != ""].drop_duplicates(["solver", "lane", "message"])[
-            ["solver", "lane", "tier", "scaling", "problem", "status", "message"]].values.tolist(), cell=cell)
+        failures=figures.failures(rows), cell=cell, sizes=plot_data.time_by_size(rows).to_dict("records"))
 
 
 def write(run: Run) -> Path:
-    """Write ``report.md``, ``summary.csv`` and ``accuracy.svg`` into the run's folder; returns the report's path."""
+    """Write ``report.md``, ``summary.csv`` and the plots (with several sizes ``sizes.svg`` too) into the run's folder; the report's path."""
     with replacing(run.path / "summary.csv") as temporary:
         figures.summary(run.rows()).to_csv(temporary, index=False)
     plots.accuracy_against_time(run.rows(), run.path / "accuracy.svg")
+    if len(by_size := plot_data.time_by_size(run.rows())):
+        plots.time_against_size(by_size, run.path / "sizes.svg")
     write_text(run.path / "report.md", render(run))
     return run.path / "report.md"

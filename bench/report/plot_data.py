@@ -29,6 +29,8 @@ LEAST_GAP = 1e-17
 """Cost gaps below this are drawn at it."""
 NAMED = 4
 """Lines of a plot with many that carry their names."""
+OURS, OTHERS = ("box_active_set", "recursive_active_set"), 5
+"""Whose time by size stands in the report beside that of how many others."""
 STAGES = ("set-up", "update", "solve", "wrapper")
 
 
@@ -122,6 +124,23 @@ def sizes(rows: pd.DataFrame) -> pd.DataFrame:
     return found.reset_index(drop=True)
 
 
+def time_by_size(rows: pd.DataFrame) -> pd.DataFrame:
+    """Of :func:`sizes`, our exact solvers and the fastest others in their fastest lane: view, name, then a column a size.
+
+    Fastest are those with right answers at most sizes, and among them by the geometric mean over the sizes.
+    """
+    table = sizes(rows)
+    if not len(table):
+        return table
+    wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
+    times = wide[sorted(set(table.d))]
+    wide = wide.assign(ours=wide.solver.isin(OURS), right=times.notna().sum(axis=1), mean=np.log(times).mean(axis=1))
+    wide = wide.sort_values(["view", "ours", "right", "mean"], ascending=[True, False, False, True])
+    others = wide[~wide.ours].drop_duplicates(["view", "solver"]).groupby("view").head(OTHERS)
+    shown = pd.concat([wide[wide.ours], others]).sort_values(["view", "ours"], ascending=[True, False], kind="stable")
+    return shown.drop(columns=["solver", "ours", "right", "mean"]).rename_axis(columns=None).reset_index(drop=True)
+
+
 def stages(rows: pd.DataFrame) -> pd.DataFrame:
     """Where the time goes, one row a solver lane and stage: medians in µs, and shares of their sum.
 
@@ -137,7 +156,7 @@ def stages(rows: pd.DataFrame) -> pd.DataFrame:
     for line in lines:
         update, solve, wrapper = line["update_us"], line["solve_us_p50"], 0.0
         bare = own.get((line["view"], SAME_LIBRARY.get(line["solver"], line["solver"])))
-        if line["lane"] not in (Lane.KERNEL, Lane.DIRECT) and bare is not None and (more := update + solve - sum(bare)) > 0.0:
+        if line["lane"] in (Lane.QPSOLVERS, Lane.CVXPY) and bare is not None and (more := update + solve - sum(bare)) > 0.0:
             (update, solve), wrapper = bare, more
         values = (line["setup_us"], update, solve, wrapper)
         who = {name: line[name] for name in ("view", "name", "solver", "lane", "tier")}

@@ -13,7 +13,7 @@ from bench.race import PERIOD_US
 from bench.report import plot_data
 from piezo_model.atomic_file import replacing
 
-COLOURS = {"kernel": "#d55e00", "direct": "#0072b2", "qpsolvers": "#009e73", "cvxpy": "#cc79a7"}
+COLOURS = {"kernel": "#d55e00", "direct": "#0072b2", "qpsolvers": "#009e73", "cvxpy": "#cc79a7", "codegen": "#e69f00"}
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
 FLOOR = plot_data.LEAST_GAP
 """Cost gaps below this are drawn at it."""
@@ -47,5 +47,27 @@ def accuracy_against_time(rows: pd.DataFrame, path: Path) -> None:
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:  # somebody answered
         axes.legend(fontsize=8)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None})
+
+
+def time_against_size(table: pd.DataFrame, path: Path) -> None:
+    """The lines of :func:`bench.report.plot_data.time_by_size`, of one view, with the sampling period."""
+    mpl.rcParams["svg.hashsalt"] = "piezobench"
+    mpl.rcParams["svg.fonttype"] = "none"
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    axes = figure.add_subplot()
+    sizes = [column for column in table.columns if column not in ("view", "name")]
+    for _, line in table[table["view"] == table["view"].iloc[0]].iterrows():
+        ours = str(line["name"]).startswith(plot_data.OURS)
+        axes.plot(sizes, line[sizes].to_numpy(dtype=float), marker=".", lw=2 if ours else 1, ls="-" if ours else "--",
+                  label=line["name"])
+    axes.axhline(PERIOD_US, color="black", lw=1, ls=":")
+    axes.set(xscale="log", yscale="log", xlabel="unknowns d", ylabel="time for one answer, µs (update and solve)",
+             title=table["view"].iloc[0])
+    axes.set_xticks(sizes, [str(d) for d in sizes])
+    axes.minorticks_off()
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="svg", metadata={"Date": None})

@@ -21,7 +21,7 @@ BLUE, RED = charts.PALETTE[:2]
 def write(path: Path, name: str, review: Review, orders: OrderSelection | None = None) -> Path:
     """Write the page and ``<page>-figures/*.csv`` beside it; returns its path."""
     s = review.model.structure
-    units = (s.input_unit, s.output_unit)
+    units = tuple(unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
     figures = [
         Figure("loops", "Loops, measured and modelled", "Output against input over the counted part of the recording.",
                *_loops(review, *units)),

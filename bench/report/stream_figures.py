@@ -132,7 +132,7 @@ def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
                          f"there; their median service takes {number(stopped['service_p50_us'].min())} to "
                          f"{number(stopped['service_p50_us'].max())} µs.")
     for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
-        sentences.append(f"Compiled and back to back, not on the schedule, {line.solver} takes {line.samples} rows one after "
+        sentences.append(f"Compiled and back to back, not on the schedule, {line.solver} takes {line.samples:,} rows one after "
                          f"the other with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs.")
     return sentences
 
@@ -146,14 +146,15 @@ def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
             ("the exact optimum at every sample by recursive_active_set (direct)", (table.solver == "recursive_active_set")
              & table.paced)):
         for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows():
-            costs.append(f"{text} {_share(line.gap_mean)} in the mean and {_share(line.gap_max)} at most")
+            mean, most = _share(line.gap_mean), _share(line.gap_max)
+            costs.append(f"{text} {mean} in the mean and {most} at most" if mean != most else f"{text} {most}")
     seconds = settings["samples"] * PERIOD_NS * 1e-9
     lead = f"Above the optimal cost of each sample, over {seconds:.3g} s of drift, lie: "
     return [lead + "; ".join(costs) + "."] if costs else []
 
 
 def _share(gap: float) -> str:
-    return f"{100.0 * gap:.2g} %"
+    return f"{100.0 * gap:.2g} %" if gap > 1e-11 else "less than 1e-9 %"
 
 
 def number(value: float) -> str:

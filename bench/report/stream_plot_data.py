@@ -12,6 +12,7 @@ import pandas as pd
 from bench.anytime import BUDGETS
 from bench.percentiles import needed
 from bench.report import anytime_figures, loop_report, stream_figures
+from bench.report.markdown import settings_label
 from bench.report.plot_data import NAMED, together
 from bench.rows import PERIOD_US
 
@@ -24,8 +25,10 @@ WHO = ["view", "name", "solver", "lane"]
 
 def _names(table: pd.DataFrame) -> pd.DataFrame:
     """Names of the lines, with settings and tier where a solver lane has several."""
-    several = table.groupby(["solver", "lane"]).solver.transform("size") > 1
-    label = table.solver + " (" + table.lane + np.where(several, ", " + table.tier, "") + ")"
+    several = table.groupby(["solver", "lane"]).tier.transform("nunique") > 1
+    settings = table.settings.map(settings_label)
+    label = (table.solver + " (" + table.lane + np.where(several, ", " + table.tier, "")
+             + np.where(settings != "", ", " + settings, "") + ")")
     return table.assign(name=label.where(~table.is_floor, FLOOR_NAME), view="stream",
                         lane=table.lane.where(~table.is_floor, "the machine"))
 

@@ -240,7 +240,7 @@ def test_the_verdict_compares_the_papers_pace_with_what_fits() -> None:
     steps = points_of(steps=[(1, 0.01, 0.9), (15_200, 4.0, 0.1)]).assign(solver="projected_difference")
     sentence, = anytime_figures.verdict(pd.concat([rows, steps], ignore_index=True))
     assert "within one sampling period 1 of 3 solver lanes reach a relative cost gap of 1e-09" in sentence
-    assert "closest a (direct) with 1.0e-12" in sentence
+    assert "closest being a (direct) with 1.0e-12" in sentence
     assert "one step a sample ends at 1.0e-01 after 15200 periods; with as many steps as fit it is there within 5." in sentence
 
 

@@ -312,7 +312,7 @@ def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: Comma
 
 def test_a_race_says_first_who_is_right_and_last_where_the_report_is(clean_race: Race) -> None:
     said = clean_race.call.stdout.splitlines()
-    assert said[0].startswith("With scaled data, ")
+    assert said[0].startswith("On scaled data ")
     assert said[-1] == f"Report: {clean_race.run.path / 'report.md'}"
     assert clean_race.call.stderr == ""
 

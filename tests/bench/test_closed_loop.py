@@ -1,6 +1,7 @@
 """The closed-loop race in its quick form: rows, judgement, resumption, report."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -141,9 +142,27 @@ def test_the_report_answers_whether_accuracy_matters(run: Run) -> None:
     assert len(summary) == 5 * 2
 
 
+OWN = """
+from solvers.direct.daqp import Daqp as Theirs
+
+
+class Mine(Theirs):
+    name = "mine"
+"""
+
+
+def test_a_solver_file_of_ones_own_races_in_the_loop(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    settings = replace(SETTINGS, solvers=("daqp",), lanes=(Lane.DIRECT,), windows=1, solver_files=(str(tmp_path / "mine.py"),))
+    started = race.start(tmp_path, settings, "own", closed_loop.KIND)
+    closed_loop.carry_on(started, silent)
+    rows = started.rows(LOOP)
+    mine, theirs = (rows[(rows.solver == name) & (rows.problem == STILL)] for name in ("mine", "daqp"))
+    assert (mine.status == "ok").all()
+    np.testing.assert_allclose(mine.rms_percent, theirs.rms_percent, rtol=0.05)
+
+
 def test_what_cannot_race_in_the_loop_is_refused() -> None:
-    with pytest.raises(RaceError, match="a learner asks for its solver by name"):
-        LoopSettings(solver_files=("mine.py",))
     with pytest.raises(RaceError, match="at least one sample"):
         LoopSettings(learn_steps=(0,))
 

@@ -20,6 +20,7 @@ from solvers import Status
 
 Change = Callable[[Path], None]
 SLOWED = ("osqp", "direct")
+REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
 EVIL = "<script>document.title='run'</script>|`x`"
 
 
@@ -81,7 +82,8 @@ def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_rac
 def test_a_solver_that_is_slowed_by_a_fifth_is_found_and_no_other(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
     other = copied(wide_race, tmp_path / "slow", slower)
     found = compare_runs(wide_race.run, other)
-    assert set(map(tuple, found.changed[["solver", "lane"]].to_numpy())) == {SLOWED}
+    timed = of_solver(found.rows) & (found.rows.status_a != Status.SOLVER_FAILED)
+    assert set(found.changed.task) == set(found.rows[timed].task)
     assert set(found.changed.changes) == {("slower",)}
     assert found.changed.ratio.to_numpy() == pytest.approx(1.2, rel=1e-3)
     assert (found.changed.ratio_low <= found.changed.ratio).all()
@@ -92,6 +94,42 @@ def test_a_solver_that_is_slowed_by_a_fifth_is_found_and_no_other(piezobench: Co
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 3
     assert re.search(r"osqp \(direct\) is slower in \d+ of \d+ rows, by \+20\.0 %", call.stdout)
+
+
+def test_every_row_of_it_is_found_in_the_reference_run_too(piezobench: CommandLine, tmp_path: Path) -> None:
+    shutil.copytree(REFERENCE, tmp_path / "slow")
+    slower(tmp_path / "slow")
+    found = compare_runs(Run.open(REFERENCE), Run.open(tmp_path / "slow"))
+    assert set(found.changed.task) == set(found.rows[of_solver(found.rows)].task)
+    assert set(found.changed.changes) == {("slower",)}
+
+
+def test_a_solver_that_raced_alone_is_not_taken_for_the_machine(wide_race: Race, tmp_path: Path) -> None:
+    def alone(folder: Path) -> None:
+        rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
+        rows = rows[of_solver(rows) | (rows.solver == "null")]
+        rows.to_parquet(folder / "rows.parquet")
+        times[times.task.isin(list(rows.task))].to_parquet(folder / "times.parquet")
+
+    before = copied(wide_race, tmp_path / "before", alone)
+    after = copied(wide_race, tmp_path / "after", lambda folder: alone(folder) or slower(folder))
+    found = compare_runs(before, after)
+    assert set(found.changed.solver) == {SLOWED[0]}
+    assert set(found.changed.changes) == {("slower",)}
+    assert any("cannot be told" in note for note in found.notes)
+
+
+def test_rows_without_times_are_said_to_be_left_out(wide_race: Race, tmp_path: Path) -> None:
+    def few(folder: Path) -> None:
+        rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
+        tasks = set(rows[of_solver(rows)].task)
+        times["ns"] = [ns[:2] if task in tasks else ns for task, ns in zip(times.task, times.ns, strict=True)]
+        times.to_parquet(folder / "times.parquet")
+
+    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "few", few))
+    assert found.changed.empty
+    assert re.fullmatch(r"The times of (\d+) rows are not compared, since .*", found.verdict[-1])
+    assert int(found.verdict[-1].split()[3]) >= of_solver(found.rows).sum()
 
 
 def test_the_other_way_round_is_no_regression(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
@@ -157,6 +195,19 @@ def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_ra
     table = [line for line in page.with_suffix(".md").read_text().splitlines() if line.startswith("|")]
     assert len({line.count("|") for line in table}) == 1
     assert "<script>" not in page.with_suffix(".md").read_text()
+
+
+def test_many_changes_of_a_kind_are_one_sentence(wide_race: Race, tmp_path: Path) -> None:
+    def renamed(folder: Path) -> None:
+        rows = pd.read_parquet(folder / "rows.parquet")
+        rows["task"] += "'"
+        rows["problem"] += "'"
+        rows.to_parquet(folder / "rows.parquet")
+
+    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "renamed", renamed))
+    assert len(found.verdict) == 3
+    assert f"solver lanes are gone in {len(wide_race.rows)} rows" in found.verdict[1]
+    assert f"solver lanes are new in {len(wide_race.rows)} rows" in found.verdict[2]
 
 
 def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Race) -> None:

@@ -18,6 +18,7 @@ from piezo_model import ModelError, SelfLearningCompensator, plants
 from piezo_model.deployment import Deployment
 from solvers import Lane
 
+REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
 SHORT = {"reset_s": 0.01, "build_s": 0.2, "learn_s": 0.05}
 
 
@@ -48,6 +49,36 @@ def test_the_file_starts_a_compensator_that_runs_and_learns(piezobench: CommandL
     low, high = s.x_centre - s.x_scale, s.x_centre + s.x_scale
     assert np.all((x >= low) & (x <= high))
     assert any(event.what in ("hand-over", "refused") for event in learner.log)
+
+
+def test_the_reference_run_gives_a_compensator_that_runs(piezobench: CommandLine, tmp_path: Path) -> None:
+    call = piezobench("deploy", REFERENCE, "--out", tmp_path / "compensator.json")
+    assert call.status == 0, call.stderr
+    assert "Chosen: " in call.stdout
+    learner = SelfLearningCompensator.load(tmp_path / "compensator.json", **SHORT)
+    s = learner.structure
+    y_ref = s.y_centre + 0.7 * s.y_scale * np.sin(np.arange(6000) / 300)
+    x, y = learner.run(y_ref, plants.get("bouc_wen", sample_time=s.sample_time).run)
+    assert np.ptp(x) > 0.3 * s.x_scale
+    assert np.sqrt(np.mean((y - y_ref)[1000:] ** 2)) < 0.1 * s.y_scale
+    assert any(event.what in ("hand-over", "refused") for event in learner.log)
+
+
+def test_a_rule_that_nobody_of_the_reference_run_meets_writes_nothing(piezobench: CommandLine, tmp_path: Path) -> None:
+    before = sorted(REFERENCE.rglob("*"))
+    for words in (("--deadline", 1), ("--accuracy", 0), ("--lane", "cvxpy")):
+        assert "no solver qualifies; the nearest, " in piezobench("deploy", REFERENCE, *words, "--out", tmp_path / "c.json").refusal
+    assert "a solver that does nothing misses" in piezobench("deploy", REFERENCE, "--deadline", 0.001, "--out", tmp_path / "c.json").refusal
+    assert list(tmp_path.iterdir()) == []
+    assert sorted(REFERENCE.rglob("*")) == before
+
+
+def test_runners_up_are_other_solver_lanes_and_the_nearest_is_refused_first(run: Run) -> None:
+    decision = deploy.decide(run, Rule(deadline_us=1e6))
+    lanes = [(each.solver, each.lane) for each in (decision.chosen, *decision.others)]
+    assert len(set(lanes)) == len(lanes) > 1
+    right = [each.right == each.problems for each, _ in decision.refused]
+    assert right == sorted(right, reverse=True)
 
 
 def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:

@@ -11,9 +11,11 @@ from browser import WIDTHS, Browser, screenshots
 from command_line import CommandLine
 from conftest import Race
 
+from bench import closed_loop, race
+from bench.closed_loop import LoopSettings
 from bench.report import charts, figures, html, plot_data
 from bench.store import Run
-from solvers import Status
+from solvers import Status, Tier
 
 LARGEST = 6_000_000
 EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
@@ -47,15 +49,18 @@ def page(wide_race: Race) -> Path:
 
 @pytest.fixture(scope="module")
 def other_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Pages of a stream and of an anytime race."""
+    """Pages of a stream, of an anytime and of a closed-loop race."""
     out = tmp_path_factory.mktemp("others")
-    few = ("--solver", "daqp", "--solver", "box_active_set", "--lane", "direct", "--out", out)
-    calls = {"stream": ("--samples", 400), "anytime": ("--limit", 1, "--budget", 0.002, "--solver", "projected_difference",
-                                                       "--lane", "kernel")}
+    few = ("--solver", "daqp", "--solver", "projected_difference", "--lane", "direct", "--out", out)
+    calls = {"stream": ("--samples", 400), "anytime": ("--limit", 1, "--budget", 0.002, "--lane", "kernel")}
     for name, words in calls.items():
         call = piezobench("race", "--race", name, *few, *words, "--name", name)
         assert call.status == 0, call.stderr
-    return {name: out / name / "report.html" for name in calls}
+    short = LoopSettings(solvers=("box_active_set",), tiers=(Tier.HIGH,), quick=True, windows=2)
+    loop = race.start(out, short, "loop", closed_loop.KIND)
+    closed_loop.carry_on(loop, lambda what, done, total: None)
+    html.write(loop)
+    return {name: out / name / "report.html" for name in (*calls, "loop")}
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -78,7 +83,8 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
     assert picture.stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(("name", "sections"), [("stream", ["deadline_profile", "latency_tails"]), ("anytime", ["anytime"])])
+@pytest.mark.parametrize(("name", "sections"), [
+    ("stream", ["deadline_profile", "latency_tails"]), ("anytime", ["anytime"]), ("loop", ["closed_loop"])])
 def test_the_pages_of_the_other_races_draw_what_they_have(browser: Browser, other_races: dict[str, Path], name: str,
                                                           sections: list[str], tmp_path: Path) -> None:
     for width in WIDTHS:
@@ -86,7 +92,16 @@ def test_the_pages_of_the_other_races_draw_what_they_have(browser: Browser, othe
         assert browser.console() == []
         assert all(plot["marks"] > 0 for plot in browser.plots())
         browser.screenshot(screenshots(tmp_path) / f"{name}-{width}.png")
+        assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
     assert browser.run("return [...document.querySelectorAll('section[id]')].map(s => s.id)") == sections
+
+
+def test_every_line_of_a_stream_has_a_name_of_its_own(other_races: dict[str, Path]) -> None:
+    folder = other_races["stream"].parent / "figures"
+    for name, x in (("deadline_profile", "periods"), ("latency_tails", "one_in")):
+        lines = pd.read_csv(folder / f"{name}.csv")
+        assert lines.name.str.contains("steps 15200").any()
+        assert not lines.duplicated(["view", "name", x]).any()
 
 
 def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(browser: Browser, page: Path,

@@ -4,6 +4,7 @@ The samples are drawn with a fixed seed: delays with memory, bursts of a neighbo
 have. A real pair of runs is compared by ``python -m bench.compare_rows RUN_A RUN_B``.
 """
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,6 +53,12 @@ def test_two_runs_of_the_same_differ_in_at_most_one_row_in_twenty(correction: st
     shares = [compare(field(np.random.default_rng(seed)), correction=correction).share for seed in range(SEEDS)]
     assert max(shares) <= LEVEL
     assert np.mean(shares) <= LEVEL / 4
+
+
+def test_rows_of_few_samples_do_not_differ_by_chance_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    for turns in (compare_rows.FEWEST, 2 * compare_rows.FEWEST):
+        monkeypatch.setattr(sys.modules[__name__], "TURNS", turns)
+        assert max(compare(field(np.random.default_rng(seed))).share for seed in range(SEEDS)) <= LEVEL
 
 
 def test_rows_that_are_slower_by_more_than_the_noise_are_found_and_hardly_another() -> None:
@@ -129,7 +136,7 @@ def test_a_run_compared_with_itself_differs_nowhere(clean_race: Race, capsys: py
 def test_a_comparison_with_what_is_no_run_is_one_sentence(clean_race: Race, tmp_path: Path,
                                                           capsys: pytest.CaptureFixture[str]) -> None:
     path = str(clean_race.run.path)
-    for words, said in (([path, str(tmp_path)], "is not a run"), ([path, path, "--what", "coffee"], "no task has 6 times")):
+    for words, said in (([path, str(tmp_path)], "is not a run"), ([path, path, "--what", "coffee"], "no task has 3 times")):
         assert compare_rows.main(words) == 2
         error = capsys.readouterr().err
         assert said in error

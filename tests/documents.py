@@ -1,0 +1,84 @@
+"""Pages in Markdown whose examples are run as they stand.
+
+```sh        lines of ``piezobench``, each a process of its own that must succeed; ``sh fails``: each must refuse
+```python    executed, all blocks of a page in one namespace; ``python file=x.py``: written to that file instead
+```text      what the block before it printed, line by line
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_model import plants
+from piezo_model.recordings import write_table
+from piezo_model.signals import decaying_triangle, multi_sine
+
+SAMPLE_TIME = 1e-3
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language with what follows it on the fence's line, and its text."""
+
+    language: str
+    rest: str
+    text: str
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """The blocks of a page in order; those in a list are indented."""
+    for found in re.finditer(r"^( *)```(\w+) *(.*?)\n(.*?)^\1```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+        yield Block(found[2], found[3], re.sub(rf"^{found[1]}", "", found[4], flags=re.MULTILINE))
+
+
+def commands(text: str) -> list[list[str]]:
+    """The words of each line, without comments."""
+    return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+def lay_out(folder: Path) -> None:
+    """Put a recording of a simulated actuator and a reference into a folder, as the pages assume."""
+    plant = plants.get("relay_preisach", sample_time=SAMPLE_TIME)
+    x = multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
+    y = plant.run(x)
+    write_table(folder / "stage.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x, "displacement_um": y})
+    y_ref = decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=float(y.min()), high=float(y.max()))
+    write_table(folder / "reference.csv", {"time_s": np.arange(y_ref.size) * SAMPLE_TIME, "reference_um": y_ref})
+
+
+def run(page: Path, folder: Path) -> None:
+    """Run the blocks of a page in a folder, which is the current one, and compare what they print with what the page shows."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    printed = ""
+    for block in blocks(page):
+        if block.language == "sh":
+            printed = "".join(call(words, folder, refused=block.rest == "fails") for words in commands(block.text))
+        elif block.language == "python" and block.rest:
+            (folder / block.rest.removeprefix("file=")).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            with contextlib.redirect_stdout(io.StringIO()) as out:
+                exec(compile(block.text, str(page), "exec"), names)
+            printed = out.getvalue()
+        elif block.language == "text":
+            assert printed.rstrip() == block.text.rstrip(), page.name
+
+
+def call(words: list[str], folder: Path, refused: bool = False) -> str:
+    """What a command prints; it must succeed, or be refused in one sentence."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == (2 if refused else 0), (words, done.stderr)
+    assert not refused or done.stderr.count("\n") == 1
+    return done.stdout

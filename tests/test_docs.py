@@ -1,0 +1,92 @@
+"""The pages in docs/ match what the program does: their examples are run, their words and drawings compared with it."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import documents
+import numpy as np
+import pytest
+
+from bench.report.html import HEADINGS
+from piezo_model import ModelStructure, SelfLearningCompensator, plants
+from piezo_model.learning_events import Phase
+from solvers import Lane, Status, Tier
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+READING = (ROOT / "docs" / "reading-the-report.md").read_text(encoding="utf-8")
+LEARNING = ROOT / "docs" / "learning.md"
+PLANT = plants.get("relay_preisach", sample_time=1e-3)
+STRUCTURE = ModelStructure.equidistant(n=2, m=1, x_range=PLANT.x_range, y_range=PLANT.y_range, creep_rates=(), sample_time=1e-3)
+Steps = set[tuple[str, str]]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_examples_of_a_page_run_and_print_what_it_shows(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    documents.lay_out(tmp_path)
+    documents.run(page, tmp_path)
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)
+def test_links_lead_to_files_that_are_there(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / link).exists(), link
+
+
+def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_headings_that_are_there() -> None:
+    for word in (*Status, *Lane, *Tier):
+        assert f"`{word}`" in READING, word
+    for heading in ("lane", "tier", "worst cost gap", "right", "periods"):
+        assert heading in HEADINGS.values()
+        assert re.search(rf"^\| [^|]*\b{heading}\b", READING, flags=re.MULTILINE), heading
+
+
+def drawn(which: int) -> Steps:
+    """Transitions of the first or second machine on the page."""
+    pictures = [block.text for block in documents.blocks(LEARNING) if block.language == "mermaid"]
+    return set(re.findall(r"^ *(\[\*\]|\w+) --> (\w+)", pictures[which], flags=re.MULTILINE))
+
+
+def taken(learner: SelfLearningCompensator, actuator: Callable[[int, float], float], samples: int = 1500) -> Steps:
+    """Transitions that a learner takes with an actuator, from its start on."""
+    steps, x = {("[*]", str(learner.phase))}, float("nan")
+    for k in range(samples):
+        before, x = learner.phase, learner.step(15.0 * np.sin(0.03 * k), actuator(k, x))
+        if learner.phase is not before:
+            steps.add((str(before), str(learner.phase)))
+    return steps
+
+
+def honest(k: int, x: float) -> float:
+    """The output of the actuator."""
+    return PLANT.step(x) if np.isfinite(x) else float("nan")
+
+
+def failing(learner: SelfLearningCompensator, phase: Phase) -> Callable[[int, float], float]:
+    """A sensor whose value is out of all range, for one sample of every time that the learner is in the phase."""
+    return lambda k, x: 1e3 if learner.phase is phase and k % 50 == 0 else honest(k, x)
+
+
+def cyclic(**options: object) -> SelfLearningCompensator:
+    return SelfLearningCompensator(STRUCTURE, **{"reset_s": 0.02, "build_s": 0.4, "learn_s": 0.05,
+                                                 "solver": "projected_difference", **options})
+
+
+def test_the_drawn_machine_is_the_one_that_runs() -> None:
+    steps = taken(cyclic(), honest) | taken(cyclic(solver="scipy_nnls"), honest)
+    for phase in Phase:
+        learner = cyclic()
+        steps |= taken(learner, failing(learner, phase))
+    still = cyclic()
+    steps |= taken(still, lambda k, x: 0.001 * (k % 2)) | taken(cyclic(solver="box_active_set"), honest)
+    assert steps == drawn(0)
+    assert {name for step in steps for name in step} == {"[*]", *Phase}
+    table = re.findall(r"^\| `(\w+)` \|", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert table == [str(phase) for phase in Phase]
+
+
+def test_the_drawn_machine_of_continuous_operation_is_the_one_that_runs() -> None:
+    learner = SelfLearningCompensator(STRUCTURE, reset_s=0.02, mode="continuous")
+    assert taken(learner, failing(learner, Phase.LEARN)) == drawn(1)
