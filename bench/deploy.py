@@ -25,14 +25,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench import null_solver
-from bench.percentiles import Percentile, percentile, rate_bound
 from bench.problems.protocol import RaceProblem
+from bench.races import null_solver
+from bench.races.rows import PERIOD_US
+from bench.races.stream import KIND as STREAM_KIND
+from bench.races.stream import STREAM
 from bench.report import stream_figures
-from bench.rows import PERIOD_US
 from bench.store import ONESHOT, Run, RunError
-from bench.stream import KIND as STREAM_KIND
-from bench.stream import STREAM
+from bench.timing.percentiles import Percentile, percentile, rate_bound
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
 from solvers import Lane, find

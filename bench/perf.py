@@ -21,10 +21,10 @@ from bench.cli.console import console, print_table
 from bench.problems import find
 from bench.worst_case import HEADINGS, worst_case_figures
 from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.continuous_learning import PROXIMAL, prior
-from piezo_model.learning_events import Phase
+from piezo_model.learning.continuous_learning import PROXIMAL, prior
+from piezo_model.learning.events import Phase
+from piezo_model.learning.sensor_guard import SensorGuard
 from piezo_model.operators import creep, dead_zone, play
-from piezo_model.sensor_guard import SensorGuard
 from piezo_model.signals import multi_sine
 from solvers.kernel.recursive_active_set import RecursiveActiveSet
 from solvers.kernels.projected_step import limit

@@ -31,8 +31,8 @@ import pandas as pd
 
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
-from bench.rows import over_repeats
-from bench.task import Task
+from bench.races.rows import over_repeats
+from bench.races.task import Task
 from piezo_model.atomic_file import replacing, write_text
 
 COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "start", "settings", "status", "message",

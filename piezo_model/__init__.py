@@ -2,8 +2,8 @@
 
 from piezo_model.compensator import Compensator
 from piezo_model.data_basis import DataBasis
-from piezo_model.fitting import IdentificationError
-from piezo_model.identification import identify
+from piezo_model.identification.fitting import IdentificationError
+from piezo_model.identification.identify import identify
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.identification import identify
+from piezo_model.identification.identify import identify
 from piezo_model.structure import ModelStructure
 
 try:

@@ -19,17 +19,18 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model import compensator_file, cyclic_step
+from piezo_model import compensator_file
 from piezo_model.compensator import Compensator
-from piezo_model.continuous_learning import ContinuousLearning
-from piezo_model.cyclic_learning import CyclicLearning, with_constant
 from piezo_model.deployment import Deployment
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.learning_events import LOG_LENGTH, Event, Log, Phase
-from piezo_model.learning_settings import LearningSettings, Mode
+from piezo_model.learning import cyclic_step
+from piezo_model.learning.continuous_learning import ContinuousLearning
+from piezo_model.learning.cyclic_learning import CyclicLearning, with_constant
+from piezo_model.learning.events import LOG_LENGTH, Event, Log, Phase
+from piezo_model.learning.sensor_guard import Verdict
+from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
-from piezo_model.sensor_guard import Verdict
 from piezo_model.structure import ModelStructure
 
 Vector = NDArray[np.float64]

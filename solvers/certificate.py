@@ -6,7 +6,7 @@ The data are doubles, hence rationals, and everything here is computed in ration
 :func:`verify` replays from the data and the stored ingredients alone:
 
 1. problem: the data are those that the certificate was made for (SHA-256).
-2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact_problem`; δ = 0 almost always.
+2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact.problem`; δ = 0 almost always.
 3. stationarity: the optimality system of the stored active set is regular; its solution is x*, λ*.
 4. feasibility: x* breaks no constraint.
 5. signs: no inequality has a negative multiplier. With 2 to 4 these are the KKT conditions, and any KKT point of a
@@ -27,10 +27,10 @@ import numpy as np
 from flint import fmpq
 from qpsolvers import Problem
 
-from solvers.exact_active_set import is_unique, nearest_feasible, optimum
-from solvers.exact_linear_algebra import RationalColumn, column, nearest_double, power_of_two
-from solvers.exact_problem import DoubleProblem, finite
-from solvers.exact_program import ExactProgram, Infeasible, Kind, NotCertified, Point, Unbounded, stationary_point
+from solvers.exact.active_set import is_unique, nearest_feasible, optimum
+from solvers.exact.linear_algebra import RationalColumn, column, nearest_double, power_of_two
+from solvers.exact.problem import DoubleProblem, finite
+from solvers.exact.program import ExactProgram, Infeasible, Kind, NotCertified, Point, Unbounded, stationary_point
 from solvers.protocol import Vector
 
 __all__ = ["Certificate", "Gap", "Infeasible", "NotCertified", "Unbounded", "certify", "exact_cost_gap",

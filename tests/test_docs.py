@@ -10,7 +10,7 @@ import pytest
 
 from bench.report.html import HEADINGS
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
-from piezo_model.learning_events import Phase
+from piezo_model.learning.events import Phase
 from solvers import Lane, Status, Tier
 
 ROOT = Path(__file__).parent.parent

@@ -10,7 +10,7 @@ from bench.cli import decision_verbs, experiment_verbs, export_verbs, problem_ve
 from bench.export.settings import ExportError
 from bench.problem_files import ProblemFileError
 from bench.problems import ProblemSetError
-from bench.race import RaceError
+from bench.races.race import RaceError
 from bench.store import RunError
 from piezo_model import IdentificationError, ModelError, StructureError
 from piezo_model.recordings import RecordingError

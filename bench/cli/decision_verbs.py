@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
-from bench.compare import compare_runs
+from bench.comparison.compare import compare_runs
 from bench.deploy import Rule, decide, deployment
 from bench.report import comparison as pages
 from bench.store import Run

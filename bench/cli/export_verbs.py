@@ -14,7 +14,7 @@ from bench.cli.console import AsJson, console, errors, plain_json, print_json, p
 from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
 from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import StepCost, step_cost
-from bench.percentiles import QUANTILES, percentile
+from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel, ModelError
 from piezo_model.deployment import FORMAT, Deployment
 

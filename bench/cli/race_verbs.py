@@ -9,14 +9,14 @@ from typing import Annotated, Any
 import typer
 
 from bench.cli.console import AsJson, console, errors, print_json, print_table, progress_bar, records
-from bench.clock import Effort
-from bench.engine import Backend, Workers
-from bench.isolation import Child
-from bench.race import Progress
-from bench.race_settings import LANES
-from bench.races import KINDS, kind_of
+from bench.processes.engine import Backend, Workers
+from bench.processes.isolation import Child
+from bench.races.kinds import KINDS, kind_of
+from bench.races.race import Progress
+from bench.races.settings import LANES
 from bench.report import figures, html, markdown
 from bench.store import Run, RunError
+from bench.timing.clock import Effort
 from solvers import Lane, Tier, entries
 
 RESULTS = Path("results")

@@ -13,8 +13,8 @@ import typer
 from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.report import recording_page
 from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
-from piezo_model.fit_review import review
-from piezo_model.order_selection import select_order
+from piezo_model.identification.fit_review import review
+from piezo_model.identification.order_selection import select_order
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from solvers import find
 

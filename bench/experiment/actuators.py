@@ -26,8 +26,8 @@ from piezo_model import (
     SelfLearningCompensator,
     plants,
 )
-from piezo_model.fitting import optimum
-from piezo_model.learning_settings import Mode
+from piezo_model.identification.fitting import optimum
+from piezo_model.learning.settings import Mode
 from piezo_model.plants.protocol import Memory
 from piezo_model.signals import staircase
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.decoupling import estimate_decoupling
 from piezo_model.signals import decaying_triangle, random_walk, staircase
-from piezo_model.stage import Stage
-from piezo_model.stage_axis import Axis
+from piezo_model.stage.axis import Axis
+from piezo_model.stage.decoupling import estimate_decoupling
+from piezo_model.stage.stage import Stage
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]

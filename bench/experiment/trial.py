@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.experiment.rig import AXES, Matrix, Rig, Vector, percent, rms
 from piezo_model import Compensator, SelfLearningCompensator
-from piezo_model.stage import Stage
-from piezo_model.stage_learning import SelfLearningStage
+from piezo_model.stage.learning import SelfLearningStage
+from piezo_model.stage.stage import Stage
 
 HINDSIGHT_ROUNDS = 4
 

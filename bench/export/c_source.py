@@ -15,7 +15,8 @@ import numpy as np
 
 from bench.export import memory, numbers
 from bench.export.settings import ExportSettings
-from piezo_model import HysteresisCreepModel, sensor_guard
+from piezo_model import HysteresisCreepModel
+from piezo_model.learning import sensor_guard
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.regressors import RegressorArrays
 

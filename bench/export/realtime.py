@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bench.export.building import FAST, build, tool, write_sources
 from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import StepCost
-from bench.percentiles import QUANTILES, needed, percentile
+from bench.timing.percentiles import QUANTILES, needed, percentile
 from piezo_model import HysteresisCreepModel
 
 Nanoseconds = NDArray[np.int64]

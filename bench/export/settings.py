@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.export.numbers import Precision
-from piezo_model.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
-from piezo_model.cyclic_learning import MIN_EXCITATION, NARROW, RECALL
 from piezo_model.identification_problem import UNDETERMINED
-from piezo_model.learning_settings import MIN_SLOPE, LearningSettings
+from piezo_model.learning.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
+from piezo_model.learning.cyclic_learning import MIN_EXCITATION, NARROW, RECALL
+from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
 from solvers.kernels.swept_exchange import LIMIT
 from solvers.kernels.swept_gram import NEGLIGIBLE, REFRESH

@@ -1,7 +1,7 @@
 """Anybody's recording, seen by models of several orders over several windows.
 
 The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first sample
-on, and counted from where the operator states are known (`piezo_model.unknown_start`) or from the start of the window,
+on, and counted from where the operator states are known (`piezo_model.identification.unknown_start`) or from the start of the window,
 whichever is later. The level at which the creep states rested is found once, for one order: it belongs to the actuator and not
 to the model. A recording has an unknown constant, so every model has an offset, a variable without bounds.
 """
@@ -14,8 +14,8 @@ from typing import ClassVar
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, ModelStructure, Recording
-from piezo_model.identification import choose_creep_rates
-from piezo_model.unknown_start import counted_y_range, resting_level, settled_from, unknown_start
+from piezo_model.identification.identify import choose_creep_rates
+from piezo_model.identification.unknown_start import counted_y_range, resting_level, settled_from, unknown_start
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset; the creep level is found with the first."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.anytime import BUDGETS
+from bench.races.anytime import BUDGETS
 
 GROUP = ["problem_set", "d", "scaling", "solver", "lane", "tier", "pace"]
 FITS, PAPER = "as fits", "one step a sample"

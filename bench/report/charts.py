@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 import vl_convert
 
+from bench.races.rows import PERIOD_US
 from bench.report.plot_data import FULL_SOLVE, PAPERS_PACE, STAGES
 from bench.report.plots import COLOURS, FLOOR
-from bench.rows import PERIOD_US
 
 INK = "currentColor"
 MACHINE = "the machine"

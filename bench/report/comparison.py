@@ -13,9 +13,9 @@ import jinja2
 import numpy as np
 import pandas as pd
 
-from bench import null_solver
-from bench.compare import RunComparison
-from bench.compare_rows import NAMES
+from bench.comparison.compare import RunComparison
+from bench.comparison.matched import NAMES
+from bench.races import null_solver
 from bench.report import charts
 from bench.report.markdown import plain, settings_label
 from bench.report.page import TEMPLATES, Cell, Figure, Grid, save

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bench import null_solver
+from bench.races import null_solver
 from solvers import Status
 
 GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "start", "settings"]

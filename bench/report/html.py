@@ -14,8 +14,9 @@ from typing import Any
 import altair as alt
 import pandas as pd
 
-from bench.anytime import ANYTIME
-from bench.closed_loop import LOOP
+from bench.races.anytime import ANYTIME
+from bench.races.closed_loop import LOOP
+from bench.races.stream import STREAM
 from bench.report import (
     anytime_figures,
     charts,
@@ -28,7 +29,6 @@ from bench.report import (
 )
 from bench.report.page import Cell, Figure, Grid, save
 from bench.store import ONESHOT, Run
-from bench.stream import STREAM
 
 FILTERS = ("problem set", "scaling", "lane", "tier", "start", "status")
 FIRST = ("solver", "lane", "tier", "right", "worst_cost_gap", "update_us", "solve_us_p50", "periods", "status")

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.closed_loop import DRIFTING, LOOP, STILL
 from bench.experiment.rig import RANGE_UM
 from bench.experiment.style import HINDSIGHT, LEARNED, STRAIGHT, look
+from bench.races.closed_loop import DRIFTING, LOOP, STILL
 from bench.report.markdown import plain, settings_label
 from bench.report.plots import FLOOR
 from bench.report.race_reports import Report, Table

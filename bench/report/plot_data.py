@@ -15,9 +15,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench import null_solver
+from bench.races import null_solver
+from bench.races.rows import PERIOD_US
 from bench.report import figures
-from bench.rows import PERIOD_US
 from solvers import Lane, Status, Tier
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.MID, Tier.LOW, Tier.DEFAULT)]

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.race import PERIOD_US
+from bench.races.race import PERIOD_US
 from bench.report import plot_data
 from piezo_model.atomic_file import replacing
 

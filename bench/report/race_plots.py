@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bench import latency_histogram
-from bench.anytime import BUDGETS
-from bench.percentiles import needed
+from bench.races.anytime import BUDGETS
 from bench.report import anytime_figures
 from bench.report.markdown import settings_label
 from bench.report.plots import FLOOR as LEAST_GAP
-from bench.schedule import PERIOD_NS
+from bench.timing import latency_histogram
+from bench.timing.percentiles import needed
+from bench.timing.schedule import PERIOD_NS
 from piezo_model.atomic_file import replacing
 
 SHOWN = 8

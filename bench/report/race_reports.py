@@ -11,14 +11,14 @@ from typing import Any
 import jinja2
 import pandas as pd
 
-from bench import latency_histogram
-from bench.anytime import ANYTIME, BUDGETS
-from bench.percentiles import QUANTILES, Percentile, needed
+from bench.races.anytime import ANYTIME, BUDGETS
+from bench.races.stream import STREAM
 from bench.report import anytime_figures, race_plots, stream_figures
 from bench.report.markdown import plain, settings_label
 from bench.report.stream_figures import number
 from bench.store import Run
-from bench.stream import STREAM
+from bench.timing import latency_histogram
+from bench.timing.percentiles import QUANTILES, Percentile, needed
 from piezo_model.atomic_file import replacing, write_text
 
 NAMES = ("solver", "lane", "tier", "settings")

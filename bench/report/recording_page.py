@@ -10,8 +10,8 @@ import pandas as pd
 
 from bench.report import charts
 from bench.report.page import Cell, Figure, Grid, save
-from piezo_model.fit_review import Review
-from piezo_model.order_selection import OrderSelection
+from piezo_model.identification.fit_review import Review
+from piezo_model.identification.order_selection import OrderSelection
 
 POINTS = 2_500
 """Most points of a line."""

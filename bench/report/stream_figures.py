@@ -21,9 +21,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench import latency_histogram
-from bench.percentiles import QUANTILES, Percentile, percentile, rate_bound
-from bench.schedule import PERIOD_NS
+from bench.timing import latency_histogram
+from bench.timing.percentiles import QUANTILES, Percentile, percentile, rate_bound
+from bench.timing.schedule import PERIOD_NS
 from solvers import Status
 
 GROUP = ["solver", "lane", "tier", "settings"]

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.anytime import BUDGETS
-from bench.percentiles import needed
+from bench.races.anytime import BUDGETS
+from bench.races.rows import PERIOD_US
 from bench.report import anytime_figures, loop_report, stream_figures
 from bench.report.markdown import settings_label
 from bench.report.plot_data import NAMED, together
-from bench.rows import PERIOD_US
+from bench.timing.percentiles import needed
 
 FLOOR_NAME = "the machine's floor"
 DECADES = np.geomspace(0.5, 1e-6, 60)

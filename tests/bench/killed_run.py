@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from bench.races.task import Task
 from bench.store import COLUMNS, Run, RunError, Schema
-from bench.task import Task
 from solvers.protocol import Lane, Tier
 
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, Tier.HIGH) for i in range(2)]

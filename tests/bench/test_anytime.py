@@ -12,15 +12,15 @@ from command_line import CommandLine, wait_until_gone
 from qpsolvers import Problem
 
 import solvers
-from bench import anytime
-from bench.anytime import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
-from bench.anytime_worker import AnytimeRequest, Curve
-from bench.clock import Effort
-from bench.races import KINDS
+from bench.races import anytime
+from bench.races.anytime import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
+from bench.races.anytime_worker import AnytimeRequest, Curve
+from bench.races.kinds import KINDS
+from bench.races.task import Task
 from bench.report import anytime_figures, race_reports
 from bench.report.anytime_figures import FITS, PAPER
 from bench.store import Run
-from bench.task import Task
+from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
 from solvers.certificate import certify, exact_cost_gap
 from solvers.kernels.projected_step import trajectory

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import closed_loop, race
-from bench.closed_loop import DRIFTING, LOOP, PAPER, STILL, LoopSettings
-from bench.closed_loop_worker import drive
-from bench.race_settings import RaceError
-from bench.races import KINDS, kind_of
+from bench.processes.worker import Outcome
+from bench.races import closed_loop, race
+from bench.races.closed_loop import DRIFTING, LOOP, PAPER, STILL, LoopSettings
+from bench.races.closed_loop_worker import drive
+from bench.races.kinds import KINDS, kind_of
+from bench.races.settings import RaceError
+from bench.races.task import Task
 from bench.store import Run
-from bench.task import Task
-from bench.worker import Outcome
 from solvers import Lane, Tier
 
 SETTINGS = LoopSettings(solvers=("box_active_set", "daqp", PAPER, "scipy_nnls"), lanes=(Lane.KERNEL, Lane.DIRECT),

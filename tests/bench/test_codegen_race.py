@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from command_line import CommandLine
 
-from bench.race_settings import RaceSettings
+from bench.races.settings import RaceSettings
 from bench.store import Run
 from solvers import Lane
 

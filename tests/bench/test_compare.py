@@ -13,7 +13,7 @@ from browser import Browser, screenshots
 from command_line import CommandLine
 from conftest import Race
 
-from bench.compare import compare_runs
+from bench.comparison.compare import compare_runs
 from bench.report import comparison
 from bench.store import Run, RunError
 from solvers import Status

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from conftest import Race
 
-from bench import cores, machine, sentinel
 from bench.report import figures
+from bench.timing import cores, machine, sentinel
 
 HOLD = "from bench import cores; core = cores.claim(); print(core.number, flush=True); input()"
 

@@ -9,8 +9,9 @@ import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, THIRD, Race
 
-from bench import problems, race
-from bench.race import RaceSettings
+from bench import problems
+from bench.races import race
+from bench.races.race import RaceSettings
 from bench.store import Run, RunError
 from piezo_model.atomic_file import write_text
 

@@ -13,8 +13,8 @@ from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, THIRD, Race
 from test_store import TIMES
 
-from bench import cores
 from bench.store import Run
+from bench.timing import cores
 
 TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
 DASK = str(Path(sys.executable).with_name("dask"))

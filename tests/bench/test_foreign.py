@@ -11,16 +11,16 @@ from program_files import INF, Drawn, draw, write_mat, write_qps
 from qpsolvers import Problem
 from scipy.io import savemat
 
-from bench.clock import Effort
-from bench.isolation import Child
-from bench.metrics import judge
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
-from bench.task import Task
-from bench.worker import Outcome
+from bench.processes.isolation import Child
+from bench.processes.worker import Outcome
+from bench.races.metrics import judge
+from bench.races.task import Task
+from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier, find
 from solvers.certificate import verify
 

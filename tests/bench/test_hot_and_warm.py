@@ -12,14 +12,14 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench import null_solver
-from bench.clock import Effort
-from bench.isolation import Child, entry_of_file
-from bench.percentiles import percentile
+from bench.processes.isolation import Child, entry_of_file
+from bench.races import null_solver
+from bench.races.rows import over_repeats
+from bench.races.task import Task
+from bench.races.turns import take_turns
 from bench.report import markdown
-from bench.rows import over_repeats
-from bench.task import Task
-from bench.turns import take_turns
+from bench.timing.clock import Effort
+from bench.timing.percentiles import percentile
 from solvers import Status, Tier, find
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))

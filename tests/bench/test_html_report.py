@@ -11,8 +11,8 @@ from browser import WIDTHS, Browser, screenshots
 from command_line import CommandLine
 from conftest import Race
 
-from bench import closed_loop, race
-from bench.closed_loop import LoopSettings
+from bench.races import closed_loop, race
+from bench.races.closed_loop import LoopSettings
 from bench.report import charts, figures, html, plot_data
 from bench.store import Run
 from solvers import Status, Tier

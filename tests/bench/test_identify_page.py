@@ -10,8 +10,8 @@ from browser import Browser, screenshots
 from command_line import CommandLine
 
 from piezo_model import HysteresisCreepModel, IdentificationError, ModelStructure, Recording, identify, plants
-from piezo_model.fit_review import review
-from piezo_model.order_selection import select_order
+from piezo_model.identification.fit_review import review
+from piezo_model.identification.order_selection import select_order
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
 

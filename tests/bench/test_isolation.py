@@ -13,10 +13,10 @@ from command_line import CommandLine, wait_until_gone
 from conftest import Race
 from qpsolvers import Problem
 
-from bench.clock import Effort
-from bench.isolation import Child, entry_of_file
-from bench.race import RaceError, RaceSettings, entries_of
-from bench.task import Task
+from bench.processes.isolation import Child, entry_of_file
+from bench.races.race import RaceError, RaceSettings, entries_of
+from bench.races.task import Task
+from bench.timing.clock import Effort
 from solvers import Status, Tier
 
 STATUS = {

@@ -6,8 +6,8 @@ from math import ceil, comb
 import numpy as np
 import pytest
 
-from bench import latency_histogram
-from bench.percentiles import QUANTILES, needed, percentile, ranks, rate_bound
+from bench.timing import latency_histogram
+from bench.timing.percentiles import QUANTILES, needed, percentile, ranks, rate_bound
 
 
 def below(k: int, samples: int, q: Fraction) -> Fraction:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
-from bench.metrics import judge
 from bench.problems import ProblemSetError, RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
-from bench.worker import Outcome
+from bench.processes.worker import Outcome
+from bench.races.metrics import judge
 from piezo_model import plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS

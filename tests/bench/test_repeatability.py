@@ -1,7 +1,7 @@
 """The comparison of two runs: on samples that do not differ it says so, on samples that differ it says which.
 
 The samples are drawn with a fixed seed: delays with memory, bursts of a neighbour and an offset of each process, as times
-have. A real pair of runs is compared by ``python -m bench.compare_rows RUN_A RUN_B``.
+have. A real pair of runs is compared by ``python -m bench.comparison.matched RUN_A RUN_B``.
 """
 
 import sys
@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 from conftest import Race
 
-from bench import compare_rows
-from bench.compare_rows import LEVEL, NAMES, Comparison, compare, effects_of, noise_of
-from bench.paired import Effect, benjamini_hochberg, effect, holm, log_ratios, p_values
+from bench.comparison import matched as compare_rows
+from bench.comparison.matched import LEVEL, NAMES, Comparison, compare, effects_of, noise_of
+from bench.comparison.paired import Effect, benjamini_hochberg, effect, holm, log_ratios, p_values
 
 ROWS, TURNS, SEEDS = 200, 60, 10
 OFFSET = 0.02

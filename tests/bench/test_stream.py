@@ -17,17 +17,18 @@ from command_line import CommandLine, wait_until_gone
 from qpsolvers import Problem, Solution
 
 import solvers
-from bench import latency_histogram, stream, stream_worker
 from bench.problems.simulation import Experiment
-from bench.races import KINDS, kind_of
+from bench.races import stream, stream_worker
+from bench.races.kinds import KINDS, kind_of
+from bench.races.staleness import Judge
+from bench.races.stream import STREAM, StreamSettings
+from bench.races.stream_problem import StreamProblem, make, regressor_rows
+from bench.races.stream_worker import StreamRequest
+from bench.races.task import Task
 from bench.report import race_reports, stream_figures
-from bench.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
-from bench.staleness import Judge
 from bench.store import Run, RunError
-from bench.stream import STREAM, StreamSettings
-from bench.stream_problem import StreamProblem, make, regressor_rows
-from bench.stream_worker import StreamRequest
-from bench.task import Task
+from bench.timing import latency_histogram
+from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
 from piezo_model import DataBasis, OperatorState
 from solvers import Lane, Status, Tier, Unsupported
 from solvers.certificate import certify, verify

@@ -5,9 +5,10 @@ import pytest
 from faulty_sensor import rms_percent, steps
 from learning_loops import learner_for, sensor
 
-from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, continuous_step, plants
-from piezo_model.fitting import optimum
-from piezo_model.learning_events import Phase
+from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, plants
+from piezo_model.identification.fitting import optimum
+from piezo_model.learning import continuous_step
+from piezo_model.learning.events import Phase
 from piezo_model.plants.protocol import Memory
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from plain_model import simulate_file
 
-from piezo_model.identification import choose_creep_rates, identify
+from piezo_model.identification.identify import choose_creep_rates, identify
+from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.sensor_lag import shift_output
 from piezo_model.structure import ModelStructure
 
 REPOSITORY = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ from random_models import Case, cases, drive
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.fitting import optimum
+from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import Coordinates, IdentificationProblem, Scaling
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState

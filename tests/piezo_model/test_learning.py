@@ -10,9 +10,9 @@ from random_models import Case, cases, drive
 
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.learning import LearningPhase
-from piezo_model.learning_settings import LearningSettings
-from piezo_model.loop_centre import centred, loop_centre
+from piezo_model.learning.loop_centre import centred, loop_centre
+from piezo_model.learning.phase import LearningPhase
+from piezo_model.learning.settings import LearningSettings
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.signals import decaying_triangle
 from piezo_model.structure import ModelStructure

@@ -12,7 +12,7 @@ from learning_loops import MODES, NOISE, WAYS, T, learner_for, sensor, structure
 
 from piezo_model import OperatorState, SelfLearningCompensator, compensator_file, plants
 from piezo_model.deployment import Deployment
-from piezo_model.learning_events import Phase
+from piezo_model.learning.events import Phase
 from piezo_model.model import HysteresisCreepModel, ModelError
 from solvers.kernel.box_active_set import BoxActiveSet
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from piezo_model.sensor_guard import FROZEN_DRIVE, JUMP, PLAUSIBLE, SensorGuard, Verdict
+from piezo_model.learning.sensor_guard import FROZEN_DRIVE, JUMP, PLAUSIBLE, SensorGuard, Verdict
 
 RAMP = np.linspace(-0.5, 0.5, 200)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from piezo_model.sensor_lag import HALF_WIDTH, minimise_over_lag, shift_output
+from piezo_model.identification.sensor_lag import HALF_WIDTH, minimise_over_lag, shift_output
 
 
 def displacement(k: np.ndarray) -> np.ndarray:

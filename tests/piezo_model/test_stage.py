@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.decoupling import estimate_decoupling
 from piezo_model.signals import random_walk, staircase
-from piezo_model.stage import Stage
-from piezo_model.stage_axis import Axis
-from piezo_model.stage_learning import SelfLearningStage
+from piezo_model.stage.axis import Axis
+from piezo_model.stage.decoupling import estimate_decoupling
+from piezo_model.stage.learning import SelfLearningStage
+from piezo_model.stage.stage import Stage
 
 TS = 1e-3
 COUPLING = np.array([[1.0, 0.06], [-0.04, 0.97]])

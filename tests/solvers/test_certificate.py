@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import certificate as certificate_module
-from solvers import exact_active_set, exact_linear_algebra
 from solvers.certificate import (
     Certificate,
     Infeasible,
@@ -27,7 +26,9 @@ from solvers.certificate import (
     exact_optimum,
     verify,
 )
-from solvers.exact_problem import DoubleProblem
+from solvers.exact import active_set as exact_active_set
+from solvers.exact import linear_algebra as exact_linear_algebra
+from solvers.exact.problem import DoubleProblem
 
 INF = np.inf
 

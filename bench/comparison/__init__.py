@@ -1,0 +1,1 @@
+"""Runs side by side: matched rows, paired ratios, what differs."""

@@ -1,0 +1,193 @@
+"""Units of a race on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
+
+Each worker times on a core of its own (see `cores`) and keeps its solvers' processes from unit to unit. It writes its rows
+itself, so a cluster's workers must reach the run's folder under the same path.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky import get_reusable_executor
+
+from bench.processes.isolation import warm_up
+from bench.races.line_up import LineUp
+from bench.races.settings import RaceError, RaceSettings
+from bench.races.task import Task
+from bench.races.unit import Unit, do
+from bench.timing import cores
+from solvers.registry import Entry
+
+IDLE_S = 10
+"""A local worker ends when it has waited so long for a unit."""
+
+
+class Backend(StrEnum):
+    """Where the workers are."""
+
+    LOCAL = "local"
+    DASK = "dask"
+
+
+@dataclass(frozen=True)
+class Workers:
+    """How a race is spread; not part of its settings, since it may be resumed elsewhere.
+
+    Attributes
+    ----------
+    count : int
+        Workers on this machine; a cluster says itself how many it has.
+    backend : Backend
+    scheduler : str
+        Address of a Dask scheduler.
+    """
+
+    count: int = 1
+    backend: Backend = Backend.LOCAL
+    scheduler: str = ""
+
+    def check(self) -> None:
+        """RaceError where this cannot be."""
+        if self.backend is Backend.DASK and not self.scheduler:
+            raise RaceError("the backend dask needs the address of a scheduler, --scheduler tcp://host:8786")
+        if self.backend is Backend.LOCAL and self.scheduler:
+            raise RaceError("a scheduler goes with --backend dask")
+        if self.backend is Backend.LOCAL and self.count > len(cores.usable()):
+            raise RaceError(f"{self.count} workers need a core each, and this machine has {len(cores.usable())}")
+
+    @property
+    def is_one(self) -> bool:
+        """Whether this process does everything."""
+        return self.backend is Backend.LOCAL and self.count == 1
+
+
+def spread(units: Sequence[Unit], entries: Sequence[Entry], settings: RaceSettings, workers: Workers) -> Iterator[Unit]:
+    """Do units on several workers; yields them as they get done, in any order."""
+    parent = os.getpid() if workers.backend is Backend.LOCAL else None
+    jobs = (delayed(work)(unit, tuple(entries), settings, parent) for unit in units)
+    with _backend(workers) as count:
+        yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch="all", return_as="generator_unordered")(jobs)
+
+
+@contextmanager
+def _backend(workers: Workers) -> Iterator[int]:
+    """Choose joblib's backend; yields the number of its workers, which give their cores back in the end."""
+    if workers.backend is Backend.LOCAL:
+        with parallel_config(backend="loky", idle_worker_timeout=IDLE_S):
+            yield workers.count
+        get_reusable_executor().shutdown(wait=True)
+        return
+    with _client(workers.scheduler) as client:
+        with parallel_config(backend="dask", client=client):
+            yield -1
+        client.run(close_line_ups)
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    """A client of the cluster."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise RaceError("the backend dask needs the package distributed: install piezobench[dask]") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise RaceError(f"there is no Dask scheduler at {address} ({' '.join(str(error).split())})") from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            raise RaceError(f"the Dask cluster at {address} has no worker")
+        _check_cores(client)
+        yield client
+
+
+def _check_cores(client: Any) -> None:
+    """RaceError where a host of the cluster has more workers (threads of them) than cores, which would wait for ever."""
+    threads: Counter[str] = Counter()
+    there = client.run(cores_here)
+    for address, worker in client.scheduler_info()["workers"].items():
+        threads[there[address][0]] += worker["nthreads"]
+    for host, count in dict(there.values()).items():
+        if threads[host] > count:
+            raise RaceError(f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start fewer, each "
+                            f"with one thread")
+
+
+# What follows runs in a worker.
+
+
+def cores_here() -> tuple[str, int]:
+    """Name of this machine and number of its cores."""
+    return os.uname().nodename, len(cores.usable())
+
+
+_waiting: list[tuple[LineUp, cores.Core]] = []
+"""Line-ups of this process that no thread of it is using."""
+_lock = threading.Lock()
+
+
+def work(unit: Unit, entries: tuple[Entry, ...], settings: RaceSettings, parent: int | None) -> Unit:
+    """Do one unit with the line-up that waits here, or with a new one on a free core."""
+    def stop_with_parent(task: Task) -> None:
+        if parent is not None and os.getppid() != parent:  # it was killed, and nobody is to time on after that
+            os._exit(1)
+
+    line_up, core = _taken(entries, settings)
+    try:
+        with core.pinned():
+            do(unit, line_up, stop_with_parent)
+    except BaseException:
+        _close([(line_up, core)])
+        raise
+    with _lock:
+        _waiting.append((line_up, core))
+    return unit
+
+
+def _taken(entries: tuple[Entry, ...], settings: RaceSettings) -> tuple[LineUp, cores.Core]:
+    with _lock:
+        of_others = [pair for pair in _waiting if (pair[0].entries, pair[0].settings) != (entries, settings)]
+        ours = [pair for pair in _waiting if pair not in of_others]
+        taken = ours.pop() if ours else None
+        _waiting[:] = ours
+    _close(of_others)
+    if taken is not None:
+        return taken
+    core = cores.claim()
+    _permit_children()
+    warm_up()
+    return LineUp(entries, settings, core.number), core
+
+
+def _permit_children() -> None:
+    """Let this process start others, whoever started it.
+
+    Under a nanny a Dask worker is a daemon, to which multiprocessing forbids children; ours end with their connection. A
+    worker of joblib's tells its children of a way to start processes that only joblib knows.
+    """
+    multiprocessing.current_process().daemon = False
+    if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
+        multiprocessing.set_start_method("forkserver", force=True)
+
+
+def close_line_ups() -> None:
+    """End the processes that wait here, and give their cores back."""
+    with _lock:
+        closing = list(_waiting)
+        _waiting.clear()
+    _close(closing)
+
+
+def _close(pairs: Iterable[tuple[LineUp, cores.Core]]) -> None:
+    for line_up, core in pairs:
+        line_up.close()
+        core.release()

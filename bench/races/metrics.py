@@ -1,0 +1,106 @@
+"""The judge: one definition of right for every solver, from the problem's data and never from the solver's word.
+
+- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a program
+                  whose cost is no sum of squares over max(|V* + c|, 1), in the cost of the raw program
+- violation       ‖x − x̂‖∞
+- residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
+- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or zero
+- model error     RMS error of the model on data that the fit has not seen, per cent of the output's range
+
+An answer is right when cost gap and violation are within the tolerance that the tier asks for. The default tier asks
+for what the library thinks good enough and is judged like low.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from qpsolvers import Solution
+
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.worker import Outcome
+from piezo_model.identification_problem import Scaling
+from solvers import Status, Tier
+from solvers.certificate import exact_cost_gap
+from solvers.protocol import Vector
+
+TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9}
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Status and figures of one answer; NaN where there is nothing to measure."""
+
+    status: Status
+    message: str
+    cost_gap: float = NAN
+    violation: float = NAN
+    primal_residual: float = NAN
+    dual_residual: float = NAN
+    duality_gap: float = NAN
+    weight_error: float = NAN
+    model_error_percent: float = NAN
+
+
+def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) -> Judgement:
+    """Status and figures of what a child handed back."""
+    if outcome.failure:
+        return Judgement(Status(outcome.failure), outcome.message)
+    form = problem.forms[scaling]
+    x = outcome.x
+    if x is None or x.shape != form.qp.q.shape or not np.all(np.isfinite(x)):
+        what = "no answer of the right shape" if x is None or x.shape != form.qp.q.shape else "NaN or infinity"
+        if outcome.found:
+            return Judgement(Status.INACCURATE, f"says solved and returned {what}")
+        return Judgement(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
+    if not outcome.found:
+        return Judgement(Status.SOLVER_FAILED, outcome.solver_status)
+    bounds = form.qp.q if form.qp.lb is not None or form.qp.ub is not None else None
+    for name, dual, primal in (("y", outcome.y, form.qp.b), ("z", outcome.z, form.qp.h), ("z_box", outcome.z_box, bounds)):
+        if dual is not None and primal is not None and dual.shape != primal.shape:
+            return Judgement(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
+    gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
+    solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
+    tolerance = TOLERANCE[tier]
+    relative = min(gap.relative, gap.absolute / form.cost_unit) if form.cost_unit > 0.0 else gap.relative
+    right = relative <= tolerance and gap.violation <= tolerance
+    return Judgement(
+        Status.OK if right else Status.INACCURATE,
+        "" if right else f"cost gap {relative:.1e}, violation {gap.violation:.1e}", relative, gap.violation,
+        *_residuals(solution),
+        _weight_error(problem, form, x), _model_error(problem, form, x))
+
+
+def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
+    best = problem.optimal_weights
+    size = float(np.max(np.abs(best)))
+    if not form.optimum_is_unique or size == 0.0:
+        return NAN
+    return float(np.max(np.abs(form.to_weights @ x - best))) / size
+
+
+def _model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
+    """Error of the model with the feasible weights nearest to an answer; what has a model is a box."""
+    if problem.validation is None:
+        return NAN
+    return problem.validation.error_percent(form.to_weights @ np.clip(x, form.qp.lb, form.qp.ub))
+
+
+def _residuals(solution: Solution) -> tuple[float, float, float]:
+    """Primal and dual residual and duality gap as qpsolvers defines them; NaN where the solver gave no duals for it."""
+    problem = solution.problem
+    bounded = problem.lb is not None or problem.ub is not None
+    with np.errstate(over="ignore", invalid="ignore"):  # of an answer near the largest float
+        primal, dual, gap = solution.primal_residual(), solution.dual_residual(), solution.duality_gap()
+    if bounded and solution.z_box is None:  # where qpsolvers leaves the bounds out of the gap
+        gap = math.inf
+    return _number(primal), _number(dual), _number(gap)
+
+
+def _number(value: object) -> float:
+    """A residual as qpsolvers gives it; NaN where the solver has no duals for it."""
+    number = float(value) if isinstance(value, int | float | np.floating) else NAN
+    return number if math.isfinite(number) else NAN

@@ -1,0 +1,1 @@
+"""Timing microseconds: the clock, percentiles, and what the machine does meanwhile."""

@@ -1,0 +1,159 @@
+"""A fit looked at again: what the model says sample by sample, how sure each weight is, and what is left over.
+
+With residuals e of the error (5), σ² their mean square and P the mean of ΞΞᵀ in slope coordinates over N samples, the weights
+that touch no bound have about the covariance
+
+    cov v = σ² P⁻¹ / N_e,      N_e = N (1 − ρ) / (1 + ρ),
+
+ρ the correlation of neighbouring output errors, since residuals follow each other with memory; cov w = T cov v Tᵀ. Weights at a
+bound and thresholds never reached have no such interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from piezo_model.identification.fit_report import Lag
+from piezo_model.identification.fitting import accumulate
+from piezo_model.identification.lag_identification import without_lag
+from piezo_model.identification.order_selection import OrderSelection
+from piezo_model.identification.unknown_start import unknown_start
+from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.recordings import Recording
+
+Vector = NDArray[np.float64]
+LONGEST = 1_000_000
+"""Samples that are looked at, from the start."""
+TWO_SIDED = 1.96
+
+
+@dataclass(frozen=True)
+class Weight:
+    """One unknown.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+        In unit amplitudes, with w_H0 = 1.
+    half_width : float
+        Of the 95 % interval; NaN at a bound and where it was not reached.
+    excitation : float
+        RMS of the operator's signal in unit amplitudes.
+    reached, at_bound : bool
+    """
+
+    name: str
+    value: float
+    half_width: float
+    excitation: float
+    reached: bool
+    at_bound: bool
+
+
+@dataclass(frozen=True)
+class Review:
+    """A recording and what its model makes of it.
+
+    Attributes
+    ----------
+    model : HysteresisCreepModel
+    x, y, y_model : array (N,)
+        As they were fitted, in the units of the recording; a lag that was removed is so here, too.
+    skipped : int
+        Samples at the start that are not counted.
+    weights : tuple of Weight
+    """
+
+    model: HysteresisCreepModel
+    x: Vector
+    y: Vector
+    y_model: Vector
+    skipped: int
+    weights: tuple[Weight, ...]
+
+    @property
+    def error(self) -> Vector:
+        """Measured minus modelled, output unit, shape (N,)."""
+        return self.y - self.y_model
+
+    def spectrum(self) -> tuple[Vector, Vector]:
+        """Frequencies in Hz and amplitude density of the counted error, output unit per √Hz; by Welch's method."""
+        e = self.error[self.skipped:]
+        f, power = welch(e - e.mean(), 1.0 / self.model.structure.sample_time, nperseg=min(4096, e.size))
+        return f[1:], np.sqrt(power[1:])
+
+    def advice(self, orders: OrderSelection | None = None) -> Iterator[str]:
+        """What to do about it, one sentence each."""
+        report, unit = self.model.report, self.model.structure.input_unit
+        if unreached := report["excitation"]["unreached"]:
+            yield (f"Drive over more of the range, or ask for lower orders: the thresholds of {', '.join(unreached)} were never "
+                   f"reached, and what the model says there is a guess.")
+        for names in report["excitation"]["undetermined"]:
+            yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be told from each other."
+        unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
+        if unsure:
+            yield f"Not told from zero: {', '.join(unsure)}; a longer recording or a lower order would say more."
+        lag, offset = report["lag"], report["offset"]
+        found = Lag(**lag) if lag is not None else None
+        if found is not None and found.pays and not found.removed:
+            yield f"Remove the lag of the sensor, {found.samples:.2f} samples, with the option --lag remove."
+        elif found is not None and found.removed:
+            yield f"A lag of the sensor of {found.samples:.2f} samples was found and removed."
+        if offset is not None and offset["error_without_offset_percent"] > 1.02 * offset["error_percent"]:
+            yield f"The sensor has an offset of {offset['value']:.3g} {unit} at the input of S; the model carries it."
+        if orders is not None:
+            yield orders.sentence
+        else:
+            yield "Which order would pay is answered by cross-validation: ask with --select-order."
+        f, density = self.spectrum()
+        share = float(np.sum(density[f <= f[-1] / 20.0]**2) / np.sum(density**2)) if np.any(density) else 0.0
+        if share > 0.8:
+            yield (f"{100.0 * share:.0f} % of the error's power lies below a twentieth of the highest frequency: the model misses "
+                   f"something slow, such as hysteresis between thresholds or creep, and it is not the sensor's noise.")
+        elif share < 0.2:
+            yield "The error is spread over all frequencies like noise: a higher order has little to gain."
+
+
+def review(recording: Recording, model: HysteresisCreepModel) -> Review:
+    """Look at the fit of a recording again, with the start, skip and lag that the identification found."""
+    s, report = model.structure, model.report
+    x, y = next(recording.chunks(LONGEST))
+    part = Recording.from_arrays(x, y, recording.sample_time, name=recording.name, input_unit=recording.input_unit,
+                                 output_unit=recording.output_unit)
+    resting = report["resting_input"]
+    level = 0.0 if resting is None else float(s.unit_input(np.array([resting]))[0])
+    state, skip = unknown_start(recording, s, level), int(report["fit"]["skipped"])
+    if report["lag"] is not None and report["lag"]["removed"]:
+        part, _, state = without_lag(part, s, report["lag"]["samples"], skip, state)
+        x, y = part.arrays()
+    y_model = model.simulate(x, state.copy())
+    problem = accumulate(part, s, skip, state, 1e-10)
+    return Review(model, x, y, y_model, skip, tuple(_weights(problem, model, (y - y_model)[skip:])))
+
+
+def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector) -> Iterator[Weight]:
+    s, w = model.structure, model.weights
+    T = s.slope_map
+    v, lb = s.inverse_slope_map @ w, s.lower_bounds(problem.min_slope)
+    P = T.T @ problem.P @ T
+    at_bound = v <= lb + 1e-9
+    free = problem.reached & ~at_bound
+    e = error - error.mean()
+    rho = float(np.clip(e[1:] @ e[:-1] / max(e @ e, 1e-300), 0.0, 0.9999))
+    effective = max(e.size * (1.0 - rho) / (1.0 + rho), 1.0)
+    covariance = np.zeros_like(P)
+    if free.any():
+        inverse = np.linalg.pinv(P[np.ix_(free, free)], hermitian=True, rcond=1e-13)
+        covariance[np.ix_(free, free)] = 2.0 * max(problem.cost(w), 0.0) * inverse / effective
+    deviation = np.sqrt(np.maximum(np.diag(T @ covariance @ T.T), 0.0))
+    excitation = np.sqrt(np.maximum(np.diag(problem.P), 0.0))
+    for i, name in enumerate(s.weight_names):
+        yield Weight(name, float(w[i]), TWO_SIDED * float(deviation[i]) if free[i] else float("nan"), float(excitation[i]),
+                     bool(problem.reached[i]), bool(at_bound[i]))

@@ -1,0 +1,66 @@
+"""From a recording to the quadratic program (6) and its answer, given the structure and the states at the start."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+import solvers
+from piezo_model.data_basis import DataBasis
+from piezo_model.identification.fit_report import Certificate
+from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+from solvers.certificate import certify, exact_cost_gap
+
+Vector = NDArray[np.float64]
+
+
+class IdentificationError(ValueError):
+    """The data do not give a model; the message is one sentence that says why."""
+
+
+def accumulate(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, proximal: float,
+                ) -> IdentificationProblem:
+    """Run the operators over the whole recording from their states at its start, and count after ``skip`` samples."""
+    basis, seen = DataBasis(s, state), 0
+    for x, y in recording.chunks():
+        head = min(max(skip - seen, 0), x.size)
+        basis.update(x[:head], y[:head], count=False)
+        basis.update(x[head:], y[head:])
+        seen += x.size
+    return basis.problem(proximal=proximal)
+
+
+def optimum(problem: IdentificationProblem, solver: str) -> Vector:
+    """Weights (d,) that solve the program, in unit amplitudes.
+
+    Raises
+    ------
+    IdentificationError
+        If the solver found no answer.
+    """
+    form = problem.form()
+    engine = solvers.get(solver, tier="high")
+    engine.setup(form.qp)
+    z = engine.solve().copy()
+    if not engine.solution().found or not np.all(np.isfinite(z)):
+        raise IdentificationError(f"the solver {solver} found no answer")
+    return form.weights(np.maximum(z, form.qp.lb))
+
+
+def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
+    """How far the weights (d,) are from the optimum, which is proven in exact arithmetic."""
+    form = problem.form()
+    z = form.variables(w)
+    certificate = certify(form.qp, z)
+    gap = exact_cost_gap(form.qp, certificate, z, form.c)
+    return Certificate(gap.relative, gap.violation, certificate.unique)
+
+
+def error_percent(problem: IdentificationProblem, w: Vector) -> float:
+    """RMS of the error (5) as a share of the input's range."""
+    return 100.0 * math.sqrt(max(2.0 * problem.cost(w), 0.0)) / (problem.excitation.x_max - problem.excitation.x_min)

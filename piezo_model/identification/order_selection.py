@@ -1,0 +1,157 @@
+"""Which orders n and m a recording supports, by cross-validation.
+
+The counted samples are cut into FOLDS stretches of equal length, since neighbours in time know of each other. The cost (6) is a
+sum over samples, so one pass of the operators gives P, q and c of every stretch, and for each of them the weights come from the
+sum over all others. The error (5) on the stretch that was left out, RMS, is that of the order; of all orders whose error is
+within one standard error of the smallest, the one with the fewest unknowns is taken.
+
+Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd edition 2009, section 7.10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from piezo_model.data_basis import DataBasis
+from piezo_model.identification.fitting import IdentificationError, optimum
+from piezo_model.identification.unknown_start import settled_from, unknown_start
+from piezo_model.identification_problem import Excitation, IdentificationProblem
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+
+FOLDS = 5
+HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12)
+SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5)
+SAMPLES = 200_000
+"""Samples that are looked at, from the start."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """Orders with their cross-validated error.
+
+    Attributes
+    ----------
+    n, m, d : int
+        Orders and number of unknowns.
+    error_percent, standard_error : float
+        RMS error (5) on data left out, per cent of the input's range, and its standard error over the stretches.
+    """
+
+    n: int
+    m: int
+    d: int
+    error_percent: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class OrderSelection:
+    """All orders that were looked at, and the one to take.
+
+    Attributes
+    ----------
+    orders : tuple of Order
+    best : Order
+        With the smallest error.
+    chosen : Order
+        With the fewest unknowns within one standard error of it.
+    """
+
+    orders: tuple[Order, ...]
+    best: Order
+    chosen: Order
+
+    @property
+    def sentence(self) -> str:
+        """The choice in words."""
+        c, b = self.chosen, self.best
+        text = (f"Cross-validation over {len(self.orders)} orders takes n = {c.n}, m = {c.m} ({c.d} unknowns): an error of "
+                f"{c.error_percent:.3f} % of the input's range on data left out")
+        return text + ("." if c == b else (
+            f", within one standard error of the smallest, {b.error_percent:.3f} % with n = {b.n}, m = {b.m}."))
+
+
+def select_order(recording: Recording, structure: ModelStructure, resting_input: float | None, solver: str = "box_active_set",
+                 ns: Sequence[int] = HYSTERESIS_ORDERS, ms: Sequence[int] = SUPERPOSITION_ORDERS,
+                 progress: Callable[[str, int, int], None] = lambda what, done, total: None) -> OrderSelection:
+    """Cross-validate orders.
+
+    Parameters
+    ----------
+    recording : Recording
+    structure : ModelStructure
+        Of a first fit: its ranges, creep rates and offset are kept, its orders are replaced.
+    resting_input : float or None
+        Where creep started, in the input unit, as the first fit found it.
+    solver : str
+    ns, ms : sequence of int
+        Orders to look at.
+    progress : function of (what, done, total), optional
+
+    Raises
+    ------
+    IdentificationError
+        The recording is too short for any of the orders.
+    """
+    x, y = next(recording.chunks(SAMPLES))
+    grid = [with_orders(structure, n, m) for n, m in product(ns, ms)]
+    part = Recording.from_arrays(x, y, recording.sample_time, name=recording.name, input_unit=recording.input_unit,
+                                 output_unit=recording.output_unit)
+    level = 0.0 if resting_input is None else float(structure.unit_input(np.array([resting_input]))[0])
+    skip = max(settled_from(part, s) for s in grid)
+    length = (x.size - skip) // FOLDS
+    grid = [s for s in grid if s.d < length]
+    if not grid:
+        raise IdentificationError(f"{recording.name}: {x.size - skip} samples after the start are too few for cross-validation")
+    found = []
+    for done, s in enumerate(grid):
+        progress(f"n = {s.n}, m = {s.dead_zones // 2}", done, len(grid))
+        errors = _errors(part, x, y, s, skip, length, level, solver)
+        rms = float(np.sqrt(np.mean(errors**2)))
+        spread = float(np.std(errors**2, ddof=1) / np.sqrt(FOLDS)) / (2.0 * rms) if rms else 0.0
+        scale = 100.0 * structure.x_scale / (recording.x_range[1] - recording.x_range[0])
+        found.append(Order(s.n, s.dead_zones // 2, s.d, scale * rms, scale * spread))
+    best = min(found, key=lambda order: order.error_percent)
+    good = [order for order in found if order.error_percent <= best.error_percent + best.standard_error]
+    return OrderSelection(tuple(found), best, min(good, key=lambda order: (order.d, order.error_percent)))
+
+
+def with_orders(s: ModelStructure, n: int, m: int) -> ModelStructure:
+    """The structure with other orders, thresholds equidistant."""
+    return ModelStructure.equidistant(n, m, (s.x_centre - s.x_scale, s.x_centre + s.x_scale),
+                                      (s.y_centre - s.y_scale, s.y_centre + s.y_scale), s.creep_rates, s.sample_time,
+                                      offset=s.offset, input_unit=s.input_unit, output_unit=s.output_unit)
+
+
+def _errors(recording: Recording, x: np.ndarray, y: np.ndarray, s: ModelStructure, skip: int, length: int, level: float,
+            solver: str) -> np.ndarray:
+    """RMS error (5) in unit amplitudes on each stretch, from the weights of all others, shape (FOLDS,)."""
+    basis = DataBasis(s, unknown_start(recording, s, level))
+    basis.update(x[:skip], y[:skip], count=False)
+    stretches = []
+    for fold in range(FOLDS):
+        part = slice(skip + fold * length, skip + (fold + 1) * length)
+        basis.update(x[part], y[part])
+        stretches.append(basis.problem())
+        basis.clear()
+    errors = []
+    for fold, left_out in enumerate(stretches):
+        w = optimum(_mean([each for i, each in enumerate(stretches) if i != fold]), solver)
+        errors.append(np.sqrt(max(2.0 * left_out.cost(w), 0.0)))
+    return np.array(errors)
+
+
+def _mean(parts: Sequence[IdentificationProblem]) -> IdentificationProblem:
+    """The problem of several stretches of equal length."""
+    seen = [part.excitation for part in parts]
+    return IdentificationProblem(
+        parts[0].structure, np.mean([part.P for part in parts], axis=0), np.mean([part.q for part in parts], axis=0),
+        float(np.mean([part.c for part in parts])),
+        Excitation(min(e.x_min for e in seen), max(e.x_max for e in seen), min(e.y_min for e in seen), max(e.y_max for e in seen),
+                   tuple(map(any, zip(*(e.play_moved for e in seen), strict=True))),
+                   tuple(map(any, zip(*(e.creep_moved for e in seen), strict=True)))))

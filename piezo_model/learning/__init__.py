@@ -1,0 +1,1 @@
+"""Learning while the machine runs: the machine of phases, the continuous mode, and their guards."""

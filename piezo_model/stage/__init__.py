@@ -1,0 +1,1 @@
+"""The two-axis stage: its axes, their decoupling, and learning on both."""

@@ -1,0 +1,90 @@
+"""Self-learning compensation of a two-axis stage: one loop an axis behind the decoupling matrix.
+
+    q_r = D y_r,   x_i = learner i (q_r,i, q_i),   q = D y
+
+In the coordinates q of the axes each output follows from one drive (`decoupling`), so the loops know nothing of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.self_learning import SelfLearningCompensator
+
+Matrix = NDArray[np.float64]
+
+
+class SelfLearningStage:
+    """The two loops of the module.
+
+    Parameters
+    ----------
+    learners : two SelfLearningCompensator
+        Whose structures have the outputs q_i.
+    decoupling : array (2, 2)
+        D.
+
+    Examples
+    --------
+    >>> from piezo_model import ModelStructure, plants
+    >>> from piezo_model.stage.stage import Stage
+    >>> from piezo_model.stage.axis import Axis
+    >>> axes = tuple(Axis(actuators=(plants.get("relay_preisach"),)) for _ in range(2))
+    >>> stage = Stage(axes=axes, coupling=((1.0, 0.05), (-0.03, 1.0)))
+    >>> learners = [SelfLearningCompensator(ModelStructure.equidistant(
+    ...     n=5, m=3, x_range=axis.x_range, y_range=axis.y_range, creep_rates=(10.0, 1.0), sample_time=stage.sample_time),
+    ...     x_limits=axis.x_range) for axis in axes]
+    >>> loop = SelfLearningStage(learners, np.linalg.inv(stage.C))
+    >>> x, y = loop.run(np.zeros((100, 2)), stage.run)
+    >>> x.shape, y.shape
+    ((100, 2), (100, 2))
+    """
+
+    def __init__(self, learners: Sequence[SelfLearningCompensator], decoupling: ArrayLike) -> None:
+        if len(learners) != 2 or learners[0] is learners[1]:
+            raise ValueError("a stage has two axes, and each has a learner of its own")
+        self.learners = tuple(learners)
+        self.D: Matrix = np.array(decoupling, dtype=np.float64)
+        if self.D.shape != (2, 2) or not np.isfinite(self.D).all():
+            raise ValueError(f"the decoupling matrix must be 2 by 2 numbers, not {self.D.tolist()}")
+
+    def to_axes(self, y: Matrix) -> Matrix:
+        """Platform coordinates (N, 2) in the coordinates q of the axes; every row on its own, to the last bit."""
+        D = self.D
+        return np.column_stack([D[i, 0] * y[:, 0] + D[i, 1] * y[:, 1] for i in range(2)])
+
+    def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Matrix:
+        """One sample, as of :meth:`SelfLearningCompensator.step`: references, measured outputs and drives (2,)."""
+        wanted, measured = (self.to_axes(np.asarray(v, dtype=np.float64)[None])[0] for v in (y_ref, y_measured_before))
+        return np.array([learner.step(float(wanted[i]), float(measured[i])) for i, learner in enumerate(self.learners)])
+
+    def run(self, y_ref: ArrayLike, stage: Callable[[Matrix], Matrix]) -> tuple[Matrix, Matrix]:
+        """Close both loops over a stage, a function from drives (N, 2) to measured outputs (N, 2).
+
+        The same as ``step`` sample by sample, in chunks that end where the weights of either axis may change.
+
+        Returns
+        -------
+        x, y : array (N, 2)
+            Drives and measured outputs.
+        """
+        y_ref = np.asarray(y_ref, dtype=np.float64)
+        if y_ref.ndim != 2 or y_ref.shape[1] != 2:
+            raise ValueError(f"the reference of a stage must be of shape (N, 2), not {y_ref.shape}")
+        wanted = self.to_axes(y_ref)
+        x, y = np.empty_like(wanted), np.empty_like(wanted)
+        done = 0
+        while done < len(wanted):
+            ahead = min(learner.samples_until_change() for learner in self.learners)
+            chunk = slice(done, min(done + ahead, len(wanted)))
+            for i, learner in enumerate(self.learners):
+                x[chunk, i] = learner.compensator.run(wanted[chunk, i])
+            y[chunk] = stage(x[chunk])
+            measured = self.to_axes(y[chunk])
+            for i, learner in enumerate(self.learners):
+                learner.observe(np.ascontiguousarray(x[chunk, i]), np.ascontiguousarray(measured[:, i]))
+            done = chunk.stop
+        return x, y

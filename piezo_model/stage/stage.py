@@ -1,0 +1,147 @@
+"""A two-axis parallel-kinematic positioning system: two axes that move one platform, and its sensors.
+
+    y(k) = Q( C p(k) + σ ν(k) ),   p_i = axis i of `stage_axis`
+
+The cross-coupling C (2 × 2) says how much either axis moves the platform in the direction of the other: joints are not at
+right angles, sensors not in line with the actuators. Therefore neither direction is a plant by itself; behind the decoupling
+matrix D = C⁻¹ both are, and `decoupling` finds D and closes one self-learning loop for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.plants.protocol import Memory, replace
+from piezo_model.stage.axis import Axis
+
+Matrix = NDArray[np.float64]
+
+
+@njit(cache=True)
+def coupled(C: Matrix, p: Matrix) -> Matrix:
+    """C p(k) for p (N, 2); written out, since a matrix product may round one sample and many in different ways."""
+    y = np.empty_like(p)
+    for k in range(p.shape[0]):
+        y[k, 0] = C[0, 0] * p[k, 0] + C[0, 1] * p[k, 1]
+        y[k, 1] = C[1, 0] * p[k, 0] + C[1, 1] * p[k, 1]
+    return y
+
+
+@dataclass(kw_only=True, eq=False)
+class Stage:
+    """The positioning system of the module.
+
+    Parameters
+    ----------
+    axes : two Axis
+        With the same sampling period; from then on driven through this object only.
+    coupling : array (2, 2)
+        C, regular.
+    noise_um, quantum_um : float
+        σ and the step of the converter Q, µm; 0 means none.
+    seed : int
+        Of the noise; the same seed gives the same noise however the run is cut.
+
+    Raises
+    ------
+    ValueError
+        Where an option makes no stage; the sentence names it.
+
+    Examples
+    --------
+    >>> from piezo_model import plants
+    >>> axes = tuple(Axis(actuators=(plants.get(name),)) for name in ("relay_preisach", "dense_prandtl_ishlinskii"))
+    >>> stage = Stage(axes=axes, coupling=((1.0, 0.05), (-0.03, 1.0)))
+    >>> stage.run(np.full((100, 2), 75.0)).shape
+    (100, 2)
+    """
+
+    axes: tuple[Axis, Axis]
+    coupling: ArrayLike = ((1.0, 0.0), (0.0, 1.0))
+    noise_um: float = 0.0
+    quantum_um: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the options and go to rest."""
+        if len(self.axes) != 2 or self.axes[0] is self.axes[1]:
+            raise ValueError("a stage has two axes, which must be two objects")
+        if self.axes[0].sample_time != self.axes[1].sample_time:
+            raise ValueError(f"the axes must have the same sample_time, not {self.axes[0].sample_time} and "
+                             f"{self.axes[1].sample_time}")
+        self.C: Matrix = np.array(self.coupling, dtype=np.float64)
+        if self.C.shape != (2, 2) or not np.isfinite(self.C).all() or np.linalg.cond(self.C) > 1e6:
+            raise ValueError(f"coupling must be a regular matrix of 2 by 2 numbers, not {self.C.tolist()}")
+        for option in ("noise_um", "quantum_um"):
+            if not 0.0 <= getattr(self, option) < math.inf:
+                raise ValueError(f"{option} must be a finite number of at least 0, not {getattr(self, option)}")
+        if not (isinstance(self.seed, int | np.integer) and self.seed >= 0):
+            raise ValueError(f"seed must be a whole number of at least 0, not {self.seed}")
+        self.sample_time = self.axes[0].sample_time
+        self._begin()
+
+    def _begin(self) -> None:
+        self._generator = np.random.Generator(np.random.SFC64(self.seed))  # its whole state is one array of four words
+
+    def run(self, x: ArrayLike) -> Matrix:
+        """Drive the stage on from where it stands.
+
+        Parameters
+        ----------
+        x : array (N, 2)
+            Drives of the two axes, V.
+
+        Returns
+        -------
+        array (N, 2)
+            Measured displacements of the platform, µm; row k is the answer to x[0..k].
+
+        Raises
+        ------
+        ValueError
+            Where the drive is not of that shape or not finite; nothing has moved then.
+        """
+        x = np.asarray(x, dtype=np.float64)
+        if x.ndim != 2 or x.shape[1] != 2:
+            raise ValueError(f"the drive of a stage must be of shape (N, 2), not {x.shape}")
+        if not np.isfinite(x).all():
+            k, i = np.argwhere(~np.isfinite(x))[0]
+            raise ValueError(f"the drive of axis {i} is not finite at sample {k}")
+        y = coupled(self.C, np.column_stack([axis.run(x[:, i]) for i, axis in enumerate(self.axes)]))
+        # Noise is drawn even if its size is 0: changing the size alone never changes its sequence.
+        y += self.noise_um * self._generator.standard_normal(y.shape)
+        return self.quantum_um * np.round(y / self.quantum_um) if self.quantum_um > 0.0 else y
+
+    def step(self, x: ArrayLike) -> Matrix:
+        """Drive the stage one sample on: x (2,) in V, the answer (2,) in µm, the same bits as :meth:`run` gives."""
+        row: Matrix = self.run(np.asarray(x, dtype=np.float64)[None])[0]
+        return row
+
+    def reset(self) -> None:
+        """Put the stage at rest at the low ends of the drives, the time to zero and the noise to its beginning."""
+        for axis in self.axes:
+            axis.reset()
+        self._begin()
+
+    def state(self) -> Memory:
+        """Return a copy of everything that the stage remembers, by name."""
+        words = self._generator.bit_generator.state["state"]["state"]
+        return {"generator": np.array(words, dtype=np.uint64),
+                **{f"axis{i}.{name}": array for i, axis in enumerate(self.axes) for name, array in axis.state().items()}}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Put back what :meth:`state` gave; ValueError where it is the state of another stage."""
+        own: Memory = {"generator": np.zeros(4, dtype=np.uint64)}
+        replace(own, {name: array for name, array in state.items() if not name.startswith(("axis0.", "axis1."))}, "Stage")
+        for i, axis in enumerate(self.axes):
+            axis.restore({name.removeprefix(f"axis{i}."): array for name, array in state.items()
+                          if name.startswith(f"axis{i}.")})
+        generator = self._generator.bit_generator
+        generator.state = {**generator.state, "state": {"state": own["generator"]}}

@@ -1,0 +1,215 @@
+"""The optimum of an exact quadratic program, from any guess of its active set.
+
+A working set W is optimal when its stationary point breaks no constraint outside W and no inequality in W has λ < 0.
+Otherwise W is repaired, in three ways, of which the first is quick and the others are sure:
+
+- block exchange: all wrong constraints change sides at once, as long as that makes fewer of them wrong (J. J. Júdice,
+  F. M. Pires, "A block principal pivoting algorithm for large-scale strictly monotone linear complementarity
+  problems", Comput. Oper. Res. 21, 1994);
+- dual active set, for P ≻ 0: constraints of negative multiplier leave, then violated ones enter one by one while the
+  multipliers stay nonnegative and the cost rises (D. Goldfarb, A. Idnani, "A numerically stable dual method for solving
+  strictly convex quadratic programs", Math. Program. 27, 1983);
+- criss-cross by least index, for singular P, starting from the dual active set of a strictly convex neighbour. It needs
+  neither a feasible start nor a regular P, cannot cycle, and ends in an optimum, a contradiction or a ray (D. den
+  Hertog, C. Roos, T. Terlaky, "The linear complementarity problem, sufficient matrices, and the criss-cross method",
+  Linear Algebra Appl. 187, 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from flint import fmpq, fmpq_mat, fmpz, fmpz_mat
+
+from solvers.exact.linear_algebra import RationalColumn, rational_column
+from solvers.exact.program import (
+    Constraint,
+    ExactProgram,
+    Infeasible,
+    Kind,
+    NotCertified,
+    Point,
+    Unbounded,
+    stationary_point,
+)
+
+
+def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 5000) -> tuple[list[int], Point]:
+    """The working set and the point of an optimum, from a guess of the active constraints in order of trust.
+
+    Parameters
+    ----------
+    program : ExactProgram
+        Its P is positive semidefinite; the caller proves it.
+    wanted : iterable of int
+        Positions of constraints; may depend on each other.
+    max_pivots : int
+        How many linear systems may be solved: every way ends, and criss-cross not always soon.
+
+    Raises
+    ------
+    Infeasible, Unbounded
+        With the constraint that shows it.
+    NotCertified
+        After ``max_pivots``.
+    """
+    budget = pivots(max_pivots)
+    W, point = block_exchange(program, program.working_set(wanted), budget)
+    if point.wrong and program.regular:
+        W, point = dual_active_set(program, W, budget)
+    elif point.wrong:
+        neighbour = _strictly_convex_neighbour(program)
+        W, point = dual_active_set(neighbour, neighbour.working_set(W), budget)
+        W, point = criss_cross(program, program.working_set(W), budget)
+    return W, point
+
+
+def pivots(max_pivots: int) -> Iterator[int]:
+    """One item for every linear system; asking for more raises."""
+    yield from range(max_pivots)
+    raise NotCertified(f"no optimum within {max_pivots} exact pivots")
+
+
+def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infeasible:
+    against = ", ".join(str(program.constraint(r)) for r in others) or "nothing, since its row is zero"
+    return Infeasible(f"the constraints contradict each other: {program.constraint(k)} against {against}")
+
+
+def block_exchange(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+    """Swap all wrong constraints at once, until none is wrong or three swaps in a row have not helped."""
+    fewest, patience = len(program.constraints) + program.d + 1, 0
+    while True:
+        next(budget)
+        point = stationary_point(program, W)
+        fewest, patience = (len(point.wrong), 3) if len(point.wrong) < fewest else (fewest, patience - 1)
+        if not point.wrong or patience == 0:
+            return W, point
+        leaving = {k for k in point.wrong if k in point.multipliers}
+        W = program.working_set([k for k in W if k not in leaving] + [k for k in point.wrong if k not in leaving])
+
+
+def dual_active_set(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+    """The optimum of a program with P ≻ 0; raises :class:`Infeasible`."""
+    next(budget)
+    W = [k for k in W if k < len(program.constraints)]  # P ≻ 0 needs no pins
+    point = stationary_point(program, W)
+    while pulling := {k for k in point.wrong if k in point.multipliers}:
+        next(budget)
+        W = [k for k in W if k not in pulling]
+        point = stationary_point(program, W)
+    while point.wrong:
+        k = max(point.wrong, key=lambda k: abs(point.slacks[k]) / program.constraint(k).size)
+        W = _enter(program, k, W, point, budget)
+        point = stationary_point(program, W)
+    return W, point
+
+
+def _enter(program: ExactProgram, k: int, W: Sequence[int], point: Point, budget: Iterator[int]) -> list[int]:
+    """Raise the multiplier of a violated constraint until it holds; those of W that reach zero on the way leave."""
+    W, multipliers, excess = list(W), dict(point.multipliers), abs(point.slacks[k])
+    side = 1 if point.slacks[k] < 0 else -1  # −1 for an equality that x undercuts
+    normal = rational_column(program.constraint(k).row(program.d)) * fmpq(side)
+    while True:
+        # While the multiplier grows by t, x moves by −t·z, the multipliers of W by −t·u and the excess by −t·zᵀP z.
+        next(budget)
+        z, u = program.kkt_solve(W, normal, [fmpq(0)] * len(W))
+        fall = (normal.transpose() * z)[0, 0]
+        limited = [r for r in W if u[r] > 0 and program.constraint(r).kind is not Kind.EQUALITY]
+        first = min(limited, key=lambda r: multipliers[r] / u[r], default=None)
+        if first is None or (fall != 0 and excess / fall <= multipliers[first] / u[first]):
+            if fall == 0:
+                raise _contradiction(program, k, [r for r in W if u[r] != 0])
+            return [*W, k]
+        step = multipliers[first] / u[first]
+        excess -= step * fall
+        W.remove(first)
+        multipliers = {r: multipliers[r] - step * u[r] for r in W}
+
+
+def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
+    """The program with P_ii raised by one millionth, or by one millionth of the largest where P_ii is zero.
+
+    Its optimum is near one of the program itself, also where the latter has many or none; it serves as a start only.
+    """
+    largest = max((program.P[i][i] for i in range(program.d)), default=fmpz(0)) or fmpz(1)
+    P = [[entry * 10**6 for entry in row] for row in program.P]
+    for i, row in enumerate(P):
+        row[i] += program.P[i][i] or largest
+    return ExactProgram(P, program.q * fmpq(10**6), program.constraints)
+
+
+def criss_cross(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+    """Always the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
+    while True:
+        next(budget)
+        point = stationary_point(program, W)
+        if not point.wrong:
+            return W, point
+        step = _drop if point.wrong[0] in point.multipliers else _add
+        W = step(program, point.wrong[0], W, point)
+
+
+def _add(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list[int]:
+    """Add a violated constraint, in exchange for one in W where it depends on W."""
+    c = program.constraint(k)
+    p, u = program.kkt_solve(W, rational_column(c.row(program.d)), [fmpq(0)] * len(W))
+    if any(entry != 0 for entry in p.entries()):
+        return [*W, k]
+    # Here aₖ = Σ uᵣaᵣ over W. If no term can give way, every point that satisfies W violates k as much as x does.
+    side = 1 if point.slacks[k] < 0 else -1
+    leaving = []
+    for r in W:
+        kind = program.constraint(r).kind
+        if (side * u[r] > 0 and kind is not Kind.EQUALITY) or (u[r] != 0 and kind is Kind.PIN):
+            leaving.append(r)
+    if not leaving:
+        raise _contradiction(program, k, [r for r in W if u[r] != 0])
+    return [*(r for r in W if r != min(leaving)), k]
+
+
+def _drop(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list[int]:
+    """Drop a constraint whose multiplier has the wrong sign, in exchange for one outside W on a flat direction."""
+    # p leaves constraint k, down the cost, along all others of W; its curvature pᵀP p is |uₖ|.
+    inwards = fmpq(-1) if point.multipliers[k] < 0 else fmpq(1)
+    p, u = program.kkt_solve(W, fmpq_mat(program.d, 1), [inwards if r == k else fmpq(0) for r in W])
+    kept = [r for r in W if r != k]
+    if u[k] != 0:
+        return kept
+    along_p = program.along(p)
+    for r in point.slacks:
+        if program.constraint(r).broken_by(-along_p[r]):
+            return [*kept, r]
+    raise Unbounded("the cost falls without bound along a direction that no constraint stops, away from the "
+                    f"{program.constraint(k)}")
+
+
+def nearest_feasible(program: ExactProgram, x: RationalColumn) -> RationalColumn:
+    """The Euclidean projection of x (d, 1) on the feasible set, exactly; raises :class:`Infeasible`."""
+    identity = [[fmpz(int(i == j)) for j in range(program.d)] for i in range(program.d)]
+    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x))[1].x
+
+
+def is_unique(program: ExactProgram, point: Point) -> bool:
+    """Whether the optimum at ``point`` is the only one, decided exactly.
+
+    Another optimum lies along a direction p ≠ 0 with P p = 0 that keeps the equalities and the constraints of positive
+    multiplier tight and does not break the other tight ones, aₖᵀp ≤ 0. There is none if and only if all these rows
+    have rank d and the linear program min Σ aₖᵀp over such p has the value 0.
+    """
+    d, tight, weak = program.d, [list(row) for row in program.P], []
+    for k, c in enumerate(program.constraints):
+        if c.kind is Kind.EQUALITY or point.multipliers.get(k, 0) > 0:
+            tight.append(c.row(d))
+        elif k in point.multipliers or point.slacks[k] == 0:
+            weak.append(c.row(d))
+    if fmpz_mat(tight).rank() == d:
+        return True
+    if not weak or fmpz_mat(tight + weak).rank() < d:
+        return False
+    total = [sum(entries, fmpz(0)) for entries in zip(*weak, strict=True)]
+    cone = [Constraint(Kind.EQUALITY, i, fmpq(0), tuple(row)) for i, row in enumerate(tight)]
+    cone += [Constraint(Kind.ROW, i, fmpq(0), tuple(row)) for i, row in enumerate(weak)]
+    cone.append(Constraint(Kind.ROW, len(weak), fmpq(1), tuple(-entry for entry in total)))  # else the value is −∞
+    no_curvature = [[fmpz(0)] * d for _ in range(d)]
+    flat = ExactProgram(no_curvature, rational_column([fmpq(entry) for entry in total]), tuple(cone))
+    return bool(flat.value(optimum(flat, [])[1].x) == 0)

@@ -1,0 +1,176 @@
+"""A quadratic program in doubles, read as the exact program that it is.
+
+    minimise V(x) = ½ xᵀ(P + δI) x + qᵀx   subject to   G x ≤ h,  A x = b,  lb ≤ x ≤ ub
+
+Two things are decided here that the data alone do not say. P stands for its symmetric part (P + Pᵀ)/2, which has the
+same cost. And rounding can make a Gram matrix indefinite, by about 1e-16 of its trace, hence the rule for the shift δ:
+
+- δ = 0 where P is positive semidefinite;
+- otherwise δ is the smallest power of two, not below 2^-1074, with P + δI ⪰ 0;
+- where that exceeds 1e-12 · trace(P)/d the problem is refused as not convex.
+
+A shift changes the cost of x by ½ δ‖x‖².
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpz
+from numpy.typing import ArrayLike
+from qpsolvers import Problem
+
+from solvers.exact.linear_algebra import IntegerRows, Rational, column, integers, power_of_two, semidefinite_rank
+from solvers.exact.program import Constraint, ExactProgram, Kind, NotCertified
+from solvers.protocol import Matrix, Vector, box, dense
+
+SHIFT_LIMIT = 1e-12
+"""Largest accepted shift, in units of trace(P)/d."""
+NEAR = 1e-6
+"""Relative slack under which a row is guessed active; a wrong guess costs pivots, never truth."""
+
+
+def _rows(M: Any, d: int) -> Matrix:
+    """Constraint rows as a dense (m, d) array; M is an array, a scipy sparse matrix or None."""
+    if M is None:
+        return np.zeros((0, d))
+    return np.array(M if isinstance(M, np.ndarray) else M.toarray(), dtype=np.float64, ndmin=2)
+
+
+def _right(v: Any) -> Vector:
+    return np.zeros(0) if v is None else np.array(v, dtype=np.float64).ravel()
+
+
+def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Vector:
+    """The values, or a ValueError that says which of them is NaN or infinite, or that the shape is wrong."""
+    values = np.array(values, dtype=np.float64)
+    if values.shape != shape:
+        raise ValueError(f"{name} has shape {values.shape}, expected {shape}")
+    if not np.isfinite(values).all():
+        where = np.argwhere(~np.isfinite(values))[0].tolist()
+        raise ValueError(f"{name}{where} is {values[tuple(where)]}, and no exact proof starts from that")
+    return values
+
+
+def _half_finite(name: str, values: Vector, shape: tuple[int, ...], open_side: float) -> Vector:
+    """The same for a bound, which may be infinite on its open side."""
+    finite(name, np.where(values == open_side, 0.0, values), shape)
+    return values
+
+
+@dataclass(frozen=True)
+class DoubleProblem:
+    """A problem as dense, checked arrays: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (e, d), b (e,)."""
+
+    P: Matrix
+    q: Vector
+    G: Matrix
+    h: Vector
+    A: Matrix
+    b: Vector
+    lb: Vector
+    ub: Vector
+
+    @classmethod
+    def of(cls, problem: Problem) -> DoubleProblem:
+        """Read a problem; raises ValueError for NaN, an infinity where none has a meaning, or a wrong shape."""
+        P, q = dense(problem)
+        d, h, b = q.size, _right(problem.h), _right(problem.b)
+        lb, ub = box(problem)
+        return cls(finite("P", P, (d, d)), finite("q", q, (d,)),
+                   finite("G", _rows(problem.G, d), (h.size, d)), _half_finite("h", h, h.shape, np.inf),
+                   finite("A", _rows(problem.A, d), (b.size, d)), finite("b", b, b.shape),
+                   _half_finite("lb", lb, (d,), -np.inf), _half_finite("ub", ub, (d,), np.inf))
+
+    def fingerprint(self) -> str:
+        """SHA-256 of all data."""
+        digest = hashlib.sha256()
+        for array in (self.P, self.q, self.G, self.h, self.A, self.b, self.lb, self.ub):
+            digest.update(str(array.shape).encode() + np.ascontiguousarray(array + 0.0).tobytes())  # −0 becomes +0
+        return digest.hexdigest()
+
+    def _symmetric(self) -> tuple[IntegerRows, int]:
+        """(P + Pᵀ)/2 as integers times a power of two."""
+        d = self.q.size
+        flat, exponent = integers(self.P)
+        return [[flat[i * d + j] + flat[j * d + i] for j in range(d)] for i in range(d)], exponent - 1
+
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Every finite constraint: equalities, rows of G, lower bounds, upper bounds."""
+        found = []
+        for kind, M, right in ((Kind.EQUALITY, self.A, self.b), (Kind.ROW, self.G, self.h)):
+            present = np.flatnonzero(np.isfinite(right)).tolist()
+            flat, width = integers(np.column_stack([M[present], right[present]]))[0], M.shape[1] + 1
+            for i, start in zip(present, range(0, len(flat), width), strict=True):
+                *a, b = flat[start:start + width]
+                found.append(Constraint(kind, i, fmpq(b), tuple(a)))
+        for kind, bound, sign in ((Kind.LOWER, self.lb, -1), (Kind.UPPER, self.ub, 1)):
+            found += [Constraint(kind, i, sign * fmpq(*bound[i].as_integer_ratio()))
+                      for i in np.flatnonzero(np.isfinite(bound)).tolist()]
+        return tuple(found)
+
+    def exact(self, shift: float) -> tuple[ExactProgram, Rational]:
+        """The exact program with P + shift·I, and the factor that turns its cost into V."""
+        P, exponent = _shifted(*self._symmetric(), shift)
+        return ExactProgram(P, column(self.q) * power_of_two(-exponent), self.constraints()), power_of_two(exponent)
+
+    def convexity_shift(self) -> tuple[float, bool]:
+        """δ by the rule of this module and whether P + δI is positive definite; raises NotCertified where refused."""
+        P, exponent = self._symmetric()
+        d = len(P)
+        rank = semidefinite_rank(P)
+        if rank is not None:
+            return 0.0, rank == d
+
+        def rank_at(power: int) -> int | None:
+            return semidefinite_rank(_shifted(P, exponent, math.ldexp(1.0, power))[0]) if power >= -1074 else None
+
+        limit = SHIFT_LIMIT * (math.fsum(np.diag(self.P)) / d)
+        high, step = math.frexp(limit)[1] - 1, 1
+        if limit <= 0 or rank_at(high) is None:
+            raise NotCertified(f"P is not convex: no shift up to {SHIFT_LIMIT:g}·trace(P)/d = {limit:.3g} makes it so")
+        while rank_at(high - step) is not None:
+            high, step = high - step, 2 * step
+        low = high - step
+        while high - low > 1:
+            middle = (high + low) // 2
+            low, high = (low, middle) if rank_at(middle) is not None else (middle, high)
+        return math.ldexp(1.0, high), rank_at(high) == d
+
+    def guess(self, x: Vector) -> list[tuple[Kind, int]]:
+        """The active set that a float answer suggests.
+
+        A bound is guessed active where one Newton step of its variable alone, x_i − r_i/P_ii, would reach it; r is the
+        gradient plus the rows near x times their multipliers, which least squares finds on the variables off bounds.
+        """
+        with np.errstate(all="ignore"):
+            r = self.P @ x + self.q
+            slack = self.h - self.G @ x
+            near = np.flatnonzero(slack <= NEAR * (np.abs(self.G) @ np.abs(x) + np.abs(self.h)) * np.isfinite(self.h))
+            rows = np.vstack([self.A, self.G[near]])
+            free = (x - self.lb > NEAR * np.abs(x)) & (self.ub - x > NEAR * np.abs(x))
+            if rows.size and free.any() and np.isfinite(r).all():
+                multipliers = np.linalg.lstsq(rows[:, free].T, -r[free])[0]
+                r = r + rows.T @ multipliers
+                near = near[multipliers[self.b.size:] > 0]
+            step = np.where(r == 0, 0.0, r / np.maximum(np.diag(self.P), 0.0))
+            lower = np.flatnonzero((x - step <= self.lb) & np.isfinite(self.lb))
+            upper = np.flatnonzero((x - step >= self.ub) & np.isfinite(self.ub))
+        found = ((Kind.LOWER, lower), (Kind.UPPER, upper), (Kind.ROW, near[np.argsort(slack[near], kind="stable")]))
+        return [(kind, i) for kind, which in found for i in which.tolist()]
+
+
+def _shifted(P: IntegerRows, exponent: int, shift: float) -> tuple[IntegerRows, int]:
+    """P + shift·I for a shift that is zero or a power of two, as integers times a power of two."""
+    if shift == 0:
+        return P, exponent
+    power = math.frexp(shift)[1] - 1
+    common = min(exponent, power)
+    P = [[entry << (exponent - common) for entry in row] for row in P]
+    for i, row in enumerate(P):
+        row[i] += fmpz(1) << (power - common)
+    return P, common
