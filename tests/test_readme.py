@@ -62,7 +62,7 @@ def test_every_make_target_that_the_readme_shows_exists() -> None:
 
 def made(*words: str) -> subprocess.CompletedProcess[str]:
     """What make would do, with this Python's folder in place of the environment that it would set up."""
-    return subprocess.run(["make", "--old-file=.venv/.field", f"BIN={Path(sys.executable).parent}", *words], cwd=ROOT,
+    return subprocess.run(["make", "--no-print-directory", "--old-file=.venv/.field", f"BIN={Path(sys.executable).parent}", *words], cwd=ROOT,
                           capture_output=True, text=True, check=False)
 
 

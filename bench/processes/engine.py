@@ -19,6 +19,7 @@ from typing import Any
 from joblib import Parallel, delayed, parallel_config
 from joblib.externals.loky import get_reusable_executor
 
+from bench.processes.compiling import compile_solvers
 from bench.processes.isolation import warm_up
 from bench.races.line_up import LineUp
 from bench.races.settings import RaceError, RaceSettings
@@ -165,6 +166,7 @@ def _taken(entries: tuple[Entry, ...], settings: RaceSettings) -> tuple[LineUp, 
     core = cores.claim()
     _permit_children()
     warm_up()
+    compile_solvers(entries)
     return LineUp(entries, settings, core.number), core
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.isolation import Child, warm_up
 from bench.processes.worker import Outcome
@@ -70,6 +71,7 @@ def carry_on(run: Run, progress: Progress) -> None:
     with run.alone():
         warm_up()
         chosen = checked(settings)
+        compile_solvers(chosen, progress)
         problems = list(problems_of(run, settings, progress))
         progress("waiting for a core on which no other race times", 0, 1)
         with (cores.claim() as core, closing(Sentinel(core.number)) as sentinel,

@@ -25,6 +25,7 @@ import numpy as np
 
 from bench.experiment.rig import AXES, HOLD_BACK, RANGE_UM, Matrix, Rig, Vector
 from bench.experiment.trial import straight
+from bench.processes.compiling import compile_solvers
 from bench.processes.isolation import warm_up
 from bench.processes.worker import Outcome
 from bench.races.closed_loop_worker import Decision, Driven, LoopRequest
@@ -97,6 +98,7 @@ def carry_on(run: Run, progress: Progress) -> None:
     with run.alone():
         warm_up()
         entries = check(settings)
+        compile_solvers(entries, progress)
         files = {(entry.name, entry.lane): entry.path for entry in entries}
         with started(entries, limited) as processes:
             field, children = field_of(run, processes)

@@ -16,6 +16,7 @@ from typing import TypeVar
 from bench.problems import make
 from bench.problems.protocol import RaceProblem
 from bench.processes import engine
+from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.isolation import Child, entry_of_file, warm_up
 from bench.races import null_solver
@@ -119,6 +120,7 @@ def carry_on(run: Run, progress: Progress, workers: Workers | None = None) -> No
     with run.alone():
         warm_up()
         chosen = checked(settings)
+        compile_solvers(chosen, progress)
         problems = list(problems_of(run, settings, progress))
         (_race_here if workers.is_one else _race_spread)(run, settings, chosen, problems, progress, workers)
         progress("gathering the tables", 0, 1)

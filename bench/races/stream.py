@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
+from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.isolation import Child, warm_up
 from bench.processes.worker import Outcome
@@ -86,6 +87,7 @@ def carry_on(run: Run, progress: Progress) -> None:
     with run.alone():
         warm_up()
         chosen = checked(settings)
+        compile_solvers(chosen, progress, rows=True)
         stream = _stream(run, settings, progress)
         schedule_s = settings.samples * PERIOD_NS * 1e-9
         limited = replace(settings, time_limit_s=settings.time_limit_s + 2.0 * schedule_s)

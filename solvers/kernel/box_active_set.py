@@ -149,7 +149,7 @@ class BoxActiveSet(Solver):
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         answers, nanoseconds = np.empty((rows.shape[0], self._answer.size)), np.empty(rows.shape[0], dtype=np.int64)
-        self._status = box_solver.follow(self._work, self._iwork, *self._data(), rows, forgetting, answers, nanoseconds)
+        self._status = box_solver.follow(self._work, self._iwork, *self._data(), rows, forgetting, True, answers, nanoseconds)
         _accept(self._status)
         return answers, nanoseconds
 

@@ -102,15 +102,15 @@ def time_solves(work: Matrix, iwork: Integers, P: Matrix, q: Vector, warm: bool,
 
 
 @compiled
-def follow(work: Matrix, iwork: Integers, P: Matrix, q: Vector, rows: Matrix, forgetting: float, answers: Matrix,
-           nanoseconds: Integers) -> int:
-    """Take rows (ξ, x) into P and q, solve after each from the last active set, and note the time of that."""
+def follow(work: Matrix, iwork: Integers, P: Matrix, q: Vector, rows: Matrix, forgetting: float, warm: bool,
+           answers: Matrix, nanoseconds: Integers) -> int:
+    """Take rows (ξ, x) into P and q, solve after each, warm from the last active set, and note the time of that."""
     d, c = q.size, np.zeros(1)
     for k in range(rows.shape[0]):
         absorb(P, q, c, rows, k, k + 1, forgetting)
         start = monotonic_ns()
         status = take(work, iwork, P, q)
-        status = solve(work, iwork, True) if status == OK else status
+        status = solve(work, iwork, warm) if status == OK else status
         nanoseconds[k] = monotonic_ns() - start
         if status != OK:
             return status

@@ -181,11 +181,12 @@ def begin(work: Vector, iwork: Integers, numbers: Vector, cold: Matrix, sides: I
     status = max(set_hessian(cold, sides, P), set_linear(cold, sides, q))
     if status != OK:
         return status
-    status = ENDLESS
-    if warm and start_from(cold, sides, work[ANSWER * ld:ANSWER * ld + d]) == OK:
-        status = solve_box(cold, sides, True)
-    if status != OK and status != UNBOUNDED:
-        status = solve_box(cold, sides, False)
+    status, resumed = ENDLESS, warm and start_from(cold, sides, work[ANSWER * ld:ANSWER * ld + d]) == OK
+    if resumed:
+        status = solve_box(cold, sides, resumed)
+        resumed = status == OK or status == UNBOUNDED
+    if not resumed:  # a variable, since Numba compiles everything anew for a constant
+        status = solve_box(cold, sides, resumed)
     if status != OK:
         return status
     for j in range(d):
@@ -232,4 +233,5 @@ def recover(work: Vector, iwork: Integers, numbers: Vector, cold: Matrix, sides:
     for i in range(d):
         constant -= work[origin + i] * (q[i] + work[sign + i] * work[G + i * ld + d])
     iwork[COLD_STARTS] += 1
-    return begin(work, iwork, numbers, cold, sides, P, q, constant, True)
+    warm = iwork[COLD_STARTS] > 0
+    return begin(work, iwork, numbers, cold, sides, P, q, constant, warm)

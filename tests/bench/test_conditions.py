@@ -13,7 +13,7 @@ from conftest import Race
 from bench.report import figures
 from bench.timing import cores, machine, sentinel
 
-HOLD = "from bench import cores; core = cores.claim(); print(core.number, flush=True); input()"
+HOLD = "from bench.timing import cores; core = cores.claim(); print(core.number, flush=True); input()"
 
 
 def quiet(**change: float) -> dict[str, float]:

@@ -20,7 +20,7 @@ from bench.races.turns import take_turns
 from bench.report import markdown
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
-from solvers import Status, Tier, find
+from solvers import Lane, Status, Tier, find
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
 
@@ -107,7 +107,7 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
         children = {(entry.name, str(entry.lane)): Child(entry, time_limit_s=5.0) for entry in map(entry_of_file, files)}
-        tasks = [Task("none", "none", "scaled", name, lane, Tier.HIGH) for name, lane in children]
+        tasks = [Task("none", "none", "scaled", name, Lane(lane), Tier.HIGH) for name, lane in children]
         times = take_turns(tasks, children, unit, None, 12, seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
