@@ -29,7 +29,7 @@ bench: $(VENV)/.field ## set up, then race the default field on simulated data
 	$(BIN)/piezobench race
 
 test: $(VENV)/.dev    ## set up, then run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.dev    ## style and types
 	$(BIN)/ruff check

@@ -184,7 +184,7 @@ def begin(work: Vector, iwork: Integers, numbers: Vector, cold: Matrix, sides: I
     status, resumed = ENDLESS, warm and start_from(cold, sides, work[ANSWER * ld:ANSWER * ld + d]) == OK
     if resumed:
         status = solve_box(cold, sides, resumed)
-        resumed = status == OK or status == UNBOUNDED
+        resumed = status in (OK, UNBOUNDED)
     if not resumed:  # a variable, since Numba compiles everything anew for a constant
         status = solve_box(cold, sides, resumed)
     if status != OK:
