@@ -76,8 +76,8 @@ def test_every_row_of_a_stream_leaves_the_exact_optimum_of_all_data_so_far(seed,
             P, q = follow(P, q, each, forgetting, 1.0)
         x = s.solve()
         assert inside(x, lb, ub)
-        # Half is forgotten at every row, so two or three rows make P: cond 2e10, and two orders of summing them differ that much.
-        assert gap(Problem(P, q, lb=lb, ub=ub), x) < (1e-12 if forgetting > 0.5 else 1e-7)
+        # Rows of size 1e3 among fading ones bring cond P to 2e10, where two orders of summing the same rows differ that much.
+        assert gap(Problem(P, q, lb=lb, ub=ub), x) < (1e-12 if np.linalg.cond(P) < 1e9 else 1e-7)
 
 
 @settings(max_examples=6, deadline=None)
