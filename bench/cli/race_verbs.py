@@ -71,7 +71,7 @@ def race_verb(
     folder: Annotated[Path | None, typer.Option(help="Folder of NPZ, MAT, QPS and MPS files to race on, the set "
                                                                "foreign.")] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
-    budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.015,
+    budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.01,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Megabytes that a solver may allocate.")] = 2048,
     samples: Annotated[int | None, typer.Option(min=1, help="Samples of a stream; 30000 by default.")] = None,
