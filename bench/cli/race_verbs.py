@@ -75,7 +75,7 @@ def race_verb(
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Megabytes that a solver may allocate.")] = 2048,
     samples: Annotated[int | None, typer.Option(min=1, help="Samples of a stream; 30000 by default.")] = None,
-    rounds: Annotated[int, typer.Option(min=0, help="Turns of each solver in shuffled rounds with the others.")] = 20,
+    rounds: Annotated[int, typer.Option(min=0, help="Turns of each solver in shuffled rounds with the others.")] = 10,
     repeats: Annotated[int, typer.Option(min=1, help="Fresh processes for each solver.")] = 1,
     workers: Annotated[int, typer.Option(min=1, help="Processes that race at once, each on a core of its own.")] = 1,
     backend: Annotated[Backend, typer.Option(help="Where the workers are.")] = Backend.LOCAL,

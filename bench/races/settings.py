@@ -35,7 +35,7 @@ class RaceSettings:
     time_limit_s: float = 20.0
     memory_mb: int = 2048
     solver_files: tuple[str, ...] = ()
-    rounds: int = 20
+    rounds: int = 10
     """Rounds in which solvers take turns, one update and solve each; 0 leaves them out."""
     repeats: int = 1
     """Fresh processes for each solver lane."""
