@@ -13,7 +13,7 @@ that is not finite reaches the sample after it as well.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any
 
@@ -88,13 +88,7 @@ def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control
         state = _operators(s, z)
         return float(model.simulate(np.array([u[0]]), state)[0]), state
 
-    def update(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
-        return initial_states(s, moved(z, u)[1])
-
-    def output(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
-        return np.array([moved(z, u)[0]])
-
-    return _system(s, update, output, "drive", "displacement", name)
+    return _system(s, moved, "drive", "displacement", name)
 
 
 def compensator_system(compensator: Compensator, name: str = "compensator") -> control.NonlinearIOSystem:
@@ -110,13 +104,7 @@ def compensator_system(compensator: Compensator, name: str = "compensator") -> c
         own.state, own.fade = _operators(s, z), fade.copy()
         return own.step(float(u[0])), own.state
 
-    def update(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
-        return initial_states(s, moved(z, u)[1])
-
-    def output(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
-        return np.array([moved(z, u)[0]])
-
-    return _system(s, update, output, "reference", "drive", name)
+    return _system(s, moved, "reference", "drive", name)
 
 
 def inverse_system(model: HysteresisCreepModel, name: str = "inverse") -> control.NonlinearIOSystem:
@@ -124,8 +112,15 @@ def inverse_system(model: HysteresisCreepModel, name: str = "inverse") -> contro
     return compensator_system(Compensator(model), name)
 
 
-def _system(s: ModelStructure, update: Any, output: Any, input_name: str, output_name: str,
+def _system(s: ModelStructure, moved: Callable[[Vector, Vector], tuple[float, OperatorState]], input_name: str, output_name: str,
             name: str) -> control.NonlinearIOSystem:
+    """The system of a step from states and input to the output and the operator states after it."""
+    def update(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
+        return initial_states(s, moved(z, u)[1])
+
+    def output(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
+        return np.array([moved(z, u)[0]])
+
     states = [f"play[{i}]" for i in range(s.n + 1)]
     states += [f"creep[{rate:g}/s,{i}]" for rate in s.creep_rates for i in range(s.n + 1)]
     return control.nlsys(update, output, inputs=[input_name], outputs=[output_name],

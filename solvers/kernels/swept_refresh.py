@@ -233,5 +233,5 @@ def recover(work: Vector, iwork: Integers, numbers: Vector, cold: Matrix, sides:
     for i in range(d):
         constant -= work[origin + i] * (q[i] + work[sign + i] * work[G + i * ld + d])
     iwork[COLD_STARTS] += 1
-    warm = iwork[COLD_STARTS] > 0
+    warm = iwork[COLD_STARTS] > 0  # it is; a variable, since Numba compiles everything anew for a constant
     return begin(work, iwork, numbers, cold, sides, P, q, constant, warm)
