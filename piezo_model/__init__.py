@@ -1,16 +1,8 @@
-"""Hysteresis and creep of piezo actuators: operators, model, inverse, identification, compensation, simulated stages."""
+"""Hysteresis and creep of piezo actuators: operators, model, inverse, identification, compensation, simulated stages.
 
-from piezo_model.compensator import Compensator
-from piezo_model.data_basis import DataBasis
-from piezo_model.identification.fitting import IdentificationError
-from piezo_model.identification.identify import identify
-from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.operator_state import OperatorState
-from piezo_model.recordings import Recording
-from piezo_model.self_learning import SelfLearningCompensator
-from piezo_model.structure import ModelStructure, StructureError
+The public names are in ``__init__.pyi``; each is imported from its file when it is first used.
+"""
 
-__all__ = ["Compensator", "DataBasis", "HysteresisCreepModel", "IdentificationError", "IdentificationProblem",
-           "ModelError", "ModelStructure", "OperatorState", "Recording", "SelfLearningCompensator",
-           "StructureError", "identify"]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,6 +1,10 @@
 """The three floors: imports point down only, bench -> piezo_model -> solvers."""
 
 import ast
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -42,3 +46,20 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
             except ImportError:  # a library that is not installed here; its own tests say so
                 continue
             assert cls.name == entry.name
+
+
+@pytest.mark.parametrize(("what", "unneeded"), [
+    ("import piezo_model", {"numba", "scipy", "pyarrow", "qpsolvers"}),
+    ("from bench.cli import app; app.run(['--help'])",
+     {"solvers", "piezo_model", "bench.report", "bench.races", "numba", "numpy", "pandas", "altair", "matplotlib"}),
+])
+def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) -> None:
+    program = f"import json, sys\n{what}\nprint(json.dumps(list(sys.modules)), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not unneeded & set(json.loads(done.stderr))
+
+
+def test_nothing_is_compiled_when_everything_is_imported(tmp_path: Path) -> None:
+    program = "from piezo_model import *; from bench.cli.app import command_line; command_line()"
+    subprocess.run([sys.executable, "-c", program], env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, check=True)
+    assert not list(tmp_path.rglob("*.nbc"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import typer
 
-from bench.cli.app import app
+from bench.cli.app import command_line
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
@@ -47,7 +47,7 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, c
 
 
 def test_every_verb_and_option_that_the_readme_shows_exists() -> None:
-    verbs = typer.main.get_command(app).commands
+    verbs = typer.main.get_command(command_line()).commands
     shown = [words for block in blocks("sh") for words in documents.commands(block) if words[0] == "piezobench"]
     assert {words[1] for words in shown} >= {"race", "compare", "deploy", "experiment", "identify", "export-c"}
     for words in shown:

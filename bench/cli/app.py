@@ -1,51 +1,88 @@
-"""The verbs of ``piezobench`` together, and how it refuses: one sentence on standard error, without a traceback."""
+"""The verbs of ``piezobench`` together, and how it refuses: one sentence on standard error, without a traceback.
+
+A verb is a function in one of the files here, and only the file of the verb that is asked for is imported: what a race needs
+takes seconds to import, and ``piezobench --help`` needs none of it. Of the other verbs only the docstring is read.
+"""
 
 from __future__ import annotations
 
+import ast
 import sys
+from collections.abc import Callable, Collection
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import typer
 
-from bench.cli import decision_verbs, experiment_verbs, export_verbs, problem_verbs, race_verbs, stage_verbs
-from bench.export.settings import ExportError
-from bench.problem_files import ProblemFileError
-from bench.problems import ProblemSetError
-from bench.races.race import RaceError
-from bench.store import RunError
-from piezo_model import IdentificationError, ModelError, StructureError
-from piezo_model.recordings import RecordingError
-from solvers import Unsupported
-from solvers.registry import RegistrationError
-
-USER_ERRORS = (RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
-               RecordingError, RegistrationError, ExportError, Unsupported)
+VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "solvers": "race_verbs",
+         "problems": "problem_verbs", "identify": "stage_verbs", "compensate": "stage_verbs",
+         "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
+         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs"}
+"""Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
 REFUSED = 2
 """Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
-                  help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.")
-race_verbs.register(app)
-problem_verbs.register(app)
-stage_verbs.register(app)
-decision_verbs.register(app)
-experiment_verbs.register(app)
-export_verbs.register(app)
+
+def command_line(asked: Collection[str] = tuple(VERBS)) -> typer.Typer:
+    """The command line with the verbs that are asked for; the others are there to be listed."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
+                      help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.")
+    for verb in VERBS:
+        app.command(verb)(load(verb)) if verb in asked else app.command(verb, help=_docstring(verb))(_listed)
+    return app
+
+
+def load(verb: str) -> Callable[..., Any]:
+    """Import the function of a verb."""
+    function: Callable[..., Any] = getattr(import_module(f"bench.cli.{VERBS[verb]}"), _function(verb))
+    return function
 
 
 def run(words: list[str]) -> int:
     """Do what the words of the command line say; returns the exit status."""
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     try:
-        return app(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
+        return command_line(words[:1])(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
     except typer.TyperException as error:  # usage: an option, an argument or a verb that is wrong
-        sentence, known = error.format_message(), verb.strip() in {command.name for command in app.registered_commands}
-        verb = verb if known else ""
-        return _refuse(verb, f"{sentence.rstrip('.')}; see piezobench{verb} --help")
-    except USER_ERRORS as error:
+        verb = verb if verb.strip() in VERBS else ""
+        return _refuse(verb, f"{error.format_message().rstrip('.')}; see piezobench{verb} --help")
+    except _user_errors() as error:
         return _refuse(verb, str(error))
     except OSError as error:
         reason = error.strerror or str(error)
         return _refuse(verb, f"{error.filename}: {reason}" if error.filename else reason)
+
+
+def _function(verb: str) -> str:
+    return f"{verb.replace('-', '_')}_verb"
+
+
+def _docstring(verb: str) -> str:
+    """What the function of a verb says of itself, without importing its file."""
+    source = Path(__file__).with_name(f"{VERBS[verb]}.py").read_text(encoding="utf-8")
+    return next(ast.get_docstring(node) or "" for node in ast.parse(source).body
+                if isinstance(node, ast.FunctionDef) and node.name == _function(verb))
+
+
+def _listed() -> None:
+    """Stands for a verb that was not asked for."""
+
+
+def _user_errors() -> tuple[type[Exception], ...]:
+    """What a user can put right; imported once something has been raised."""
+    from bench.export.settings import ExportError
+    from bench.problem_files import ProblemFileError
+    from bench.problems import ProblemSetError
+    from bench.races.race import RaceError
+    from bench.store import RunError
+    from piezo_model import IdentificationError, ModelError, StructureError
+    from piezo_model.recordings import RecordingError
+    from solvers import Unsupported
+    from solvers.registry import RegistrationError
+
+    return (RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
+            RecordingError, RegistrationError, ExportError, Unsupported)
 
 
 def _refuse(verb: str, sentence: str) -> int:

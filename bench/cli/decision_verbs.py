@@ -30,12 +30,6 @@ class FailOn(StrEnum):
     difference = "difference"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command("compare")(compare_verb)
-    app.command("deploy")(deploy_verb)
-
-
 def compare_verb(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; all are compared with "
                                                                                        "the first.")],

@@ -14,11 +14,6 @@ from solvers import find
 FOLDER = Path("results/experiment")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("experiment")(experiment_verb)
-
-
 def experiment_verb(
     out: Annotated[Path, typer.Option(help="Folder of the figures, their numbers and the page.")] = FOLDER,
     quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,

@@ -52,13 +52,6 @@ High = Annotated[float | None, typer.Option("--high", help="Highest drive; the f
 RateLimit = Annotated[float | None, typer.Option("--rate-limit", help="Fastest change of the drive, per second.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command("export-c")(export_c_verb)
-    app.command("export-fmu")(export_fmu_verb)
-    app.command("realtime")(realtime_verb)
-
-
 def export_c_verb(
     model: ModelArgument,
     folder: Annotated[Path, typer.Argument(help="New or empty folder for the source.")],

@@ -17,11 +17,6 @@ from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, m
 from solvers.certificate import Certificate, NotCertified, verify
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("problems")(problems_verb)
-
-
 def problems_verb(
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,

@@ -40,14 +40,6 @@ class RaceName(StrEnum):
     loop = "loop"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command("race")(race_verb)
-    app.command("resume")(resume_verb)
-    app.command("report")(report_verb)
-    app.command("solvers")(solvers_verb)
-
-
 def race_verb(
     kind: Annotated[RaceName, typer.Option("--race", help="Full solves (oneshot), accuracy within a time (anytime), "
                                                           "sample by sample at 8 kHz (stream), or learning in the loop "

@@ -27,12 +27,6 @@ class LagOption(StrEnum):
     ignore = "ignore"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command("identify")(identify_verb)
-    app.command("compensate")(compensate_verb)
-
-
 def identify_verb(
     recording: Annotated[Path, typer.Argument(help="CSV or Parquet file with time, input and output columns.")],
     out: Annotated[Path, typer.Option(help="Where the model is written, JSON.")],

@@ -32,7 +32,7 @@ from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.learning import cyclic_step as step
 from piezo_model.learning.events import BUILD, FAULT, HOLD, LEARN, NONE, PHASES, RESET, Event, Log, Phase
 from piezo_model.learning.loop_centre import centred
-from piezo_model.learning.phase import NO_STEPS, LearningPhase
+from piezo_model.learning.phase import LearningPhase, no_steps
 from piezo_model.learning.sensor_guard import fresh_memory
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.model import HysteresisCreepModel, ModelError
@@ -146,7 +146,7 @@ class CyclicLearning:
         self._gather_arrays()
 
     def _gather_arrays(self) -> None:
-        solver = NO_STEPS if self._learning is None else self._learning.arrays
+        solver = no_steps() if self._learning is None else self._learning.arrays
         self._arrays = step.CyclicArrays(self._basis.arrays, self._compensator.limits, self.guard, self.counts, solver)
 
     def _end_of_build(self) -> None:

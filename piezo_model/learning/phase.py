@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -60,7 +61,7 @@ class LearningPhase:
         start = np.maximum(self._form.variables(weights), self._form.qp.lb)
         self.ready_after = 0
         """Samples after which the answer is there; 0 for one that gets better with each."""
-        self.arrays = NO_STEPS
+        self.arrays = no_steps()
         if isinstance(self._engine, ProjectedDifference):
             self._engine.begin(start if answer is None else answer)
             self.arrays = stepped(self._engine.recursion, problem.structure.d)
@@ -90,5 +91,7 @@ def stepped(recursion: Recursion, d: int) -> SteppedSolver:
     return SteppedSolver(recursion._work, d, *recursion._arguments)
 
 
-NO_STEPS = stepped(Recursion(1, Cone(None, None, np.zeros(1), np.ones(1))), 0)
-"""What stands for a solver that is not one of steps."""
+@cache
+def no_steps() -> SteppedSolver:
+    """What stands for a solver that is not one of steps."""
+    return stepped(Recursion(1, Cone(None, None, np.zeros(1), np.ones(1))), 0)

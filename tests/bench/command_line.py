@@ -17,8 +17,9 @@ from pathlib import Path
 
 SERVER = """
 import gc, json, os, resource, sys
-from bench.cli.app import run
+from bench.cli.app import command_line, run
 from bench.problems import sets
+command_line()  # imports every verb
 next(sets()["paper"]().problems())  # loads whatever is loaded at first use
 gc.freeze()
 while line := sys.stdin.readline():

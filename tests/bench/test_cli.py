@@ -15,14 +15,13 @@ import pytest
 from command_line import CommandLine
 from conftest import Race
 
-from bench.cli.app import app
+from bench.cli.app import VERBS
 from bench.problems import sets
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
 
 SAMPLE_TIME = 1e-3
-VERBS = [command.name or "" for command in app.registered_commands]
 HEADER = "time_s,voltage_V,displacement_um"
 
 

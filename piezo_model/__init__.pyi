@@ -1,0 +1,14 @@
+from .compensator import Compensator
+from .data_basis import DataBasis
+from .identification.fitting import IdentificationError
+from .identification.identify import identify
+from .identification_problem import IdentificationProblem
+from .model import HysteresisCreepModel, ModelError
+from .operator_state import OperatorState
+from .recordings import Recording
+from .self_learning import SelfLearningCompensator
+from .structure import ModelStructure, StructureError
+
+__all__ = ["Compensator", "DataBasis", "HysteresisCreepModel", "IdentificationError", "IdentificationProblem",
+           "ModelError", "ModelStructure", "OperatorState", "Recording", "SelfLearningCompensator",
+           "StructureError", "identify"]
