@@ -21,9 +21,9 @@ from scipy.signal import lfilter
 Vector = NDArray[np.float64]
 
 
-def _times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
+def times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
     """Check what all signals share and return the times of the samples, s, shape (N,)."""
-    _positive(duration_s=duration_s, sample_time=sample_time)
+    positive(duration_s=duration_s, sample_time=sample_time)
     if not -math.inf < low < high < math.inf:
         raise ValueError(f"low and high must be finite with low below high, not {low} and {high}")
     count = round(duration_s / sample_time)
@@ -32,19 +32,21 @@ def _times(duration_s: float, sample_time: float, low: float, high: float) -> Ve
     return np.arange(count, dtype=np.float64) * sample_time
 
 
-def _positive(**options: float) -> None:
+def positive(**options: float) -> None:
+    """Refuse (ValueError, by its name) an option that is no positive number."""
     for option, value in options.items():
         if not 0.0 < value < math.inf:
             raise ValueError(f"{option} must be a positive number, not {value}")
 
 
-def _share(**options: float) -> None:
+def share_between(**options: float) -> None:
+    """Refuse (ValueError, by its name) an option that is not between 0 and 1."""
     for option, value in options.items():
         if not 0.0 <= value <= 1.0:
             raise ValueError(f"{option} must lie between 0 and 1, not {value}")
 
 
-def _scaled(share: Vector, low: float, high: float) -> Vector:
+def scaled(share: Vector, low: float, high: float) -> Vector:
     """Map 0 … 1 to low … high; clipped, since rounding may pass an end by its last bit."""
     return np.clip(low + (high - low) * share, low, high)
 
@@ -78,8 +80,8 @@ def staircase(*, duration_s: float, sample_time: float, low: float, high: float,
     >>> staircase(duration_s=6.0, sample_time=1.0, low=0.0, high=10.0, levels=3, hold_s=1.0).tolist()
     [0.0, 5.0, 10.0, 5.0, 0.0, 5.0]
     """
-    t = _times(duration_s, sample_time, low, high)
-    _positive(hold_s=hold_s)
+    t = times(duration_s, sample_time, low, high)
+    positive(hold_s=hold_s)
     if levels < 2:
         raise ValueError(f"levels must be at least 2, not {levels}")
     # Counted in whole samples, so that rounding of k Ts / hold_s never shifts a step.
@@ -107,13 +109,13 @@ def decaying_triangle(*, duration_s: float, sample_time: float, low: float, high
     -------
     ndarray, shape (N,)
     """
-    t = _times(duration_s, sample_time, low, high)
+    t = times(duration_s, sample_time, low, high)
     if not 1.0 <= cycles < math.inf:
         raise ValueError(f"cycles must be at least 1, not {cycles}")
-    _share(final_share=final_share)
+    share_between(final_share=final_share)
     cycle = cycles * t / duration_s
     amplitude = 1.0 - (1.0 - final_share) * np.maximum(cycle - 0.5, 0.0) / (cycles - 0.5)
-    return _scaled(0.5 + amplitude * (_triangle(cycle) - 0.5), low, high)
+    return scaled(0.5 + amplitude * (_triangle(cycle) - 0.5), low, high)
 
 
 def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float, tones: int = 12,
@@ -137,7 +139,7 @@ def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float
     -------
     ndarray, shape (N,)
     """
-    t = _times(duration_s, sample_time, low, high)
+    t = times(duration_s, sample_time, low, high)
     if tones < 1:
         raise ValueError(f"tones must be at least 1, not {tones}")
     first_Hz = 1.0 / duration_s if lowest_Hz is None else lowest_Hz
@@ -151,7 +153,7 @@ def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float
     for frequency_Hz, phase in zip(np.geomspace(first_Hz, highest_Hz, tones), phases, strict=True):
         total += np.sin(2.0 * np.pi * frequency_Hz * t + phase)
     spread = float(np.ptp(total))
-    return _scaled((total - total.min()) / spread if spread > 0.0 else np.full(t.size, 0.5), low, high)
+    return scaled((total - total.min()) / spread if spread > 0.0 else np.full(t.size, 0.5), low, high)
 
 
 def raster_scan(*, duration_s: float, sample_time: float, low: float, high: float, line_rate_Hz: float = 10.0,
@@ -175,17 +177,17 @@ def raster_scan(*, duration_s: float, sample_time: float, low: float, high: floa
     -------
     ndarray, shape (N,)
     """
-    t = _times(duration_s, sample_time, low, high)
+    t = times(duration_s, sample_time, low, high)
     if not 0.0 < line_rate_Hz < 0.5 / sample_time:
         raise ValueError(f"line_rate_Hz must be positive and below half the sampling rate, {0.5 / sample_time} Hz, "
                          f"not {line_rate_Hz}")
-    _share(fast_share=fast_share)
+    share_between(fast_share=fast_share)
     if slow_axis not in ("staircase", "drift"):
         raise ValueError(f"slow_axis must be 'staircase' or 'drift', not {slow_axis!r}")
     line = line_rate_Hz * t
     last_line = max(1.0, math.ceil(line_rate_Hz * duration_s) - 1.0)
     base = np.minimum(np.floor(line) / last_line, 1.0) if slow_axis == "staircase" else t / duration_s
-    return _scaled(fast_share * _triangle(line) + (1.0 - fast_share) * base, low, high)
+    return scaled(fast_share * _triangle(line) + (1.0 - fast_share) * base, low, high)
 
 
 def random_walk(*, duration_s: float, sample_time: float, low: float, high: float, seed: int,
@@ -212,15 +214,15 @@ def random_walk(*, duration_s: float, sample_time: float, low: float, high: floa
     -------
     ndarray, shape (N,)
     """
-    t = _times(duration_s, sample_time, low, high)
-    _positive(bandwidth_Hz=bandwidth_Hz, spread_per_root_s=spread_per_root_s)
+    t = times(duration_s, sample_time, low, high)
+    positive(bandwidth_Hz=bandwidth_Hz, spread_per_root_s=spread_per_root_s)
     increments = np.random.default_rng(seed).standard_normal(t.size) * spread_per_root_s * math.sqrt(sample_time)
     increments[0] = 0.0
     path = _triangle(0.5 * (0.5 + np.cumsum(increments)))
     keep = math.exp(-2.0 * math.pi * bandwidth_Hz * sample_time)
     for _ in range(2):
         path, _state = lfilter([1.0 - keep], [1.0, -keep], path, zi=[keep * 0.5])
-    return _scaled(path, low, high)
+    return scaled(path, low, high)
 
 
 SIGNALS: dict[str, Callable[..., Vector]] = {

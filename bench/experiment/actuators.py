@@ -15,28 +15,17 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.experiment.hindsight import ROUNDS, SOLVER, floor
 from bench.experiment.rig import CREEP_RATES, LEVELS, Rig, Vector, at_low_end
 from bench.experiment.style import CONTINUOUS, HINDSIGHT, LEARNED, OTHER, REFERENCE, STRAIGHT, Exhibit
-from piezo_model import (
-    Compensator,
-    DataBasis,
-    HysteresisCreepModel,
-    ModelStructure,
-    OperatorState,
-    SelfLearningCompensator,
-    plants,
-)
-from piezo_model.identification.fitting import optimum
+from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
-from piezo_model.plants.protocol import Memory
 from piezo_model.signals import staircase
 
 NOISE = 2e-4
 """Standard deviation of the sensor's noise, of the range."""
 MARGIN = 0.08
 """Of the range, on either side of the staircase."""
-ROUNDS = 4
-SOLVER = "box_active_set"
 
 
 @dataclass(frozen=True)
@@ -62,7 +51,7 @@ class Case:
             state, before = learner.compensator.state.copy(), sensor.state()
             x, y = learner.run(cycle, sensor.run)
             errors.append(rms_percent(y - cycle, sensor))
-        hindsight = refitted(learner.model, state, sensor, before, x, y, cycle)
+        hindsight = floor(learner.model, state, sensor, before, x, y, cycle) * 100.0 / float(np.ptp(sensor.y_range))
         straight, best = straight_lines(sensor_of(self.plant, rig), y_ref[-rig.cycle:])
         return {**asdict(self), "straight_percent": straight, "best_straight_percent": best, "hindsight_percent": hindsight,
                 **{f"cycle_{i}_percent": error for i, error in enumerate(errors, 1)}}
@@ -106,21 +95,6 @@ def straight_lines(sensor: plants.Sensor, y_ref: Vector) -> tuple[float, float]:
         turn, shift = np.polyfit(y_ref, y_ref - y, 1)
         offset, slope = offset + slope * shift, slope * (1.0 + turn)
     return errors[0], min(errors)
-
-
-def refitted(model: HysteresisCreepModel, state: OperatorState, sensor: plants.Sensor, before: Memory, x: Vector, y: Vector,
-             y_ref: Vector) -> float:
-    """Error over a cycle with the best of a few models that were identified from that very cycle."""
-    errors = []
-    for _ in range(ROUNDS):
-        basis = DataBasis(model.structure, state)
-        basis.update(x, y)
-        model = HysteresisCreepModel.from_weights(model.structure, optimum(basis.problem(model.weights), SOLVER))
-        sensor.restore(before)
-        x = Compensator(model, sensor.x_range, state=state).run(y_ref)
-        y = sensor.run(x)
-        errors.append(rms_percent(y - y_ref, sensor))
-    return min(errors)
 
 
 def exhibit(table: pd.DataFrame) -> Exhibit:

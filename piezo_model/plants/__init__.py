@@ -11,11 +11,13 @@ import inspect
 import pkgutil
 from typing import Any
 
+import numpy as np
+
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import Sensor
 
-__all__ = ["Actuator", "Plant", "Sensor", "get", "names"]
+__all__ = ["Actuator", "Plant", "Sensor", "get", "names", "options_of"]
 
 
 def _classes() -> dict[str, type[Actuator]]:
@@ -67,3 +69,8 @@ def get(name: str, **options: Any) -> Actuator:
         if option not in known:
             raise ValueError(f"the plant {name!r} has no option {option!r}; it has {', '.join(known)}")
     return classes[name](**options)
+
+
+def options_of(name: str, random: np.random.Generator) -> dict[str, Any]:
+    """Draw options of its own that make one individual of a kind of :func:`names`."""
+    return _classes()[name].draw(random)

@@ -43,6 +43,16 @@ def log_creep(u: Vector, a: Vector, z: Vector, u_previous: Vector) -> Vector:
     return K
 
 
+def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:
+    """S(v) = (v − c v³ + e (v² − 1)) / (1 − c), rising strictly from −1 to 1 over v (N,) in [−1, 1]; ValueError where it does not."""
+    c, e = saturation, asymmetry
+    if not (c >= 0.0 and 1.0 - 2.0 * abs(e) - 3.0 * c > 0.0):
+        raise ValueError(f"saturation must be at least 0 and 1 - 2 |asymmetry| - 3 saturation above 0, not with saturation {c} and "
+                         f"asymmetry {e}")
+    # Products and not powers: numpy rounds a power of one number and of an array in different ways.
+    return (v - c * v * v * v + e * (v * v - 1.0)) / (1.0 - c)
+
+
 @dataclass(kw_only=True, eq=False)
 class Actuator(Plant):
     """A simulated actuator in the coordinates of the module.
@@ -99,6 +109,11 @@ class Actuator(Plant):
     @abstractmethod
     def _respond(self, u: Vector) -> Vector:
         """Return v (N,) for u (N,), advancing the memory in place."""
+
+    @staticmethod
+    @abstractmethod
+    def draw(random: np.random.Generator) -> dict[str, Any]:
+        """Return options of its own that make one individual of its kind."""
 
     def run(self, x: ArrayLike) -> Vector:
         """Drive the actuator on from where it stands; see :meth:`Plant.run`."""

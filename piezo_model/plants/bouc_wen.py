@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -112,6 +113,13 @@ class BoucWen(Actuator):
     def _respond(self, u: Vector) -> Vector:
         h = self._h_along(u, self._memory["h"], self._memory["u_before"])
         return self._with_log_creep(u - h / self.stiffness, u)
+
+    @staticmethod
+    def draw(random: np.random.Generator) -> dict[str, Any]:
+        """Options of an individual."""
+        beta = random.uniform(0.8, 2.5)
+        return {"loading_slope": random.uniform(0.15, 0.35), "beta": beta, "gamma": beta * random.uniform(0.0, 1.0),
+                "exponent": random.uniform(1.0, 1.8)}
 
     def _h_along(self, u: Vector, h: Vector, u_before: Vector) -> Vector:
         path: Vector = bouc_wen(u, self.loading_slope, self.beta, self.gamma, self.exponent, h, u_before)

@@ -12,12 +12,13 @@ modified Prandtl-Ishlinskii approach", European Journal of Control 9 (2003), 407
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from piezo_model.operators import creep_step, play_step
-from piezo_model.plants.actuator import Actuator
+from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory, Vector
 
 
@@ -78,9 +79,7 @@ class DensePrandtlIshlinskii(Actuator):
             raise ValueError(f"reversible_share must be above 0 and below 1, not {self.reversible_share}")
         if not 0.0 < self.threshold_scale < np.inf:
             raise ValueError(f"threshold_scale must be a positive number, not {self.threshold_scale}")
-        if not (self.saturation >= 0.0 and 1.0 - 2.0 * abs(self.asymmetry) - 3.0 * self.saturation > 0.0):
-            raise ValueError("saturation must be at least 0 and 1 - 2 |asymmetry| - 3 saturation above 0, "
-                             f"not with saturation {self.saturation} and asymmetry {self.asymmetry}")
+        curved(np.zeros(1), self.saturation, self.asymmetry)
         r = np.arange(self.thresholds) / self.thresholds
         weight = np.exp(-r / self.threshold_scale)
         # Each operator of threshold r settles at ±(1 − r) at the ends; both sums are normalised there.
@@ -97,8 +96,14 @@ class DensePrandtlIshlinskii(Actuator):
         return {"z_play": settled, "z_creep": z_creep, "u_previous": np.full(1, -1.0)}
 
     def _respond(self, u: Vector) -> Vector:
-        memory, c, e = self._memory, self.saturation, self.asymmetry
+        memory = self._memory
         v: Vector = plays_and_creep(u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"],
                                     memory["u_previous"])
-        # Products and not powers: numpy rounds a power of one number and of an array in different ways.
-        return (v - c * v * v * v + e * (v * v - 1.0)) / (1.0 - c)
+        return curved(v, self.saturation, self.asymmetry)
+
+    @staticmethod
+    def draw(random: np.random.Generator) -> dict[str, Any]:
+        """Options of an individual."""
+        return {"thresholds": int(random.integers(20, 60)), "reversible_share": random.uniform(0.55, 0.85),
+                "threshold_scale": random.uniform(0.15, 0.8), "saturation": random.uniform(0.0, 0.15),
+                "asymmetry": random.uniform(-0.1, 0.1)}

@@ -23,6 +23,7 @@ so the density is a hill whose place and breadth change with r, and a minor loop
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -107,3 +108,10 @@ class RelayPreisach(Actuator):
     def _respond(self, u: Vector) -> Vector:
         relays = sum_of_relay_lines(u, self._r, self._c, self._sigma, self._gain, self._shift, self._memory["z_play"])
         return self._with_log_creep(self.reversible_share * u + (1.0 - self.reversible_share) * relays, u)
+
+    @staticmethod
+    def draw(random: np.random.Generator) -> dict[str, Any]:
+        """Options of an individual."""
+        return {"reversible_share": random.uniform(0.55, 0.85), "half_width_scale": random.uniform(0.2, 0.8),
+                "hill_centre": random.uniform(-0.2, 0.3), "hill_centre_slope": random.uniform(-0.2, 0.6),
+                "hill_breadth": random.uniform(0.9, 1.6), "hill_breadth_slope": random.uniform(0.0, 0.6)}

@@ -1,10 +1,11 @@
-"""A plant as its sensor sees it: drifting gain, offset, delay, noise, quantisation, in this order.
+"""A plant as its sensor sees it: drifting gain, lag, delay, offset, noise, quantisation and gaps, in this order.
 
     d(k) = y_c + g(k Ts) (y(k) − y_c),   g(t) = 1 + ġ t + ĝ sin(2π t / T)
-    m(k) = Q( d(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
+    l(k) = l(k−1) + (1 − e^(−Ts/τ)) (d(k) − l(k−1))
+    m(k) = Q( l(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
 
-y_c is the centre of the plant's range, ν white and Gaussian. The gain belongs to the actuator (temperature, ageing),
-the rest to the sensor and its converter.
+and nothing (NaN) for the last G of every P samples. y_c is the centre of the plant's range, ν white and Gaussian. The
+gain belongs to the actuator (temperature, ageing), the rest to the sensor and its converter.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+from scipy.signal import lfilter
 
 from piezo_model.plants.protocol import Memory, Plant, Vector, replace
 
@@ -51,6 +53,10 @@ class Sensor(Plant):
         T, s.
     offset_um : float
         b, µm.
+    lag_s : float
+        τ, s; at the first sample the lag is over.
+    gap_samples, gap_period_samples : int
+        G and P, with G below P; 0 for no gaps.
     delay_samples : int
         D; before the first answer arrives the line holds the first answer.
     seed : int
@@ -77,12 +83,15 @@ class Sensor(Plant):
     gain_swing: float = 0.0
     gain_swing_period_s: float = 10.0
     offset_um: float = 0.0
+    lag_s: float = 0.0
+    gap_samples: int = 0
+    gap_period_samples: int = 1000
     delay_samples: int = 0
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Check the options and start at time zero."""
-        for option in ("noise_um", "quantum_um"):
+        for option in ("noise_um", "quantum_um", "lag_s"):
             if not 0.0 <= getattr(self, option) < math.inf:
                 raise ValueError(f"{option} must be a finite number of at least 0, not {getattr(self, option)}")
         for option in ("gain_drift_per_s", "gain_swing", "offset_um"):
@@ -90,9 +99,11 @@ class Sensor(Plant):
                 raise ValueError(f"{option} must be a finite number, not {getattr(self, option)}")
         if not 0.0 < self.gain_swing_period_s < math.inf:
             raise ValueError(f"gain_swing_period_s must be a positive number, not {self.gain_swing_period_s}")
-        for option in ("delay_samples", "seed"):
+        for option in ("delay_samples", "gap_samples", "seed"):
             if not (isinstance(getattr(self, option), int | np.integer) and getattr(self, option) >= 0):
                 raise ValueError(f"{option} must be a whole number of at least 0, not {getattr(self, option)}")
+        if not self.gap_samples < self.gap_period_samples:
+            raise ValueError(f"gap_samples must be below gap_period_samples = {self.gap_period_samples}, not {self.gap_samples}")
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
         self._begin()
 
@@ -100,7 +111,8 @@ class Sensor(Plant):
         # SFC64 because its whole state is one array of four words.
         self._generator = np.random.Generator(np.random.SFC64(self.seed))
         self._samples = 0
-        self._line = np.zeros(self.delay_samples)
+        self._line, self._lagging = np.zeros(self.delay_samples), np.zeros(1)
+        self._keep = math.exp(-self.sample_time / self.lag_s) if self.lag_s > 0.0 else 0.0
 
     def run(self, x: ArrayLike) -> Vector:
         """Drive the plant on and measure it; see :meth:`Plant.run`."""
@@ -112,13 +124,19 @@ class Sensor(Plant):
         centre = 0.5 * (self.y_range[0] + self.y_range[1])
         drifted = centre + gain * (y - centre)
         if self._samples == 0:
-            self._line[:] = drifted[0]
+            self._line[:], self._lagging[:] = drifted[0], drifted[0]
+        at = (self._samples + np.arange(y.size)) % self.gap_period_samples
         self._samples += y.size
+        if self._keep:
+            drifted, state = lfilter([1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging)
+            self._lagging = state / self._keep
         passing = np.concatenate([self._line, drifted])
         self._line = passing[y.size:].copy()
         # Noise is drawn even if its size is 0: changing the size alone never changes its sequence.
         measured = passing[:y.size] + self.offset_um + self.noise_um * self._generator.standard_normal(y.size)
-        return self.quantum_um * np.round(measured / self.quantum_um) if self.quantum_um > 0.0 else measured
+        if self.quantum_um > 0.0:
+            measured = self.quantum_um * np.round(measured / self.quantum_um)
+        return np.where(at < self.gap_period_samples - self.gap_samples, measured, np.nan) if self.gap_samples else measured
 
     def reset(self) -> None:
         """Put the plant at rest, the time to zero and the noise to its beginning."""
@@ -128,7 +146,7 @@ class Sensor(Plant):
     def _own(self) -> Memory:
         words = self._generator.bit_generator.state["state"]["state"]
         return {"generator": np.array(words, dtype=np.uint64), "samples": np.array([self._samples], dtype=np.int64),
-                "delay_line": self._line.copy()}
+                "delay_line": self._line.copy(), "lagging": self._lagging.copy()}
 
     def state(self) -> Memory:
         """Return a copy of the delay line, the time, the generator and, under ``plant.``, the plant's own state."""
@@ -139,6 +157,6 @@ class Sensor(Plant):
         own = self._own()
         replace(own, {name: array for name, array in state.items() if not name.startswith("plant.")}, "Sensor")
         self.plant.restore({name.removeprefix("plant."): array for name, array in state.items() if name not in own})
-        self._line, self._samples = own["delay_line"], int(own["samples"][0])
+        self._line, self._lagging, self._samples = own["delay_line"], own["lagging"], int(own["samples"][0])
         generator = self._generator.bit_generator
         generator.state = {**generator.state, "state": {"state": own["generator"]}}

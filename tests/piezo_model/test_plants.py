@@ -25,7 +25,8 @@ def walk(seconds=2.0, seed=0):
 
 def measured(name):
     return plants.Sensor(plants.get(name, sample_time=TS), noise_um=0.01, quantum_um=0.001, gain_drift_per_s=1e-3,
-                         gain_swing=0.02, gain_swing_period_s=0.7, offset_um=0.3, delay_samples=3, seed=5)
+                         gain_swing=0.02, gain_swing_period_s=0.7, offset_um=0.3, delay_samples=3, lag_s=2e-3,
+                         gap_samples=7, gap_period_samples=90, seed=5)
 
 
 def bare(name):
@@ -36,7 +37,7 @@ contract = pytest.mark.parametrize(("make", "name"), [(make, name) for make in (
 
 
 def test_the_folder_is_the_registry():
-    assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "relay_preisach"]
+    assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "duhem", "maxwell_slip", "relay_preisach"]
 
 
 def test_an_unknown_plant_and_an_unknown_option_are_refused_with_what_is_known():
@@ -131,7 +132,9 @@ def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
     ("bouc_wen", "loading_slope", 0.0), ("bouc_wen", "beta", 0.0),
     ("bouc_wen", "gamma", 9.0), ("bouc_wen", "exponent", 0.5), ("bouc_wen", "stiffness", 0.1),
     ("dense_prandtl_ishlinskii", "thresholds", 1), ("dense_prandtl_ishlinskii", "saturation", 0.5),
-    ("dense_prandtl_ishlinskii", "asymmetry", -0.5), ("dense_prandtl_ishlinskii", "threshold_scale", np.inf)])
+    ("dense_prandtl_ishlinskii", "asymmetry", -0.5), ("dense_prandtl_ishlinskii", "threshold_scale", np.inf),
+    ("maxwell_slip", "sliders", 0), ("maxwell_slip", "slip_share", 1.0), ("maxwell_slip", "reach", 2.5),
+    ("maxwell_slip", "saturation", 0.5), ("duhem", "alpha", 0.0), ("duhem", "slope_after_turn", 0.5), ("duhem", "asymmetry", 0.6)])
 def test_an_actuator_refuses_its_own_wrong_option_by_its_name(name, option, value):
     with pytest.raises(ValueError, match=option):
         plants.get(name, **{option: value})

@@ -1,0 +1,55 @@
+"""The floor: the best that a structure can do on one piece of a reference, fitted in hindsight to that piece's own data.
+
+A model is identified from the piece, drives it again from the same states, and is identified anew from what that gave; the
+best of a few rounds counts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState
+from piezo_model.identification.fitting import optimum
+from piezo_model.plants import Plant
+from piezo_model.plants.protocol import Memory
+
+Vector = NDArray[np.float64]
+
+ROUNDS = 4
+SOLVER = "box_active_set"
+
+
+def tracking_error(y: Vector, y_ref: Vector) -> float:
+    """RMS of y − y_ref over the samples that were measured."""
+    return float(np.sqrt(np.nanmean((y - y_ref) ** 2)))
+
+
+def floor(model: HysteresisCreepModel, state: OperatorState, plant: Plant, before: Memory, x: Vector, y: Vector,
+          y_ref: Vector) -> float:
+    """Tracking error over a piece, in the output's unit.
+
+    Parameters
+    ----------
+    model : HysteresisCreepModel
+        Whose structure it is, and whose weights stay where the piece says nothing.
+    state : OperatorState
+        At the beginning of the piece.
+    plant : Plant
+        Left where the last round brings it.
+    before : dict
+        The plant's state at the beginning.
+    x, y, y_ref : array (N,)
+        Drive, output and reference of the piece.
+    """
+    errors = []
+    for _ in range(ROUNDS):
+        basis, measured = DataBasis(model.structure, state), np.isfinite(y)
+        for part in np.split(np.arange(y.size), np.flatnonzero(np.diff(measured)) + 1):
+            basis.update(x[part], np.where(measured[part], y[part], 0.0), count=bool(measured[part[0]]))
+        model = HysteresisCreepModel.from_weights(model.structure, optimum(basis.problem(model.weights), SOLVER))
+        plant.restore(before)
+        x = Compensator(model, plant.x_range, state=state).run(y_ref)
+        y = plant.run(x)
+        errors.append(tracking_error(y, y_ref))
+    return min(errors)

@@ -1,0 +1,87 @@
+"""Duhem hysteresis after Coleman and Hodgdon, with a cubic saturation and creep.
+
+    dv = α |du| (u − v) + b du,   Γ[u] = S(v / v_1)
+
+(B. D. Coleman and M. L. Hodgdon, "A constitutive relation for rate-independent hysteresis in ferromagnetically soft
+materials", International Journal of Engineering Science 24 (1986), 897-919.) The deviation e = v − u goes to
+∓(1 − b) / α as u rises or falls and is exact over any step, e ← e_∞ + (e − e_∞) e^(−α |Δu|). With ½ < b ≤ 1 every branch
+rises. The equation forgets turning points with the way of u and not by wiping them out, so minor loops do not close.
+S is the cubic of `actuator.curved`, v_1 what v reaches at u = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from piezo_model.plants.actuator import Actuator, curved
+from piezo_model.plants.protocol import Memory, Vector
+
+
+@njit(cache=True)
+def deviation_along(u: Vector, alpha: float, b: float, e: Vector, u_before: Vector) -> Vector:
+    """e (N,) along u (N,); advances e (1,) and u_before (1,)."""
+    path = np.empty_like(u)
+    for k in range(u.size):
+        move = u[k] - u_before[0]
+        goal = -math.copysign(1.0 - b, move) / alpha
+        e[0] = goal + (e[0] - goal) * math.exp(-alpha * abs(move))
+        u_before[0] = u[k]
+        path[k] = e[0]
+    return path
+
+
+@dataclass(kw_only=True, eq=False)
+class Duhem(Actuator):
+    """The Duhem actuator of the module, in V and µm.
+
+    Parameters
+    ----------
+    alpha : float
+        α, positive: the inverse of the way after which a turning point is forgotten, in half ranges of the drive.
+    slope_after_turn : float
+        b, above 0.5 and below 1: about the slope after a long way in one direction is 1 and after a turning point 2 b − 1.
+    saturation, asymmetry : float
+        c and e of the cubic.
+
+    Examples
+    --------
+    >>> from piezo_model import plants
+    >>> plant = plants.get("duhem")
+    >>> up, top, down = plant.run([75.0, 150.0, 75.0])
+    >>> bool(up < down < top)
+    True
+    """
+
+    alpha: float = 2.5
+    slope_after_turn: float = 0.75
+    saturation: float = 0.05
+    asymmetry: float = 0.05
+
+    def _build(self) -> None:
+        if not 0.0 < self.alpha < np.inf:
+            raise ValueError(f"alpha must be a positive number, not {self.alpha}")
+        if not 0.5 < self.slope_after_turn < 1.0:
+            raise ValueError(f"slope_after_turn must be above 0.5 and below 1, not {self.slope_after_turn}")
+        curved(np.zeros(1), self.saturation, self.asymmetry)
+        # Nothing that the drive can do brings |e| above its limits or |v| above 1 plus them.
+        self._half = 1.0 + (1.0 - self.slope_after_turn) / self.alpha
+
+    def _rest(self) -> Memory:
+        e, u_before = np.zeros(1), np.zeros(1)
+        deviation_along(np.array([1.0, -1.0] * 20), self.alpha, self.slope_after_turn, e, u_before)
+        return {"e": e, "u_before": u_before, **self._rest_of_log_creep()}
+
+    def _respond(self, u: Vector) -> Vector:
+        e = deviation_along(u, self.alpha, self.slope_after_turn, self._memory["e"], self._memory["u_before"])
+        return self._with_log_creep(curved((u + e) / self._half, self.saturation, self.asymmetry), u)
+
+    @staticmethod
+    def draw(random: np.random.Generator) -> dict[str, Any]:
+        """Options of an individual."""
+        return {"alpha": random.uniform(1.0, 6.0), "slope_after_turn": random.uniform(0.6, 0.92),
+                "saturation": random.uniform(0.0, 0.15), "asymmetry": random.uniform(-0.1, 0.1)}

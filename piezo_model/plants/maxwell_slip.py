@@ -1,0 +1,113 @@
+"""Maxwell slip: springs that drag sliders with dry friction, beside one spring that does not slide.
+
+    u = κ q + Σ_i F_i,   dF_i = k_i dq while |F_i| ≤ f_i,   Γ[u] = S(q)
+
+q is the charge and u the voltage: the Maxwell resistive capacitor of M. Goldfarb and N. Celanovic, "Modeling
+piezoelectric stack actuators for control of micromanipulation", IEEE Control Systems 17 (1997), 69-79. The voltage is
+what is given, so the charge is found along the straight pieces between two sliders that begin to move. S is the cubic
+of `actuator.curved`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from piezo_model.plants.actuator import Actuator, curved
+from piezo_model.plants.protocol import Memory, Vector
+
+
+@njit(cache=True)
+def charge_along(u: Vector, spring: float, k: Vector, f: Vector, force: Vector, q: Vector, u_before: Vector) -> Vector:
+    """q (N,) along u (N,); advances the forces (J,), q (1,) and u_before (1,)."""
+    path = np.empty_like(u)
+    for i in range(u.size):
+        left = abs(u[i] - u_before[0])
+        direction = 1.0 if u[i] > u_before[0] else -1.0
+        while left > 0.0:
+            stiffness, way = spring, np.inf
+            for j in range(k.size):
+                room = (f[j] - direction * force[j]) / k[j]
+                if room > 1e-15:
+                    stiffness += k[j]
+                    way = min(way, room)
+            way = min(way, left / stiffness)
+            for j in range(k.size):
+                force[j] = max(-f[j], min(f[j], force[j] + direction * k[j] * way))
+            q[0] += direction * way
+            left -= stiffness * way
+            if left < 1e-15:
+                left = 0.0
+        u_before[0] = u[i]
+        path[i] = q[0]
+    return path
+
+
+@dataclass(kw_only=True, eq=False)
+class MaxwellSlip(Actuator):
+    """The Maxwell slip actuator of the module, in V and µm.
+
+    Parameters
+    ----------
+    sliders : int
+        Springs with a slider; the last begins to slide after ``reach`` of the whole range.
+    slip_share : float
+        Σ k_i / (κ + Σ k_i), above 0 to below 1: how much stiffer the chain is after a turning point than at its end.
+    reach : float
+        Above 0 to 2, in units of half the drive's range.
+    saturation, asymmetry : float
+        c and e of the cubic.
+
+    Examples
+    --------
+    >>> from piezo_model import plants
+    >>> plant = plants.get("maxwell_slip")
+    >>> up, top, down = plant.run([75.0, 150.0, 75.0])
+    >>> bool(up < down < top)
+    True
+    """
+
+    sliders: int = 10
+    slip_share: float = 0.4
+    reach: float = 1.2
+    saturation: float = 0.08
+    asymmetry: float = 0.05
+
+    def _build(self) -> None:
+        if self.sliders < 1:
+            raise ValueError(f"sliders must be at least 1, not {self.sliders}")
+        if not 0.0 < self.slip_share < 1.0:
+            raise ValueError(f"slip_share must be above 0 and below 1, not {self.slip_share}")
+        if not 0.0 < self.reach <= 2.0:
+            raise ValueError(f"reach must be above 0 and at most 2, not {self.reach}")
+        curved(np.zeros(1), self.saturation, self.asymmetry)
+        self._spring = 1.0 - self.slip_share
+        self._k = np.full(self.sliders, self.slip_share / self.sliders)
+        self._f = self._k * self.reach * np.arange(1, self.sliders + 1) / self.sliders
+        memory = self._unsettled()
+        self._half = float(np.ptp(self._charge(np.array([1.0, -1.0]), memory))) / 2.0
+
+    def _unsettled(self) -> Memory:
+        return {"force": np.zeros(self.sliders), "q": np.zeros(1), "u_before": np.zeros(1)}
+
+    def _charge(self, u: Vector, memory: Memory) -> Vector:
+        path: Vector = charge_along(u, self._spring, self._k, self._f, memory["force"], memory["q"], memory["u_before"])
+        return path
+
+    def _rest(self) -> Memory:
+        memory = self._unsettled()
+        self._charge(np.array([1.0, -1.0]), memory)
+        return {**memory, **self._rest_of_log_creep()}
+
+    def _respond(self, u: Vector) -> Vector:
+        v = np.clip(self._charge(u, self._memory) / self._half, -1.0, 1.0)
+        return self._with_log_creep(curved(v, self.saturation, self.asymmetry), u)
+
+    @staticmethod
+    def draw(random: np.random.Generator) -> dict[str, Any]:
+        """Options of an individual."""
+        return {"sliders": int(random.integers(3, 30)), "slip_share": random.uniform(0.1, 0.55), "reach": random.uniform(0.4, 1.8),
+                "saturation": random.uniform(0.0, 0.15), "asymmetry": random.uniform(-0.1, 0.1)}
