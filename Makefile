@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help bench test lint perf report compare experiment clean
+.PHONY: help core debug bench test lint perf report compare experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
@@ -25,13 +25,23 @@ $(VENV)/.field $(VENV)/.dev: pyproject.toml constraints.txt
 	fi
 	@touch $@
 
+# The libraries follow their sources; where there is no C compiler, the install above has built them with one of its own.
+core: $(VENV)/.dev    ## compile the C cores again where their sources have changed
+	$(BIN)/python solvers/core/compile_core.py
+
+debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests of them
+	$(BIN)/python solvers/core/compile_core.py --debug
+	LD_PRELOAD="$$($${CC:-cc} -print-file-name=libasan.so)" ASAN_OPTIONS=detect_leaks=0 \
+	  $(BIN)/python -m pytest -q -p no:cacheprovider tests/solvers; status=$$?; \
+	  $(BIN)/python solvers/core/compile_core.py --fresh; exit $$status
+
 bench: $(VENV)/.field ## set up, then race the default field on simulated data
 	$(BIN)/piezobench race
 
-test: $(VENV)/.dev    ## set up, then run the tests
+test: core            ## set up, then run the tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-lint: $(VENV)/.dev    ## style and types
+lint: core            ## style and types
 	$(BIN)/ruff check
 	$(BIN)/mypy
 
@@ -50,4 +60,4 @@ experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with 
 
 clean:                ## remove caches of compiled code and tools
 	find bench piezo_model solvers tests -name __pycache__ -type d -prune -exec rm -r {} +
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info solvers/core/_core_* piezo_model/core/_core_*

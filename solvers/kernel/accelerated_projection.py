@@ -3,7 +3,7 @@
     w(k+1) = clip(y(k) − η (P y(k) + q)),    y(k+1) = w(k+1) + β(k) (w(k+1) − w(k)),    η = 1/λ_max
 
 in the variables w = D⁻¹ x with D = diag(P)^−½. Sources and the restart rule stand in
-:mod:`solvers.kernels.accelerated_step`. It is the paper's recursion with two vectors more in memory, and takes the square
+``solvers/core/acceleration.c``. It is the paper's recursion with two vectors more in memory, and takes the square
 root of its number of steps.
 """
 
@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.kernels.accelerated_step import Acceleration
-from solvers.kernels.projected_step import limit
+from solvers.core import NOTHING, face
+from solvers.descent import Descent
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Vector, box_solution, dense, only_box
 
 
@@ -53,47 +53,44 @@ class AcceleratedProjection(Solver):
     }
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, scale and find the step; raises Unsupported for general rows and ValueError for unusable numbers."""
+        """Allocate, scale and find the step.
+
+        Raises
+        ------
+        Unsupported
+            The problem has general rows.
+        ValueError
+            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds cross.
+        """
         self._lb, self._ub = only_box(problem, self.name)
-        if not ((self._lb <= self._ub) & (self._lb < np.inf) & (self._ub > -np.inf)).all():
-            raise ValueError(f"{self.name}: a bound is NaN, or a lower bound lies above its upper bound or at +inf")
         self._tolerance, self._steps = float(self.settings.get("tolerance", 1e-13)), int(self.settings.get("steps", 100_000))
         self._P, self._q = dense(problem)
-        self._taken = 0
-        self._method = Acceleration(self._q.size)
+        self._method = Descent(self._lb, self._ub, self.name)
         self.update(self._P, self._q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P (a new step follows from it) or q; raises ValueError where they are not finite or P is indefinite."""
-        if q is not None:
-            if not np.isfinite(q).all():
-                raise ValueError(f"{self.name}: q must be finite")
-            np.copyto(self._q, q)
-        scaled = None
+        """Take new P (a new step follows from it) or q; raises ValueError as ``setup`` does."""
         if P is not None:
             np.copyto(self._P, P)
-            diagonal, scaling = self._P.diagonal(), self.settings.get("diagonal_scaling", True)
-            self._D = np.where(diagonal > 0, diagonal, 1.0) ** -0.5 if scaling else np.ones(self._q.size)
-            scaled = self._P * self._D * self._D[:, None]
-            eta = 0.5 * limit(scaled)
-            self._eta = eta if np.isfinite(eta) else 1.0
-            self._method.set_bounds(self._lb / self._D, self._ub / self._D)
-        self._method.set_data(scaled, self._q * self._D, self._eta)
+        if q is not None:
+            np.copyto(self._q, q)
+        scaled = bool(self.settings.get("diagonal_scaling", True))
+        self._method.take(None if P is None else self._P, None if q is None else self._q, 0.5, scaled)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is ``warm_start``, or 0, clipped."""
-        self._method.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
-        self._taken = self._method.run(self._steps, self._tolerance)
-        # Scaling back can leave a bound by one bit; clipping undoes that.
-        return np.clip(self._method.w * self._D, self._lb, self._ub)
+        self._method.start(warm_start)
+        face.accelerated_steps(self._method.state, self._steps, self._tolerance)
+        return self._method.answer()
 
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are not compiled."""
-        self._method.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
-        return None, self._method.time(count, self._steps, self._tolerance)
+        """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are timed from Python."""
+        nanoseconds = np.empty(count, dtype=np.int64)
+        start = NOTHING if warm_start is None else np.array(warm_start, dtype=np.float64)
+        face.time_accelerated(self._method.state, start, self._steps, self._tolerance, nanoseconds)
+        return None, nanoseconds
 
     def solution(self) -> Solution:
         """Return the last iterate; found says whether it met the tolerance within the steps."""
-        x = np.clip(self._method.w * self._D, self._lb, self._ub)
-        return box_solution(Problem(self._P, self._q, lb=self._lb, ub=self._ub), x, self._taken < self._steps,
-                            steps=self._taken)
+        return box_solution(Problem(self._P, self._q, lb=self._lb, ub=self._ub), self._method.answer(), self._method.met,
+                            steps=self._method.taken)

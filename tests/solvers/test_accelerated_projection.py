@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import Tier, Unsupported, get
+from solvers.descent import Descent
 from solvers.kernel import accelerated_projection as module
 
 INF = np.inf
@@ -114,6 +115,31 @@ def test_unusable_problems_are_refused_in_one_sentence():
         s.setup(Problem(np.diag([1.0, -1.0]), np.zeros(2)))
     with pytest.raises(ValueError, match="bound"):
         s.setup(Problem(np.eye(2), np.zeros(2), lb=np.ones(2), ub=np.zeros(2)))
+
+
+def test_a_matrix_that_is_not_symmetric_or_indefinite_is_refused_scaled_or_not():
+    for scaling in (True, False):
+        s = get("accelerated_projection", diagonal_scaling=scaling)
+        with pytest.raises(ValueError, match="not symmetric"):
+            s.setup(Problem(np.array([[1.0, 0.5], [0.0, 1.0]]), np.zeros(2)))
+        with pytest.raises(ValueError, match="indefinite"):
+            s.setup(Problem(np.array([[1.0, 2.0], [2.0, 1.0]]), np.zeros(2)))
+
+
+def test_an_answer_at_a_bound_of_the_scaled_variables_is_at_the_bound_and_has_its_multiplier():
+    P, q = np.array([[105.0, 59.0], [59.0, 43.0]]), np.array([-656.0, -408.0])
+    x, s = solved("accelerated_projection", P, q, np.full(2, -INF), np.array([0.5, 1.1]))
+    assert x.tolist() == [0.5, 1.1]
+    assert s.solution().is_optimal(1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, d=st.integers(0, 25), decades=st.floats(0, 12), size=st.floats(-200, 200))
+def test_the_step_is_one_over_the_largest_eigenvalue(seed, d, decades, size):
+    P, q, lb, ub = random_problem(seed, d, decades) if d else (np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
+    descent = Descent(lb, ub, "test")
+    descent.take(P * 10**size, q, 0.5, scaled=False)
+    assert descent.eta == pytest.approx(1 / (np.linalg.eigvalsh(P)[-1] * 10**size) if d else 1, rel=1e-13)
 
 
 def test_the_examples_in_the_docstrings_run():

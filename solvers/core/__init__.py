@@ -1,0 +1,87 @@
+"""The solvers' arithmetic in C99, and the extension module through which Python calls it.
+
+The headers of this folder say what each function does, README.md how the whole is built and extended. ``face`` is the extension
+module for the best instruction set that this processor has; PIEZOBENCH_ISA=v2 (v3, v4) asks for another, for tests and figures.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import os
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.core.compile_core import digest, instruction_sets, library
+
+(OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED) = range(9)
+REASONS = {
+    UNBOUNDED: "the problem is unbounded below: q points down a direction that P does not see and no bound stops",
+    INDEFINITE: "P is indefinite beyond rounding, so the problem is not convex",
+    ENDLESS: "no active set met the optimality conditions within the limit of linear systems",
+    NOT_FINITE: "P, q and a starting point must be finite and bounds must not be NaN",
+    CROSSED: "a lower bound lies above its upper bound or at +inf, or an upper bound at -inf",
+    ASYMMETRIC: "P is not symmetric",
+    BREAKDOWN: "P is too close to indefinite even with the proximal term",
+    CAPPED: "the limit of exchanges was met before the optimum",
+}
+"""The statuses of status.h that are not OK, as sentences."""
+
+NOTHING: NDArray[np.float64] = np.zeros(0)
+"""What stands for an array that is not given."""
+
+
+def load(package: Path, level: int | None = None) -> ModuleType:
+    """Load the extension module of a package's core.
+
+    Parameters
+    ----------
+    package : Path
+        Folder of the package.
+    level : int, optional
+        Level of x86-64 that the processor has; by default the module itself is asked.
+
+    Raises
+    ------
+    ImportError
+        It is not built, it is built from other sources than those beside it, or PIEZOBENCH_ISA asks for what is not here.
+    """
+    best = instruction_sets()[0]
+    module = _open(package, best)
+    if level is None:
+        level = module.processor_level()
+    if best != "native":
+        asked = os.environ.get("PIEZOBENCH_ISA") or f"v{level}"
+        if asked not in instruction_sets() or level < int(asked[1:]):
+            raise ImportError(f"the instruction set {asked} is not one of {', '.join(instruction_sets())} that this processor has")
+        module = module if asked == best else _open(package, asked)
+    if module.sources != digest(package):
+        raise ImportError(f"the C sources in {package.name}/core have changed since their library was built: run make core")
+    return module
+
+
+def _open(package: Path, instructions: str) -> ModuleType:
+    path = library(package, instructions)
+    if not path.exists():
+        raise ImportError(f"the C core of {package.name} is not built: run make core")
+    name = f"{package.name}.core._core"
+    loader = importlib.machinery.ExtensionFileLoader(name, str(path))
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    loader.exec_module(module)
+    return module
+
+
+def block(size: int) -> NDArray[np.uint8]:
+    """So many zero bytes from a cache line on: the memory of a state, whose bytes are all there is to save and restore."""
+    raw = np.zeros(size + 64, dtype=np.uint8)
+    skip = -raw.ctypes.data % 64
+    return raw[skip:skip + size]
+
+
+face: Any = load(Path(__file__).parents[1])

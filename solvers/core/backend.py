@@ -1,0 +1,67 @@
+"""The PEP 517 backend: setuptools with the C cores, and with the package ziglang where the machine has no C compiler."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import compile_core
+from setuptools import build_meta
+from setuptools.build_meta import *  # noqa: F403 (the hooks that stay as they are)
+from setuptools.command.build_ext import build_ext
+
+
+class BuildCore(build_ext):
+    """``build_ext`` that compiles the cores, in place for an editable install."""
+
+    def run(self) -> None:
+        """Compile what is not up to date."""
+        for package in self._packages():
+            if not compile_core.up_to_date(package):
+                compile_core.build(package, package / "core")
+            if not (self.inplace or self.editable_mode):
+                for made in self._made(package):
+                    target = Path(self.build_lib, made.relative_to(compile_core.ROOT))
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(made, target)
+
+    def get_outputs(self) -> list[str]:
+        """The libraries of the wheel."""
+        made = (path for package in self._packages() for path in self._made(package))
+        return [str(Path(self.build_lib, path.relative_to(compile_core.ROOT))) for path in made]
+
+    def get_output_mapping(self) -> dict[str, str]:
+        """Nothing to link: an editable install has its libraries in place."""
+        return {}
+
+    def get_source_files(self) -> list[str]:
+        """The sources are package data."""
+        return []
+
+    @staticmethod
+    def _packages() -> list[Path]:
+        packages = (compile_core.ROOT / name for name in compile_core.CORES)
+        return [package for package in packages if (package / "core" / "module.c").exists()]
+
+    @staticmethod
+    def _made(package: Path) -> list[Path]:
+        return [compile_core.library(package, each) for each in compile_core.instruction_sets()]
+
+
+def _compiler() -> list[str]:
+    try:
+        compile_core.compiler()
+    except compile_core.NoCompiler:
+        return [compile_core.ZIGLANG]
+    return []
+
+
+def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
+    """What setuptools wants, and a compiler where there is none."""
+    return [*build_meta.get_requires_for_build_wheel(config_settings), *_compiler()]
+
+
+def get_requires_for_build_editable(config_settings: dict[str, Any] | None = None) -> list[str]:
+    """The same."""
+    return [*build_meta.get_requires_for_build_editable(config_settings), *_compiler()]

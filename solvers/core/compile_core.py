@@ -1,0 +1,171 @@
+"""Compiles the C cores into extension modules, one for each instruction set; ``python solvers/core/compile_core.py`` does it in place.
+
+It needs a C compiler that knows gcc's vector types (gcc, clang or the package ziglang) and neither Python.h nor any package,
+since it runs before the project is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+CORES = ("solvers", "piezo_model")
+"""Packages with a folder ``core`` of C; each may call the C of those before it."""
+ROOT = Path(__file__).resolve().parents[2]
+ZIGLANG = "ziglang==0.17.1"
+"""What a machine without a C compiler is given."""
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
+"""No -ffast-math and no fused products: the bits of an answer depend on the sources alone."""
+SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+PROBE = """typedef double four __attribute__((vector_size(32)));
+#include <math.h>
+#include <string.h>
+four sum(four a, four b);
+four sum(four a, four b) { a[0] = sqrt(a[0]); return a + b; }
+"""
+
+
+class NoCompiler(RuntimeError):
+    """There is no C compiler; the message is one sentence."""
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """What is built on this kind of machine: levels of x86-64, or the one that every 64-bit processor of another kind has."""
+    return ("v2", "v3", "v4") if platform.machine().lower() in ("x86_64", "amd64") else ("native",)
+
+
+def library(package: Path, instructions: str) -> Path:
+    """Where the extension module of one package and instruction set stands."""
+    suffix = ".pyd" if sys.platform == "win32" else ".abi3.so"
+    return package / "core" / f"_core_{instructions}{suffix}"
+
+
+def folders(package: Path) -> list[Path]:
+    """The folders of C that a package is built from: its own, and those of the packages below it."""
+    return [package.parent / name / "core" for name in CORES[:CORES.index(package.name) + 1]]
+
+
+def digest(package: Path) -> str:
+    """A hash of the sources of a package's core; it is in the library, and Python compares it at import."""
+    total = hashlib.sha256()
+    for folder in folders(package):
+        for file in sorted((*folder.glob("*.[ch]"), *folder.glob("compile_core.py"))):
+            total.update(file.name.encode() + b"\0" + file.read_bytes().replace(b"\r\n", b"\n"))
+    return total.hexdigest()[:16]
+
+
+def compiler() -> list[str]:
+    """The command of the first C compiler that compiles vector types: $CC, cc, gcc, clang, or the package ziglang.
+
+    Raises
+    ------
+    NoCompiler
+        There is none.
+    """
+    candidates = [shlex.split(os.environ[name]) for name in ("CC",) if os.environ.get(name)]
+    candidates += [[found] for name in ("cc", "gcc", "clang") if (found := shutil.which(name))]
+    if importlib.util.find_spec("ziglang"):
+        candidates.append([sys.executable, "-m", "ziglang", "cc"])
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder, "probe.c")
+        source.write_text(PROBE, encoding="utf-8")
+        for command in candidates:
+            attempt = [*command, *FLAGS, "-shared", str(source), "-o", str(source.with_suffix(".so")), *_libraries()]
+            if subprocess.run(attempt, capture_output=True, check=False).returncode == 0:
+                return command
+    raise NoCompiler(f"there is no C compiler here that compiles: install gcc or clang, or run pip install {ZIGLANG}")
+
+
+def build(package: Path, target: Path, *, debug: bool = False) -> list[Path]:
+    """Compile the core of a package for every instruction set into the folder ``target``; the libraries.
+
+    Raises
+    ------
+    NoCompiler
+        There is no C compiler.
+    subprocess.CalledProcessError
+        The compiler refuses the sources.
+    """
+    command, target = compiler(), target.resolve()
+    target.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        made = [pool.submit(_compile, package, target, command, each, debug) for each in instruction_sets()]
+    return [each.result() for each in made]
+
+
+def _compile(package: Path, target: Path, command: list[str], instructions: str, debug: bool) -> Path:
+    """All sources in one call of the compiler but ``module.c``, which says what the processor has and must run on all."""
+    made = target / library(package, instructions).name
+    zig = "ziglang" in command
+    name = instructions.replace("v", "x86_64_v" if zig else "x86-64-v")
+    machine = [] if instructions == "native" else [f"-{'mcpu' if zig else 'march'}={name}"]
+    own = package / "core" / "module.c"
+    others = [file for folder in folders(package) for file in sorted(folder.glob("*.c")) if file.name != "module.c"]
+    others = [file for file in others if file.parent == own.parent or not file.name.startswith("face_")]
+    flags = [*FLAGS, *(f"-I{folder}" for folder in folders(package)), *(SANITIZERS if debug else ())]
+    words = {"CORE_SOURCES": digest(package), "CORE_COMPILER": _version(command), "CORE_INSTRUCTIONS": instructions}
+    with tempfile.TemporaryDirectory() as scratch:
+        objects = []
+        for i, (file, options) in enumerate([(own, [f'-D{key}="{value}"' for key, value in words.items()]),
+                                             *((other, machine) for other in others)]):
+            objects.append(Path(scratch, f"{i}.o"))
+            _run([*command, *flags, *options, "-c", str(file), "-o", str(objects[-1])])
+        link = ["-shared", *(SANITIZERS if debug else ()), *map(str, objects), "-o", str(Path(scratch, made.name)), *_libraries()]
+        _run([*command, *link])
+        shutil.copyfile(Path(scratch, made.name), made.with_suffix(".new"))
+    made.with_suffix(".new").replace(made)  # in one step: another process may have the old one open
+    return made
+
+
+def _libraries() -> list[str]:
+    if sys.platform == "win32":
+        return [f"-L{Path(sys.base_prefix, 'libs')}", "-lpython3"]
+    return ["-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-lm"]
+
+
+def _version(command: list[str]) -> str:
+    said = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout
+    return said.splitlines()[0].replace('"', "")
+
+
+def _run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.stderr.write(done.stderr)
+        raise subprocess.CalledProcessError(done.returncode, command)
+
+
+def up_to_date(package: Path) -> bool:
+    """Whether every library of a package is there and made from the sources as they are."""
+    made, stamp = [library(package, each) for each in instruction_sets()], digest(package).encode()
+    return all(path.exists() and stamp in path.read_bytes() for path in made)
+
+
+def main() -> None:
+    """Build what is not up to date, in place."""
+    arguments = argparse.ArgumentParser(description="Compile the C cores in place.")
+    arguments.add_argument("--debug", action="store_true", help="with sanitizers")
+    arguments.add_argument("--fresh", action="store_true", help="what is up to date too")
+    chosen = arguments.parse_args()
+    always = chosen.debug or chosen.fresh
+    for package in (ROOT / name for name in CORES):
+        if (package / "core" / "module.c").exists() and (always or not up_to_date(package)):
+            try:
+                made = build(package, package / "core", debug=chosen.debug)
+            except NoCompiler as error:
+                sys.exit(str(error))
+            print(f"built {', '.join(str(path.relative_to(ROOT)) for path in made)}")
+
+
+if __name__ == "__main__":
+    main()

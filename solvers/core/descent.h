@@ -1,0 +1,59 @@
+/* Projected gradient steps on   minimise 1/2 x'Px + q'x   subject to   lb <= x <= ub,   plain and accelerated.
+ *
+ * The steps are taken in the variables w = x / D, with D_j = P_jj^(-1/2) or 1, so that a box stays a box. One rule gives every
+ * step its size: eta = 2 ratio / lambda_max(D P D), where 1 for `ratio` is the limit of stability.
+ */
+#ifndef CORE_DESCENT_H
+#define CORE_DESCENT_H
+
+#include "room.h"
+#include "status.h"
+
+enum { DESCENT_KIND = 0x44534331 };
+
+/* What stands at the head of the state. */
+typedef struct {
+    int32_t kind, d;
+    int64_t bytes;
+    double eta;
+    int64_t taken; /* steps of the last run */
+    int32_t met;   /* whether it ended by its tolerance */
+} DescentHead;
+
+typedef struct {
+    DescentHead *head;
+    int d, ld; /* number of variables, and rounded up to a multiple of eight */
+    real *w, *next;      /* where it stands, and the point to project; both by D */
+    real *shift, *carry; /* -eta D q, and w (or the point with momentum) plus that */
+    real *lower, *upper, *momentum; /* bounds by D; w with its momentum, of the accelerated steps */
+    real *D, *lb, *ub, *q, *answer; /* in the variables x */
+    real *columns;       /* of -eta D P D, d of ld numbers */
+    real *copy;          /* of D P D, room for the eigenvalue */
+} Descent;
+
+int64_t descent_bytes(int d);
+Descent descent_at(void *memory);
+/* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q = 0. */
+int descent_setup(void *memory, int d, const real *lb, const real *ub);
+/* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
+int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled);
+/* Begin at x (d), clipped; at 0 for NULL. */
+void descent_start(Descent *s, const real *x);
+/* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */
+int64_t projected_steps(Descent *s, int64_t steps, real threshold);
+int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance);
+/* x (d) for w, at a bound to the last bit where w is at it; in s->answer. */
+void descent_answer(Descent *s);
+
+/* |a - b|^2 over ld entries. */
+CORE_INLINE real distance_squared(const real *a, const real *b, int ld)
+{
+    vec8 total = zeros();
+    for (int j = 0; j < ld; j += LANES) {
+        const vec8 apart = sub(load(a + j), load(b + j));
+        total = plus_product(total, apart, apart);
+    }
+    return sum8(total);
+}
+
+#endif

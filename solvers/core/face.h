@@ -1,0 +1,61 @@
+/* Arguments of a function that Python calls: taken in order, checked, and given back together.
+ *
+ *     static PyObject *scale(PyObject *module, PyObject *const *given, Py_ssize_t count)
+ *     {
+ *         Arguments a = arguments("scale(x, factor)", given, count, 2);
+ *         const double *x = ...
+ *
+ * The first argument that does not fit sets Python's error; the takers after it do nothing and return NULL or 0, so that one
+ * look at `good(&a)` suffices. Arrays come through the buffer protocol and nothing else: contiguous in C order, of the type that
+ * the function wants, with the shape that it wants. README.md in this folder says how to add a function.
+ */
+#ifndef CORE_FACE_H
+#define CORE_FACE_H
+
+#include "python_abi.h"
+
+enum { MOST_ARRAYS = 12, ANY_LENGTH = -1 };
+
+typedef struct {
+    const char *signature;
+    PyObject *const *given;
+    Py_ssize_t count, next;
+    int arrays, failed;
+    PyThreadState *waiting;
+    Py_buffer views[MOST_ARRAYS];
+} Arguments;
+
+/* Every state that Python holds begins so: what it is, its number of variables and its size in bytes. */
+typedef struct {
+    int32_t kind, d;
+    int64_t bytes;
+} StateHead;
+
+void take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count, Py_ssize_t wanted);
+int good(const Arguments *a);
+
+/* The next argument. */
+long long take_integer(Arguments *a, long long least, long long most);
+double take_number(Arguments *a);
+/* A float64 array (rows, columns), (columns,) where rows is 0, any number of either where it is ANY_LENGTH; NULL for an error. */
+const double *take_array(Arguments *a, int rows, int columns);
+double *take_output(Arguments *a, int rows, int columns);
+/* The same, or NULL without an error where the argument is an array without elements. */
+const double *take_optional(Arguments *a, int rows, int columns);
+/* An int64 array (N,) to write to; its length goes to `length`. */
+int64_t *take_integers(Arguments *a, Py_ssize_t *length);
+/* A state of the given kind; with kind 0 any block, to be made one once `need_bytes` has found it large enough. */
+void *take_state(Arguments *a, int32_t kind);
+/* Whether array number `array` (0 is the first taken) has so many bytes. */
+void need_bytes(Arguments *a, int array, int64_t bytes);
+/* Length of the array taken last, along its first axis. */
+Py_ssize_t taken_length(const Arguments *a);
+
+/* Between these two the interpreter may run other threads; for what takes longer than some microseconds. */
+void begin_long_if(Arguments *a, int long_enough);
+/* Give the arrays back and return `result`; NULL with Python's error where an argument did not fit. */
+PyObject *finish(Arguments *a, PyObject *result);
+PyObject *finish_integer(Arguments *a, long long result);
+PyObject *finish_number(Arguments *a, double result);
+
+#endif

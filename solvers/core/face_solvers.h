@@ -1,0 +1,20 @@
+/* What Python calls of this package: one function a line, with the text that help() shows. */
+#ifndef CORE_FACE_SOLVERS_H
+#define CORE_FACE_SOLVERS_H
+
+#include "face.h"
+
+#define FACE(name) PyObject *name(PyObject *module, PyObject *const *given, Py_ssize_t count)
+
+FACE(face_descent_bytes);
+FACE(face_descent_places);
+FACE(face_descent_setup);
+FACE(face_descent_take);
+FACE(face_descent_start);
+FACE(face_descent_answer);
+FACE(face_projected_steps);
+FACE(face_accelerated_steps);
+FACE(face_time_projected);
+FACE(face_time_accelerated);
+
+#endif

@@ -1,0 +1,71 @@
+/* The extension module solvers.core._core. This file is compiled without the instructions of an instruction set, so that it can say
+ * what the processor has before anything else of the library runs. */
+#include "face_solvers.h"
+
+#if defined(__x86_64__) || defined(_M_X64)
+#include <cpuid.h>
+
+/* 2, 3 or 4: the level of the x86-64 psABI that processor and operating system offer; 1 where they do not offer level 2. */
+static int processor_level(void)
+{
+    unsigned a, b, c, d, basic, extended = 0, low, high;
+    if (!__get_cpuid(1, &a, &b, &basic, &d) || (basic & bit_SSE4_2) == 0 || (basic & bit_POPCNT) == 0) {
+        return 1;
+    }
+    if ((basic & bit_OSXSAVE) == 0 || !__get_cpuid_count(7, 0, &a, &extended, &c, &d)) {
+        return 2;
+    }
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* which registers the operating system saves */
+    if ((low & 0x06) != 0x06 || (basic & bit_AVX) == 0 || (extended & bit_AVX2) == 0 || (extended & bit_BMI2) == 0
+        || (basic & bit_FMA) == 0) {
+        return 2;
+    }
+    c = bit_AVX512F | bit_AVX512BW | bit_AVX512CD | bit_AVX512DQ | bit_AVX512VL;
+    return (low & 0xe6) == 0xe6 && (extended & c) == c ? 4 : 3;
+}
+#else
+static int processor_level(void) { return 0; }
+#endif
+
+static PyObject *face_processor_level(PyObject *module, PyObject *const *given, Py_ssize_t count)
+{
+    Arguments a;
+    (void)module;
+    take_arguments(&a, "processor_level()", given, count, 0);
+    return finish_integer(&a, processor_level());
+}
+
+#define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))face_##name, METH_FASTCALL, text}
+
+static PyMethodDef methods[] = {
+    METHOD(processor_level, "Level of the x86-64 instruction set here, 2 to 4; 0 on other processors."),
+    METHOD(descent_bytes, "descent_bytes(d): size of the state of a gradient method."),
+    METHOD(descent_places, "descent_places(state): where its vectors begin, in numbers."),
+    METHOD(descent_setup, "descent_setup(state, lb, ub): make a block a state; a status."),
+    METHOD(descent_take, "descent_take(state, P, q, ratio, scaled): new data, empty arrays for what stays; a status."),
+    METHOD(descent_start, "descent_start(state, x): begin at x, at 0 for an empty array."),
+    METHOD(descent_answer, "descent_answer(state): write the answer."),
+    METHOD(projected_steps, "projected_steps(state, steps, threshold): how many were taken."),
+    METHOD(accelerated_steps, "accelerated_steps(state, steps, tolerance): how many were taken."),
+    METHOD(time_projected, "time_projected(state, x, steps, threshold, nanoseconds): time runs from x."),
+    METHOD(time_accelerated, "time_accelerated(state, x, steps, tolerance, nanoseconds): time runs from x."),
+    {NULL, NULL, 0, NULL},
+};
+
+static PyModuleDef definition = {
+    {{1, NULL}, NULL, 0, NULL}, "_core", "Solvers in C; see the headers in solvers/core.", -1, methods, NULL, NULL, NULL, NULL,
+};
+
+PY_EXPORT PyObject *PyInit__core(void);
+
+PyObject *PyInit__core(void)
+{
+    PyObject *const module = PyModule_Create2(&definition, PYTHON_ABI_VERSION);
+    if (module != NULL
+        && (PyModule_AddStringConstant(module, "sources", CORE_SOURCES) != 0
+            || PyModule_AddStringConstant(module, "compiler", CORE_COMPILER) != 0
+            || PyModule_AddStringConstant(module, "instructions", CORE_INSTRUCTIONS) != 0)) {
+        return NULL;
+    }
+    return module;
+}

@@ -1,0 +1,36 @@
+/* One block of memory divided into vectors and matrices, the same way every time: a state is its bytes and has no pointers.
+ *
+ * A struct of the core is a set of names for the parts of such a block. It is made on the stack by the functions that end in _at,
+ * which do a few additions, none where d is a constant.
+ */
+#ifndef CORE_ROOM_H
+#define CORE_ROOM_H
+
+#include "vec8.h"
+
+enum { HEAD_BYTES = 128 }; /* what a state begins with; vectors are on cache lines where the state is */
+
+typedef struct { char *at; } Room;
+
+CORE_INLINE Room after_head(void *memory)
+{
+    const Room room = {(char *)memory + HEAD_BYTES};
+    return room;
+}
+
+CORE_INLINE real *reals(Room *room, int rows, int columns)
+{
+    real *const first = (real *)(void *)room->at;
+    room->at += (size_t)rows * (size_t)columns * sizeof(real);
+    return first;
+}
+
+/* Whole numbers, as many bytes as so many reals, so that what follows stays on its cache line. */
+CORE_INLINE int32_t *integers(Room *room, int count)
+{
+    int32_t *const first = (int32_t *)(void *)room->at;
+    room->at += (size_t)padded(count) * 8;
+    return first;
+}
+
+#endif

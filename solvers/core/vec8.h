@@ -1,0 +1,258 @@
+/* Eight numbers at a time, with the same bits on every instruction set and compiler.
+ *
+ * A vec8 is eight lanes in as many registers as the machine needs: one of AVX-512, two of AVX, four of SSE2 or NEON, or eight
+ * plain numbers where the compiler has no vector types. Every function works lane by lane with one rounding an operation; no
+ * product is fused with a sum (compile with -ffp-contract=off). The only sum across lanes is sum8, halves onto halves:
+ *
+ *     ((l0 + l4) + (l2 + l6)) + ((l1 + l5) + (l3 + l7)).
+ *
+ * Comparisons with NaN are false: larger(a, b) = a > b ? a : b, so a NaN on either side gives b.
+ *
+ * `real` is double, or float with -DCORE_FLOAT; -DCORE_PLAIN chooses the plain numbers.
+ */
+#ifndef CORE_VEC8_H
+#define CORE_VEC8_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifdef CORE_FLOAT
+typedef float real;
+typedef int32_t whole; /* as wide as a real */
+#define REAL_EPSILON 1.1920928955078125e-07F
+#define MANTISSA_BITS 23
+#define EXPONENT_BIAS 127
+#define ROOT(x) sqrtf(x)
+#define MAGNITUDE(x) fabsf(x)
+#else
+typedef double real;
+typedef int64_t whole;
+#define REAL_EPSILON 2.220446049250313e-16
+#define MANTISSA_BITS 52
+#define EXPONENT_BIAS 1023
+#define ROOT(x) sqrt(x)
+#define MAGNITUDE(x) fabs(x)
+#endif
+#define REAL_INFINITY ((real)INFINITY)
+
+#if defined(__GNUC__)
+#define CORE_INLINE static inline __attribute__((always_inline, unused))
+#else
+#define CORE_INLINE static inline
+#endif
+
+enum { LANES = 8 };
+
+/* A part is one register. PARTS is a macro, since the preprocessor has to choose by it. */
+#if !defined(__GNUC__) || defined(CORE_PLAIN)
+#define PARTS 8
+typedef real part;
+typedef whole part_bits;
+#else
+#if defined(__AVX512F__) && !defined(CORE_FLOAT)
+#define PART_BYTES 64
+#define PARTS 1
+#elif defined(__AVX__)
+#define PART_BYTES 32
+#ifdef CORE_FLOAT
+#define PARTS 1
+#else
+#define PARTS 2
+#endif
+#else
+#define PART_BYTES 16
+#ifdef CORE_FLOAT
+#define PARTS 2
+#else
+#define PARTS 4
+#endif
+#endif
+typedef real part __attribute__((vector_size(PART_BYTES)));
+typedef whole part_bits __attribute__((vector_size(PART_BYTES)));
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+#endif
+enum { PART_LANES = LANES / PARTS };
+
+/* Members by name and not an array, so that compilers keep them in registers. ALL(f) is f of each part and its number. */
+#if PARTS == 1
+typedef struct { part p0; } vec8;
+#define ALL(f) {f(p0, 0)}
+#define SPLAT(s) {s, s, s, s, s, s, s, s}
+#define COUNT(i) {i, (i) + 1, (i) + 2, (i) + 3, (i) + 4, (i) + 5, (i) + 6, (i) + 7}
+#elif PARTS == 2
+typedef struct { part p0, p1; } vec8;
+#define ALL(f) {f(p0, 0), f(p1, 1)}
+#define SPLAT(s) {s, s, s, s}
+#define COUNT(i) {i, (i) + 1, (i) + 2, (i) + 3}
+#elif PARTS == 4
+typedef struct { part p0, p1, p2, p3; } vec8;
+#define ALL(f) {f(p0, 0), f(p1, 1), f(p2, 2), f(p3, 3)}
+#define SPLAT(s) {s, s}
+#define COUNT(i) {i, (i) + 1}
+#else
+typedef struct { part p0, p1, p2, p3, p4, p5, p6, p7; } vec8;
+#define ALL(f) {f(p0, 0), f(p1, 1), f(p2, 2), f(p3, 3), f(p4, 4), f(p5, 5), f(p6, 6), f(p7, 7)}
+#define SPLAT(s) s
+#define COUNT(i) i
+#endif
+
+CORE_INLINE part load_part(const real *p) { part r; memcpy(&r, p, sizeof r); return r; }
+CORE_INLINE void store_part(real *p, part a) { memcpy(p, &a, sizeof a); }
+CORE_INLINE part splat_part(real s) { const part r = SPLAT(s); return r; }
+CORE_INLINE part_bits splat_bits(whole s) { const part_bits r = SPLAT(s); return r; }
+CORE_INLINE part_bits numbers_from(whole i) { const part_bits r = COUNT(i); return r; }
+CORE_INLINE part_bits bits_of(part a) { part_bits r; memcpy(&r, &a, sizeof r); return r; }
+CORE_INLINE part part_of(part_bits a) { part r; memcpy(&r, &a, sizeof r); return r; }
+
+#if PARTS == 8
+#define CHOOSE(condition, a, b) ((condition) ? (a) : (b))
+#else
+#define CHOOSE(condition, a, b) part_of((bits_of(a) & (condition)) | (bits_of(b) & ~(condition)))
+#endif
+
+CORE_INLINE part larger_part(part a, part b)
+{
+#if PARTS == 1 && !defined(CORE_FLOAT)
+    return (part)_mm512_max_pd((__m512d)a, (__m512d)b);
+#elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
+    return (part)_mm256_max_pd((__m256d)a, (__m256d)b);
+#elif PARTS == 4 && defined(__SSE2__)
+    return (part)_mm_max_pd((__m128d)a, (__m128d)b);
+#else
+    return CHOOSE(a > b, a, b);
+#endif
+}
+
+CORE_INLINE part smaller_part(part a, part b)
+{
+#if PARTS == 1 && !defined(CORE_FLOAT)
+    return (part)_mm512_min_pd((__m512d)a, (__m512d)b);
+#elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
+    return (part)_mm256_min_pd((__m256d)a, (__m256d)b);
+#elif PARTS == 4 && defined(__SSE2__)
+    return (part)_mm_min_pd((__m128d)a, (__m128d)b);
+#else
+    return CHOOSE(a < b, a, b);
+#endif
+}
+
+/* 2^-floor(e / 2) for v = m 2^e with m in [1/2, 1); nonsense where v is not a positive normal number. */
+CORE_INLINE part root_scale_part(part v)
+{
+    const part_bits exponent = (bits_of(v) >> MANTISSA_BITS) - splat_bits(EXPONENT_BIAS - 1);
+    return part_of((splat_bits(EXPONENT_BIAS) - (exponent >> 1)) << MANTISSA_BITS);
+}
+
+#define ONE_OF(p, i) load_part(source + (i) * PART_LANES)
+CORE_INLINE vec8 load(const real *source) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) every
+CORE_INLINE vec8 splat(real s) { const part every = splat_part(s); const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) a.p + b.p
+CORE_INLINE vec8 add(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) a.p - b.p
+CORE_INLINE vec8 sub(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) a.p * b.p
+CORE_INLINE vec8 mul(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) a.p / b.p
+CORE_INLINE vec8 over(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) larger_part(a.p, b.p)
+CORE_INLINE vec8 larger(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) smaller_part(a.p, b.p)
+CORE_INLINE vec8 smaller(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+#define ONE_OF(p, i) root_scale_part(a.p)
+CORE_INLINE vec8 root_scale(vec8 a) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
+/* a with `number` in lane `place`, as it was where there is no such lane. */
+#define ONE_OF(p, i) CHOOSE(numbers_from((i) * PART_LANES) == at, number_everywhere, a.p)
+CORE_INLINE vec8 with_lane(vec8 a, int place, real number)
+{
+    const part_bits at = splat_bits(place);
+    const part number_everywhere = splat_part(number);
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
+#undef ONE_OF
+
+#define ONE_OF(p, i) (store_part(target + (i) * PART_LANES, a.p), 0)
+CORE_INLINE void store(real *target, vec8 a) { const int done[PARTS] = ALL(ONE_OF); (void)done; }
+#undef ONE_OF
+
+CORE_INLINE vec8 zeros(void) { return splat((real)0); }
+/* c + a b and c - a b, the product rounded first. */
+CORE_INLINE vec8 plus_product(vec8 c, vec8 a, vec8 b) { return add(c, mul(a, b)); }
+CORE_INLINE vec8 less_product(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
+CORE_INLINE vec8 magnitude(vec8 a) { return larger(a, sub(zeros(), a)); }
+CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return smaller(larger(a, lower), upper); }
+
+/* Two numbers left of eight: l0, l2, l4, l6 under `onto` in the first, the odd ones in the second. */
+#if PARTS == 1 && !defined(CORE_FLOAT)
+#define FOLD(onto4, onto2, onto_part)                                                                      \
+    const __m256d half = onto4(_mm512_castpd512_pd256((__m512d)a.p0), _mm512_extractf64x4_pd((__m512d)a.p0, 1)); \
+    const __m128d two = onto2(_mm256_castpd256_pd128(half), _mm256_extractf128_pd(half, 1));
+#elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
+#define FOLD(onto4, onto2, onto_part)                                     \
+    const __m256d half = onto4((__m256d)a.p0, (__m256d)a.p1);             \
+    const __m128d two = onto2(_mm256_castpd256_pd128(half), _mm256_extractf128_pd(half, 1));
+#elif PARTS == 4
+#define FOLD(onto4, onto2, onto_part) const part two = onto_part(onto_part(a.p0, a.p2), onto_part(a.p1, a.p3));
+#else
+#define FOLD(onto4, onto2, onto_part)                                     \
+    real l[LANES];                                                        \
+    store(l, a);                                                          \
+    const real two[2] = {onto_part(onto_part(l[0], l[4]), onto_part(l[2], l[6])), \
+                         onto_part(onto_part(l[1], l[5]), onto_part(l[3], l[7]))};
+#endif
+
+#define PLUS(a, b) ((a) + (b))
+CORE_INLINE real sum8(vec8 a)
+{
+    FOLD(_mm256_add_pd, _mm_add_pd, PLUS)
+    return two[0] + two[1];
+}
+#undef PLUS
+
+#if PARTS == 4
+#define LARGER(a, b) larger_part(a, b)
+#else
+#define LARGER(a, b) ((a) > (b) ? (a) : (b))
+#endif
+CORE_INLINE real largest8(vec8 a)
+{
+    FOLD(_mm256_max_pd, _mm_max_pd, LARGER)
+    return two[0] > two[1] ? two[0] : two[1];
+}
+#undef LARGER
+#undef FOLD
+
+/* The first lane that equals `number`; 8 where none does. */
+CORE_INLINE int first_equal8(vec8 a, real number)
+{
+#if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
+    return __builtin_ctz(0x100U | _mm512_cmp_pd_mask((__m512d)a.p0, _mm512_set1_pd(number), _CMP_EQ_OQ));
+#else
+    real l[LANES];
+    int place = 0;
+    store(l, a);
+    while (place < LANES && !(l[place] == number)) {
+        ++place;
+    }
+    return place;
+#endif
+}
+
+/* n rounded up to whole blocks of eight. */
+CORE_INLINE int padded(int n) { return (n + LANES - 1) / LANES * LANES; }
+
+#endif

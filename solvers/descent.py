@@ -1,0 +1,92 @@
+"""The state of a projected gradient method in C, see ``solvers/core/descent.h``: data once, then as many steps as one likes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solvers.core import NOT_FINITE, NOTHING, OK, REASONS, block, face
+from solvers.protocol import Matrix, Vector
+
+
+class Descent:
+    """One problem with bounds lb ≤ x ≤ ub, in the variables w = x/D.
+
+    Parameters
+    ----------
+    lb, ub : arrays, shape (d,)
+        Bounds, infinite where there is none.
+    name : str
+        Whose errors are raised.
+
+    Attributes
+    ----------
+    state : array of bytes
+        All there is to save and restore.
+    w : array, shape (d,)
+        Where it stands, a view.
+    D : array, shape (d,)
+        The scale of the variables, a view.
+
+    Raises
+    ------
+    ValueError
+        Bounds cross or are NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> d = Descent(np.zeros(1), np.ones(1), "example")
+    >>> d.take(np.array([[2.0]]), np.array([-1.0]), 0.25, scaled=False)
+    >>> d.start(None); d.run(2), d.w.tolist(), d.eta
+    (2, [0.375], 0.25)
+    """
+
+    def __init__(self, lb: Vector, ub: Vector, name: str) -> None:
+        self._name = name
+        self.state = block(face.descent_bytes(lb.size))
+        self._accept(face.descent_setup(self.state, lb, ub))
+        numbers, places = self.state.view(np.float64), face.descent_places(self.state)
+        self.w, self.D, self.lower, self.upper, self._answer = (
+            numbers[places[part]:places[part] + lb.size] for part in ("w", "D", "lower", "upper", "answer"))
+        self._eta, self._taken, self._met = numbers[2:3], self.state.view(np.int64)[3:4], self.state.view(np.int32)[8:9]
+
+    def take(self, P: Matrix | None, q: Vector | None, ratio: float, scaled: bool) -> None:
+        """Take P (d, d) or q (d,); the step is ``ratio`` times 2/λ_max, 1 where P is 0; ValueError where they cannot be."""
+        status = face.descent_take(self.state, NOTHING if P is None else P, NOTHING if q is None else q, ratio, int(scaled))
+        if status == NOT_FINITE:
+            which = "q" if P is None or np.isfinite(P).all() else "P"
+            raise ValueError(f"{self._name}: {which} must be finite")
+        self._accept(status)
+
+    def start(self, x: Vector | None) -> None:
+        """Begin at x (d,), clipped; at 0 for None."""
+        face.descent_start(self.state, NOTHING if x is None else np.ascontiguousarray(x, dtype=np.float64))
+
+    def run(self, steps: int, threshold: float = -1.0) -> int:
+        """Take plain steps; returns how many. It ends where one moves w by ``threshold`` or less (2-norm), looked at every 16."""
+        taken: int = face.projected_steps(self.state, steps, threshold)
+        return taken
+
+    def answer(self) -> Vector:
+        """x (d,) where it stands, at a bound to the last bit where w is at it."""
+        face.descent_answer(self.state)
+        return self._answer.copy()
+
+    @property
+    def eta(self) -> float:
+        """The step."""
+        return float(self._eta[0])
+
+    @property
+    def taken(self) -> int:
+        """Steps of the last run."""
+        return int(self._taken[0])
+
+    @property
+    def met(self) -> bool:
+        """Whether the last run ended by its tolerance."""
+        return bool(self._met[0])
+
+    def _accept(self, status: int) -> None:
+        if status != OK:
+            raise ValueError(f"{self._name}: {REASONS[status]}")

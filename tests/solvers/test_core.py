@@ -1,0 +1,137 @@
+"""The C core: the stable ABI as it is declared, its build, its face."""
+
+import re
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solvers import core
+from solvers.core import block, compile_core, face
+
+FOLDER = Path(core.__file__).parent
+WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
+ALGORITHMS = [file for file in FOLDER.glob("*.c") if not file.name.startswith(("face", "module", "clock"))]
+"""What an exported folder may hold."""
+STRUCTS = {
+    "Py_buffer": "buf obj len itemsize readonly ndim format shape strides suboffsets internal",
+    "PyMethodDef": "ml_name ml_meth ml_flags ml_doc",
+    "PyModuleDef": "m_base m_name m_doc m_size m_methods m_slots m_traverse m_clear m_free",
+}
+CONSTANTS = "METH_FASTCALL PyBUF_WRITABLE PyBUF_FORMAT PyBUF_ND PyBUF_C_CONTIGUOUS PYTHON_ABI_VERSION"
+HEADERS = [path for path in (sysconfig.get_path("include"), "/usr/include/python3.11") if Path(path, "Python.h").exists()]
+
+
+def compiled(folder, text, *options, compiler="gcc"):
+    source = folder / "check.c"
+    source.write_text(text, encoding="utf-8")
+    program = folder / "check"
+    done = subprocess.run([compiler, f"-I{FOLDER}", *options, str(source), "-o", str(program)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return program
+
+
+@pytest.mark.skipif(not HEADERS, reason="Python.h is not installed")
+def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path):
+    members = [f"offsetof({name}, {member})" for name, list_ in STRUCTS.items() for member in list_.split()]
+    numbers = [*members, *(f"sizeof({name})" for name in STRUCTS), *CONSTANTS.split()]
+    body = "\n".join(["int main(void) {", *(f'printf("%ld\\n", (long)({number}));' for number in numbers), "return 0; }", ""])
+    real = ["#define Py_LIMITED_API 0x030B0000", "#include <Python.h>"]
+    ours, theirs = (
+        subprocess.run([compiled(tmp_path, "\n".join(["#include <stddef.h>", "#include <stdio.h>", *lines, body]), f"-I{HEADERS[0]}")],
+                       capture_output=True, text=True, check=True).stdout.split()
+        for lines in (['#include "python_abi.h"'], real))
+    assert ours == theirs
+    assert len(ours) == len(numbers)
+    # Declarations that differ from those before them are errors of the compiler.
+    compiled(tmp_path, "\n".join([*real, "#define CORE_PYTHON_ABI_CHECKED_BY_PYTHON_H", '#include "python_abi.h"', ""]), "-c",
+             f"-I{HEADERS[0]}")
+
+
+@pytest.mark.parametrize(("compiler", "options"), [
+    ("gcc", ["-march=x86-64-v2"]), ("gcc", ["-march=x86-64-v4"]), ("gcc", ["-DCORE_FLOAT"]),
+    ("clang", ["-march=x86-64-v3"]), ("clang", ["-DCORE_PLAIN"]), ("clang", ["-march=x86-64-v3", "-DCORE_FLOAT"])])
+def test_the_sources_compile_without_a_warning(compiler, options, tmp_path):
+    files = [file for file in sorted(FOLDER.glob("*.c")) if "-DCORE_FLOAT" not in options or file in ALGORITHMS]
+    words = [f'-D{name}="x"' for name in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
+    done = subprocess.run([compiler, *WARNINGS, "-O2", "-c", *options, *words, *map(str, files)], capture_output=True, text=True,
+                          cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and_fabs(tmp_path):
+    subprocess.run(["gcc", "-O2", "-fno-math-errno", "-c", *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
+    said = subprocess.run(["nm", *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
+    wanted = set(re.findall(r" U (\w+)", said.stdout)) - set(re.findall(r" T (\w+)", said.stdout)) - {"_GLOBAL_OFFSET_TABLE_"}
+    assert wanted <= {"memcpy", "memset", "sqrt", "fabs"}
+    assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
+
+
+def test_the_instruction_set_can_be_chosen_and_what_the_processor_lacks_is_refused(monkeypatch):
+    for level in range(2, face.processor_level() + 1):
+        monkeypatch.setenv("PIEZOBENCH_ISA", f"v{level}")
+        assert core.load(FOLDER.parent).instructions == f"v{level}"
+    monkeypatch.setenv("PIEZOBENCH_ISA", "v9")
+    with pytest.raises(ImportError, match="^the instruction set v9 is not one of v2, v3, v4 that this processor has$"):
+        core.load(FOLDER.parent)
+    monkeypatch.setenv("PIEZOBENCH_ISA", "v4")
+    with pytest.raises(ImportError, match="^the instruction set v4 is not one of"):
+        core.load(FOLDER.parent, level=3)
+
+
+def test_a_library_beside_other_sources_or_none_is_refused_in_one_sentence(tmp_path):
+    package = tmp_path / "solvers"
+    compile_core.build(FOLDER.parent, package / "core")
+    for file in (*FOLDER.glob("*.[ch]"), FOLDER / "compile_core.py"):
+        (package / "core" / file.name).write_bytes(file.read_bytes())
+    assert core.load(package).descent_bytes(3) == face.descent_bytes(3)
+    (package / "core" / "descent.c").write_text("/* changed */", encoding="utf-8")
+    with pytest.raises(ImportError, match=r"^the C sources in solvers/core have changed since their library was built"):
+        core.load(package)
+    with pytest.raises(ImportError, match=r"^the C core of elsewhere is not built: run make core$"):
+        core.load(tmp_path / "elsewhere")
+
+
+@pytest.mark.parametrize(("arguments", "error", "message"), [
+    ((), TypeError, "takes 3 arguments, not 0"),
+    ((None, np.zeros(2), np.zeros(2)), TypeError, "bytes-like object is required"),
+    ((block(10_000), np.zeros(2, np.float32), np.zeros(2)), TypeError, "argument 2 holds numbers of type f, not d"),
+    ((block(10_000), np.zeros(2, ">f8"), np.zeros(2)), TypeError, "argument 2 holds numbers of type >d, not d"),
+    ((block(10_000), np.zeros(4)[::2], np.zeros(2)), ValueError, "contiguous"),
+    ((block(10_000), np.zeros((1, 2)), np.zeros(2)), ValueError, "argument 2 has not the shape"),
+    ((block(10_000), np.zeros(2), np.zeros(3)), ValueError, "argument 3 has not the shape"),
+    ((block(100), np.zeros(2), np.zeros(2)), ValueError, "the state has room for 100 bytes and needs"),
+    ((block(10_000)[1:], np.zeros(2), np.zeros(2)), ValueError, "not the state"),
+    ((np.zeros(2000), np.zeros(2), np.zeros(2)), TypeError, "argument 1 holds numbers of type d, not B"),
+    ((bytes(10_000), np.zeros(2), np.zeros(2)), BufferError, "writable"),
+])
+def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, error, message):
+    with pytest.raises(error, match=message):
+        face.descent_setup(*arguments)
+
+
+def test_a_block_that_is_no_state_or_was_cut_off_is_refused():
+    state = block(face.descent_bytes(3))
+    with pytest.raises(ValueError, match="not the state"):
+        face.descent_answer(state)
+    face.descent_setup(state, np.zeros(3), np.ones(3))
+    face.descent_answer(state)
+    with pytest.raises(ValueError, match="not the state"):
+        face.descent_answer(state[:-8].copy())
+
+
+def test_a_state_copied_byte_by_byte_goes_on_with_the_same_bits():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(20, 9))
+    one = block(face.descent_bytes(9))
+    face.descent_setup(one, np.zeros(9), np.full(9, np.inf))
+    face.descent_take(one, A.T @ A, rng.normal(size=9), 0.5, 1)
+    face.projected_steps(one, 10, -1.0)
+    other = block(one.size)
+    other[:] = np.frombuffer(one.tobytes(), np.uint8)
+    for state in (one, other):
+        face.projected_steps(state, 25, -1.0)
+        face.descent_answer(state)
+    assert (one == other).all()
