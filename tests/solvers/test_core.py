@@ -74,10 +74,10 @@ def test_the_instruction_set_can_be_chosen_and_what_the_processor_lacks_is_refus
         monkeypatch.setenv("PIEZOBENCH_ISA", f"v{level}")
         assert core.load(FOLDER.parent).instructions == f"v{level}"
     monkeypatch.setenv("PIEZOBENCH_ISA", "v9")
-    with pytest.raises(ImportError, match="^the instruction set v9 is not one of v2, v3, v4 that this processor has$"):
+    with pytest.raises(ImportError, match=r"^the instruction set v9 is not one of v2, v3, v4 that this processor has$"):
         core.load(FOLDER.parent)
     monkeypatch.setenv("PIEZOBENCH_ISA", "v4")
-    with pytest.raises(ImportError, match="^the instruction set v4 is not one of"):
+    with pytest.raises(ImportError, match=r"^the instruction set v4 is not one of"):
         core.load(FOLDER.parent, level=3)
 
 
