@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from bench.export import memory, numbers
 from bench.export.settings import ExportSettings
+from bench.rendering import c_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.learning import sensor_guard
 from piezo_model.operators import creep_gain, dead_zone_limits
@@ -26,8 +26,7 @@ FILES = {"piezo_parameters.h": "parameters.h.jinja", "piezo.h": "header.h.jinja"
 FLOAT_BOUND = 1e-5
 """Largest difference of the float from the double version in unit amplitudes of the drive, over a million samples."""
 
-environment = jinja2.Environment(loader=jinja2.PackageLoader("bench.export"), trim_blocks=True, lstrip_blocks=True,
-                                 undefined=jinja2.StrictUndefined, autoescape=False, keep_trailing_newline=True)
+environment = c_templates("bench.export")
 
 
 def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator",
@@ -77,7 +76,7 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
     outer = RegressorArrays.of(s, "slope").outer
     number = partial(numbers.literal, precision=precision)
     return {
-        "title": re.sub(r"[^\x20-\x7e]|\*/|/\*|\\", "_", title), "model": model, "s": s, "settings": settings.numbers(s), "precision": precision,
+        "title": title, "model": model, "s": s, "settings": settings.numbers(s), "precision": precision,
         "learning": settings.learning, "cyclic": settings.cyclic,
         "number": number, "wide": _constant, "double": numbers.literal,
         "list": partial(numbers.initialiser, precision=precision),

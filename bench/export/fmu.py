@@ -17,9 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from bench.export.building import EXACT, WARNINGS, tool
-from bench.export.c_source import environment, known, render
+from bench.export.c_source import known, render
 from bench.export.settings import ExportError, ExportSettings
+from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import replacing
 from piezo_model.structure import ModelStructure
@@ -89,11 +92,11 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
     token = f"{{{uuid.uuid5(NAMESPACE, ''.join(sources.values()) + str(fmi))}}}"
     about = _about(model.structure, settings, token, fmi)
     sources |= render(model, settings, title, {f"fmi{fmi}.c": f"fmi{fmi}.c.jinja"}, about)
-    data = {**known(model, settings, title), **about}
+    data, templates = {**known(model, settings, title), **about}, xml_templates("bench.export")
     contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in sources.items()}
-    contents["modelDescription.xml"] = environment.get_template(f"modelDescription{fmi}.xml.jinja").render(data)
+    contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(data)
     if fmi == 3:
-        contents["sources/buildDescription.xml"] = environment.get_template("buildDescription.xml.jinja").render(data)
+        contents["sources/buildDescription.xml"] = templates.get_template("buildDescription.xml.jinja").render(data)
     contents[f"binaries/{_platform(fmi)}/{name}.so"] = _library(sources, name, fmi)
     with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, content in contents.items():
@@ -107,7 +110,8 @@ def _about(s: ModelStructure, settings: ExportSettings, token: str, fmi: int) ->
         units[unit] = BASE_UNITS.get(unit, "")
         if unit.endswith("/s") and unit[:-2] == "V":
             units[unit] = BASE_UNITS["V"].replace('s="-3"', 's="-4"')
-    return {"name": settings.name, "token": token, "fmi": fmi, "variables": found, "units": units,
+    return {"name": settings.name, "token": token, "fmi": fmi, "variables": found,
+            "units": {unit: Markup(base) for unit, base in units.items()},
             "rate_limit": settings.rate_limit or 0.0}
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.export.numbers import Precision
+from bench.rendering import c_identifier
 from piezo_model.identification_problem import UNDETERMINED
 from piezo_model.learning.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
 from piezo_model.learning.cyclic_learning import MIN_EXCITATION, NARROW, RECALL
@@ -85,8 +86,10 @@ class ExportSettings:
             raise ExportError(f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}")
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
             raise ExportError(f"the lowest drive {self.x_limits[0]:g} must be below the highest {self.x_limits[1]:g}")
-        if not (self.name.isascii() and self.name.isidentifier() and not self.name.startswith("_")):
-            raise ExportError(f"the name {self.name!r} is no identifier of C")
+        try:
+            c_identifier(self.name)
+        except ValueError as error:
+            raise ExportError(f"the name {error}") from None
 
     @property
     def learning(self) -> bool:

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any, cast
 
 import altair as alt
-import jinja2
 import numpy as np
 import pandas as pd
 
 from bench.comparison.compare import RunComparison
 from bench.comparison.matched import NAMES
 from bench.races import null_solver
+from bench.rendering import markdown_templates
 from bench.report import charts
-from bench.report.markdown import plain, settings_label
-from bench.report.page import TEMPLATES, Cell, Figure, Grid, save
+from bench.report.markdown import settings_label
+from bench.report.page import Cell, Figure, Grid, save
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 1
@@ -41,13 +41,10 @@ def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
     """Write ``comparison.html``, ``.md``, ``.json`` and the data of the plots; returns the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
-    environment = jinja2.Environment(loader=TEMPLATES, trim_blocks=True, lstrip_blocks=True, autoescape=False,
-                                     undefined=jinja2.StrictUndefined)
-    environment.filters["plain"] = plain
     content: dict[str, Any] = {
         "title": "Comparison of " + ", ".join([comparisons[0].a.path.name, *(each.b.path.name for each in comparisons)]),
         "comparisons": comparisons, "grids": [grid(each) for each in comparisons], "definitions": DEFINITIONS}
-    write_text(folder / "comparison.md", environment.get_template("comparison.md.jinja").render(**content))
+    write_text(folder / "comparison.md", markdown_templates("bench.report").get_template("comparison.md.jinja").render(**content))
     figures = [figure for i, each in enumerate(comparisons) for figure in ratios(each, i)]
     return save(folder / "comparison.html", "comparison.html.jinja", figures, **content)
 

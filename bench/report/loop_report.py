@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import jinja2
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -17,7 +16,8 @@ from matplotlib.figure import Figure
 from bench.experiment.rig import RANGE_UM
 from bench.experiment.style import HINDSIGHT, LEARNED, STRAIGHT, look
 from bench.races.closed_loop import DRIFTING, LOOP, STILL
-from bench.report.markdown import plain, settings_label
+from bench.rendering import markdown_templates
+from bench.report.markdown import settings_label
 from bench.report.plots import FLOOR
 from bench.report.race_reports import Report, Table
 from bench.store import Run
@@ -130,12 +130,9 @@ def write_loop(run: Run) -> Path:
     with replacing(run.path / "summary.csv") as temporary:
         table.to_csv(temporary, index=False)
     plot(table, run.path / "loop.svg")
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("bench.report"), trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined, autoescape=False)
-    environment.filters["plain"] = plain
     who = ["problem", "solver", "lane", "tier"]
     failures = rows[rows.message != ""].drop_duplicates(who)[[*who, "status", "message"]].values.tolist()
-    write_text(run.path / "report.md", environment.get_template("loop.md.jinja").render(
+    write_text(run.path / "report.md", markdown_templates("bench.report").get_template("loop.md.jinja").render(
         name=run.path.name, settings=run.settings, report=loop_report(run), failures=failures))
     return run.path / "report.md"
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
-import jinja2
 import pandas as pd
 
+from bench.rendering import markdown, markdown_templates
 from bench.report import figures, plot_data, plots
 from bench.store import Run
 from piezo_model.atomic_file import replacing, write_text
@@ -23,7 +22,7 @@ HEADINGS = {"solver": "solver", "lane": "lane", "tier": "tier", "start": "start"
 
 def cell(row: pd.Series, column: str) -> str:
     """One cell of the table as Markdown."""
-    return plain(text(row, column))
+    return markdown(text(row, column))
 
 
 def text(row: pd.Series, column: str) -> str:
@@ -40,11 +39,6 @@ def text(row: pd.Series, column: str) -> str:
     return str(value)
 
 
-def plain(value: object) -> str:
-    """Text on one line in which nothing is taken for markup, whoever wrote it."""
-    return re.sub(r"[\\`*\[\]<>&|~]", lambda found: f"&#{ord(found[0])};", " ".join(str(value).split()))
-
-
 def settings_label(text: str) -> str:
     """Turn ``{"steps": 100}`` into ``steps 100``."""
     return text.strip("{}").replace('"', "").replace(":", "")
@@ -54,10 +48,7 @@ def render(run: Run) -> str:
     """The report's text."""
     rows = run.rows()
     table = figures.summary(rows)
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("bench.report"), trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined, autoescape=False)
-    environment.filters["plain"] = plain
-    return environment.get_template("report.md.jinja").render(
+    return markdown_templates("bench.report").get_template("report.md.jinja").render(
         name=run.path.name, settings=run.settings, sentences=figures.verdict(rows).sentences, headings=HEADINGS,
         parts=[(*names, [row for _, row in part.iterrows()])
                for names, part in table.groupby(["problem_set", "scaling"], sort=False)],

@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import altair as alt
-import jinja2
 import pandas as pd
 
+from bench.rendering import html_templates
 from bench.report import charts
 from piezo_model.atomic_file import replacing, write_text
-
-TEMPLATES = jinja2.PackageLoader("bench.report")
 
 
 @dataclass(frozen=True)
@@ -95,12 +93,6 @@ class Grid:
                    [name for name in filters if name in headings], note)
 
 
-def environment() -> jinja2.Environment:
-    """Templates that escape everything."""
-    return jinja2.Environment(loader=TEMPLATES, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-                              autoescape=True)
-
-
 def save(path: Path, template: str, figures: Sequence[Figure], folder: str = "figures", **content: Any) -> Path:
     """Write the page, and ``<folder>/<name>.csv`` beside it for each figure; returns the page's path."""
     if figures:
@@ -108,7 +100,7 @@ def save(path: Path, template: str, figures: Sequence[Figure], folder: str = "fi
     for figure in figures:
         with replacing(path.parent / folder / f"{figure.name}.csv") as temporary:
             figure.data.to_csv(temporary, index=False)
-    text = environment().get_template(template).render(
+    text = html_templates("bench.report").get_template(template).render(
         figures=figures, folder=folder, library=charts.library() if figures else "", **content)
     write_text(path, text)
     return path

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import pandas as pd
 
 from bench.races.anytime import ANYTIME, BUDGETS
 from bench.races.stream import STREAM
+from bench.rendering import markdown_templates
 from bench.report import anytime_figures, race_plots, stream_figures
-from bench.report.markdown import plain, settings_label
+from bench.report.markdown import settings_label
 from bench.report.stream_figures import number
 from bench.store import Run
 from bench.timing import latency_histogram
@@ -81,10 +81,7 @@ def write_anytime(run: Run) -> Path:
 def _write(run: Run, template: str, report: Report, summary: pd.DataFrame, failures: Iterable[Sequence[Any]]) -> Path:
     with replacing(run.path / "summary.csv") as temporary:
         summary.to_csv(temporary, index=False)
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("bench.report"), trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined, autoescape=False)
-    environment.filters["plain"] = plain
-    write_text(run.path / "report.md", environment.get_template(template).render(
+    write_text(run.path / "report.md", markdown_templates("bench.report").get_template(template).render(
         name=run.path.name, settings=run.settings, report=report, failures=list(failures)))
     return run.path / "report.md"
 

@@ -16,7 +16,7 @@ from exported_loops import LIMITS, MILLION, Told, a_model, compensation, learnin
 
 from bench.export import memory, numbers
 from bench.export.building import EXACT, WARNINGS, build, replay, tool, write_sources
-from bench.export.c_source import FLOAT_BOUND, render
+from bench.export.c_source import FLOAT_BOUND
 from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import loop_samples, shortened
 from piezo_model import Compensator
@@ -425,8 +425,3 @@ def test_an_empty_folder_is_filled(piezobench: CommandLine, desk: Path, tmp_path
 def test_a_missing_compiler_is_named_with_its_package() -> None:
     with pytest.raises(ExportError, match="there is no no-such-compiler on this machine; apt-get install no-such-compiler"):
         tool("no-such-compiler")
-
-
-def test_a_title_cannot_break_out_of_its_comment() -> None:
-    text = render(a_model(), title="*/ int main; /* \\ µ")["piezo.h"]
-    assert text.startswith("/* _ int main; _ _ _\n")

@@ -1,0 +1,66 @@
+"""What stands in a recording's header stays text in everything that is made from it."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+from test_export_c import a_model
+
+from bench.export.building import tool
+from bench.export.c_source import render
+from bench.rendering import c_templates
+from piezo_model.signals import multi_sine
+
+UNITS = ("V */ int system(const char *); __attribute__((constructor)) static void f(void) {{ system({touch}); }} /*",
+         'V %s %n\\n", k, lowest, highest); system({touch}); fprintf(stderr, "',
+         '"/><x y="<&>" %n \\" ??/ \N{DEGREE SIGN}\x01')
+"""Units that end a comment, a string and an attribute, and name signs that formats, C and XML do not take as they are."""
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLine, tmp_path: Path, unit: str) -> None:
+    touched = tmp_path / "touched"
+    unit = unit.format(touch=f'"touch {touched}"')
+    x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
+    pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, f"voltage [{unit}]": x, f"displacement [{unit}]": a_model().simulate(x)},
+                 ).to_parquet(tmp_path / "stage.parquet")
+
+    def call(*words: object) -> str:
+        done = piezobench(*words, folder=tmp_path)
+        assert done.status == 0, done.stderr
+        return done.stdout
+
+    call("identify", "stage.parquet", "--out", "m.json")
+    call("export-c", "m.json", "c")
+    call("export-c", "m.json", "learning", "--part", "learning")
+    for folder in ("c", "learning"):
+        said = subprocess.run([tool("make"), "-C", tmp_path / folder, "run"], capture_output=True, check=True).stderr
+        assert unit.encode() in said
+    call("export-fmu", "m.json", "two.fmu", "--fmi", "2")
+    call("export-fmu", "m.json", "three.fmu")
+    for name in ("two", "three"):
+        zipfile.ZipFile(tmp_path / f"{name}.fmu").extractall(tmp_path / name)
+        description = ET.parse(tmp_path / name / "modelDescription.xml")
+        assert unit.replace("\x01", "\ufffd") in [found.get("name") for found in description.iter("Unit")]
+        (library,) = (tmp_path / name / "binaries").rglob("*.so")
+        ctypes.CDLL(str(library))
+    call("realtime", "m.json", "--seconds", "0.02", "--priority", "0", "--no-cost")
+    assert not touched.exists()
+
+
+def test_a_title_cannot_break_out_of_its_comment() -> None:
+    text = render(a_model(), title="*/ int main; /* \\ µ ??/")["piezo.h"]
+    assert text.startswith("/* _/ int main; /_ _ _ _?/\n")
+
+
+def test_text_that_reaches_c_without_a_filter_is_refused() -> None:
+    with pytest.raises(ValueError, match="without a filter"):
+        c_templates("bench.export").from_string("/* {{ unit }} */").render(unit="*/")
