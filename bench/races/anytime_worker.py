@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
+from bench.processes.said import Said, real
 from bench.processes.worker import Outcome, Request, attempt
 from bench.races.task import Task
 from bench.timing.clock import Effort, time_kernel, time_pairs
@@ -86,16 +87,13 @@ class AnytimeRequest(Request):
         setting = {} if limit == NO_LIMIT else {str(cls.iteration_setting): limit}
         solver, problem = cls(self.task.tier, **{**self.task.settings, **setting}), Problem(**self.fields)
         solver.setup(problem)
-        x = np.array(solver.solve(), dtype=np.float64)
+        x = real(solver.solve())
         if not np.isfinite(x).all() and (stood := solver.iterate()) is not None:
-            x = np.array(stood, dtype=np.float64)
-        solution = solver.solution()
-        extras = solution.extras or {}
+            x = real(stood)
+        said = Said.of(solver.solution())
         update = partial(solver.update, P=problem.P, q=problem.q)
         if self.task.lane.times_itself:
             updates, solves = time_kernel(solver, update, effort)
         else:
             updates, solves = time_pairs(update, solver.solve, effort)
-        count = extras.get("iterations", extras.get("steps"))
-        return Point(limit, x, bool(solution.found), str(extras.get("status", "")), NO_LIMIT if count is None else int(count),
-                     updates, solves)
+        return Point(limit, x, said.found, said.status, said.iterations, updates, solves)

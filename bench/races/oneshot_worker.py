@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
+from bench.processes.said import Said, real
 from bench.processes.worker import Outcome, Request, attempt
 from bench.races.task import Task
 from bench.timing.clock import Effort, time_call, time_kernel, time_pairs
@@ -110,22 +111,17 @@ def run_task(cls: type[Solver], task: Task, problem: Problem, effort: Effort, wa
 
 def _solve_and_time(bench: Bench, another: Callable[[], Bench], effort: Effort) -> Outcome:
     setups = [time_call(bench.setup)]
-    first = np.array(bench.solve(), dtype=np.float64)
-    solution = bench.solver.solution()
-    extras = solution.extras or {}
-    y, z, z_box = (_plain(dual) for dual in (solution.y, solution.z, solution.z_box))
+    first = real(bench.solve())
+    said = Said.of(bench.solver.solution())
     before = preemptions()
     updates, solves = bench.pairs(effort)
     taken_off = preemptions() - before
-    again = np.array(bench.solve(), dtype=np.float64)
+    again = real(bench.solve())
     for _ in range(2):
         if sum(setups) < effort.budget_s * 1e9:
             setups.append(time_call(another().setup))
-    reported = extras.get("reported_us")
-    return Outcome(found=bool(solution.found), x=first, y=y, z=z, z_box=z_box,
-                   solver_status=str(extras.get("status", "")),
-                   reported_us=float("nan") if reported is None else float(reported),
-                   iterations=int(extras.get("iterations") or -1),
+    return Outcome(found=said.found, x=first, y=said.y, z=said.z, z_box=said.z_box, solver_status=said.status,
+                   reported_us=said.time_us, iterations=said.iterations,
                    repeatable=bool(np.array_equal(first, again, equal_nan=True)), preemptions=taken_off,
                    setup_ns=np.array(setups, dtype=np.int64), update_ns=updates, solve_ns=solves)
 
@@ -200,8 +196,3 @@ def arrays(problem: Problem) -> list[Any]:
 
 def _fields(problem: Problem) -> tuple[Any, ...]:
     return problem.P, problem.q, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
-
-
-def _plain(dual: Any) -> Vector | None:
-    """Duals as an array of our own, so that nothing of the library's travels to the parent."""
-    return None if dual is None else np.array(dual, dtype=np.float64)

@@ -25,14 +25,15 @@ STATUS = {
     "raises_in_update": Status.ADAPTER_FAILED, "answers_nan": Status.INACCURATE, "lies": Status.INACCURATE,
     "infeasible": Status.INACCURATE, "short": Status.INACCURATE, "nothing": Status.SOLVER_FAILED,
     "odd_duals": Status.ADAPTER_FAILED, "writes": Status.OK, "writes_later": Status.OK, "unrepeatable": Status.OK,
-    "noisy": Status.OK, "unsupported": Status.UNSUPPORTED}
+    "noisy": Status.OK, "unsupported": Status.UNSUPPORTED, "boasts": Status.OK, "miscounts": Status.OK,
+    "answers_complex": Status.ADAPTER_FAILED}
 SAID = {
     "segfaults": "SIGSEGV", "aborts": "SIGABRT, after printing 'about to fall'", "exits": "exit status 3",
     "hangs": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
     "answers_nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation 1.0e-01",
     "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
-    "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data"}
+    "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data", "answers_complex": "answers with complex numbers"}
 
 
 def test_every_fault_is_tried() -> None:
@@ -46,6 +47,13 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
     assert SAID.get(name, "") in row.message
     assert (row.message == "") == (row.status == Status.OK)
     assert "\n" not in row.message
+
+
+@pytest.mark.parametrize("name", ["boasts", "miscounts"])
+def test_what_is_no_count_and_no_time_stands_as_nothing_in_the_table(faulty_race: Race, name: str) -> None:
+    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].itertuples()
+    assert row.iterations == -1
+    assert np.isnan(row.reported_us)
 
 
 @pytest.mark.parametrize("name", STATUS)
