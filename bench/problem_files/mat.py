@@ -16,9 +16,20 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, issparse
 
-from bench.problem_files.program import ProblemFileError, ReadProgram, Vector, checked, two_sided
+from bench.problem_files.program import (
+    ProblemFileError,
+    ReadProgram,
+    about,
+    check_sides,
+    checked,
+    compressed_columns,
+    constant_term,
+    doubles,
+    two_sided,
+    vector,
+)
 
 
 def read_mat(path: Path) -> ReadProgram:
@@ -37,10 +48,17 @@ def read_mat(path: Path) -> ReadProgram:
     for name in ("P", "q", *(("l", "u") if "A" in found else ())):
         if name not in found:
             raise ProblemFileError(f"{path}: holds no variable {name!r}")
-    q, P = _vector(found["q"]), csc_matrix(found["P"], dtype=np.float64)
-    d = q.size
-    C = csc_matrix(found["A"], dtype=np.float64) if "A" in found else csc_matrix((0, d))
-    l, u = (_vector(found[name]) if "A" in found else np.zeros(0) for name in ("l", "u"))  # noqa: E741
+    for name in ("lb", "ub", "G", "h", "b", *(() if "A" in found else ("l", "u"))):
+        if name in found:
+            raise ProblemFileError(f"{path}: holds {name}, which is not read; constraints are l <= A x <= u")
+    with about(path):
+        found = {name: _sound(name, value) for name, value in found.items() if name in ("P", "q", "r", "A", "l", "u")}
+        q, P = vector("q", found["q"]), csc_matrix(found["P"])
+        d = q.size
+        C = csc_matrix(found["A"]) if "A" in found else csc_matrix((0, d))
+        l, u = (vector(name, found[name]) if "A" in found else np.zeros(0) for name in ("l", "u"))  # noqa: E741
+        check_sides(l=l, u=u)
+        constant = constant_term("r", found["r"]) if "r" in found else 0.0
     for name, shape, right in (("P", P.shape, (d, d)), ("A", C.shape, (l.size, d)), ("u", u.shape, l.shape)):
         if shape != right:
             raise ProblemFileError(f"{path}: {name} is of shape {shape} and not {right}, for the {d} variables of q")
@@ -54,11 +72,11 @@ def read_mat(path: Path) -> ReadProgram:
     np.maximum.at(lb, columns, l[units])
     np.minimum.at(ub, columns, u[units])
     others = np.setdiff1d(np.arange(l.size), units)
-    constant = float(_vector(found["r"])[0]) if "r" in found else 0.0
     return ReadProgram(checked(path, two_sided(P, q, rows[others], l[others], u[others], lb, ub)), constant)
 
 
-def _vector(values: Any) -> Vector:
-    """Numbers of whatever storage as a vector."""
-    dense = values.toarray() if hasattr(values, "toarray") else values
-    return np.asarray(dense, dtype=np.float64).ravel()
+def _sound(name: str, value: Any) -> Any:
+    """A variable of doubles, dense or sparse; ValueError where it is something else."""
+    if issparse(value):
+        value = compressed_columns(name, value.data, value.indices, value.indptr, value.shape)
+    return doubles(name, value)

@@ -17,7 +17,16 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import ProblemFileError, ReadProgram, checked, with_infinities
+from bench.problem_files.program import (
+    ProblemFileError,
+    ReadProgram,
+    checked,
+    compressed_columns,
+    constant_term,
+    doubles,
+    vector,
+    with_infinities,
+)
 
 QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 PARTS = ("data", "indices", "indptr", "shape")
@@ -40,13 +49,12 @@ def packed(name: str, value: Any) -> dict[str, Any]:
 
 
 def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
-    """The inverse of :func:`packed`."""
+    """The inverse of :func:`packed`, of doubles; ValueError where the arrays are no matrix of them."""
     if name in arrays:
-        return arrays[name]
+        return doubles(name, arrays[name])
     if f"{name}/data" not in arrays:
         return None
-    data, indices, indptr, shape = (arrays[f"{name}/{part}"] for part in PARTS)
-    return csc_matrix((data, indices, indptr), shape=tuple(shape.tolist()))
+    return doubles(name, compressed_columns(name, *(arrays[f"{name}/{part}"] for part in PARTS)))
 
 
 def packed_program(qp: Problem, prefix: str = "") -> dict[str, Any]:
@@ -88,20 +96,23 @@ def read_npz(path: Path) -> ReadProgram:
         found = {name: _field(path, arrays, name) for name in QP_FIELDS}
         if found["P"] is None or found["q"] is None:
             raise ProblemFileError(f"{path}: holds no {'P' if found['P'] is None else 'q'}; a program has P and q at least")
+        for name in ("l", "u"):
+            if name in arrays:
+                raise ProblemFileError(f"{path}: holds {name}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub")
         for name in ("q", "h", "b", "lb", "ub"):
             if found[name] is not None:
-                found[name] = np.atleast_1d(np.asarray(found[name], dtype=np.float64).squeeze())
+                found[name] = vector(name, found[name])
         for name in ("h", "lb", "ub"):
             if found[name] is not None:
                 found[name] = with_infinities(found[name])
-        constant = next((float(arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
+        constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
         return ReadProgram(checked(path, Problem(**found)), constant)
 
 
 def _field(path: Path, arrays: Any, name: str) -> Any:
     """One field of a program, of doubles."""
     try:
-        value = unpacked(arrays, name)
+        return unpacked(arrays, name)
     except ValueError as error:
         if "Object arrays" not in str(error):
             raise
@@ -110,4 +121,3 @@ def _field(path: Path, arrays: Any, name: str) -> Any:
             raise ProblemFileError(f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
                                    f"as {', '.join(f'{name}/{part}' for part in PARTS)}") from None
         return None
-    return None if value is None else value.astype(np.float64)

@@ -7,6 +7,8 @@ Magnitudes from 1e20 on stand for infinity in MPS files and in the usual convers
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,9 +36,76 @@ class ReadProgram:
     constant: float = 0.0
 
 
-def with_infinities(values: Vector) -> Vector:
+@contextmanager
+def about(path: Any) -> Iterator[None]:
+    """What is found wrong with the arrays of a file becomes a ProblemFileError that names it."""
+    try:
+        yield
+    except ProblemFileError:
+        raise
+    except ValueError as error:
+        raise ProblemFileError(f"{path}: {error}") from None
+
+
+def doubles(name: str, values: Any) -> Any:
+    """Numbers of a file as doubles, dense or sparse; ValueError where they are complex, text, or more exact than that."""
+    numbers = values if isinstance(values, np.ndarray) else values.data
+    if numbers.dtype.kind not in "biuf":
+        raise ValueError(f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}")
+    with np.errstate(invalid="ignore"):
+        found = numbers.astype(np.float64)
+        if not np.array_equal(found.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f"):
+            raise ValueError(f"{name} holds numbers that no double is equal to")
+    return found if isinstance(values, np.ndarray) else csc_matrix((found, values.indices, values.indptr), shape=values.shape)
+
+
+def vector(name: str, values: Any) -> Vector:
+    """Numbers of whatever storage as a vector; ValueError where they are a matrix."""
+    dense = values if isinstance(values, np.ndarray) else values.toarray()
+    if dense.size != max(dense.shape, default=1):
+        raise ValueError(f"{name} is of shape {dense.shape} and no vector")
+    found: Vector = doubles(name, dense).ravel()
+    return found
+
+
+def constant_term(name: str, values: Any) -> float:
+    """The constant term of a cost; ValueError where it is not one finite number."""
+    found = doubles(name, np.asarray(values)).ravel()
+    if found.size != 1 or not np.isfinite(found[0]):
+        raise ValueError(f"the constant {name} is not one finite number")
+    return float(found[0])
+
+
+def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> csc_matrix:
+    """A matrix in compressed columns; ValueError where its index arrays lie, before any compiled code follows them."""
+    data, indices, indptr, shape = (np.asarray(part) for part in (data, indices, indptr, shape))
+    if shape.shape != (2,) or any(part.dtype.kind not in "iu" for part in (indices, indptr, shape)) or (shape < 0).any():
+        raise ValueError(f"{name} has a shape or indices that are not whole numbers")
+    rows, count = (int(size) for size in shape)
+    if any(part.ndim != 1 for part in (data, indices, indptr)) or indptr.size != count + 1 or indices.size != data.size:
+        raise ValueError(f"{name} is of shape ({rows}, {count}) and its index arrays are not")
+    if indptr[0] != 0 or indptr[-1] != data.size or (indptr[1:] < indptr[:-1]).any():
+        raise ValueError(f"{name} has columns that do not begin where the one before ends")
+    if indices.size and not (indices.min() >= 0 and indices.max() < rows):
+        raise ValueError(f"{name} has an element outside its {rows} rows")
+    M = csc_matrix((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=(rows, count))
+    M.sort_indices()
+    if not M.has_canonical_format:
+        raise ValueError(f"{name} has an element that is given twice")
+    return M
+
+
+def with_infinities(values: Any) -> Any:
     """Bounds with what stands for infinity replaced by it."""
     return np.where(np.abs(values) >= INFINITY, np.copysign(np.inf, values), values)
+
+
+def check_sides(**sides: Vector) -> None:
+    """ValueError where a lower side (l, lb) or an upper one is NaN, or infinite so that nothing is within it."""
+    for name, values in sides.items():
+        bounds, empty = with_infinities(values), np.inf if name in ("l", "lb") else -np.inf
+        for i in np.flatnonzero(np.isnan(bounds) | (bounds == empty)):
+            raise ValueError(f"{name}[{i}] is {bounds[i]}, and nothing is within that")
 
 
 def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: Vector) -> Problem:  # noqa: E741
@@ -78,6 +147,8 @@ def checked(path: Any, qp: Problem) -> Problem:
         value = getattr(qp, name)
         if value is not None and not np.isfinite(value if isinstance(value, np.ndarray) else value.data).all():
             raise ProblemFileError(f"{path}: {name} has an element that is not a finite number")
+    with about(path):
+        check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
     difference = abs(qp.P - qp.P.T)
     if difference.size and difference.max() > SYMMETRY * abs(qp.P).max():
         raise ProblemFileError(f"{path}: P is not symmetric; one that holds a triangle only is not guessed at")

@@ -21,7 +21,15 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import ProblemFileError, ReadProgram, checked, two_sided
+from bench.problem_files.program import (
+    ProblemFileError,
+    ReadProgram,
+    about,
+    check_sides,
+    checked,
+    two_sided,
+    with_infinities,
+)
 
 FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47), slice(49, 61))
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
@@ -41,9 +49,13 @@ def read_qps(path: Path) -> ReadProgram:
         With file and line.
     """
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        content = path.read_bytes()
     except OSError as error:
         raise ProblemFileError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        lines = content.decode("utf-8").splitlines()
+    except UnicodeDecodeError:
+        lines = content.decode("latin-1").splitlines()  # a character a byte, so that two names never become one
     try:
         return _Reading(path, fixed=False).take(lines)
     except ProblemFileError as error:
@@ -70,6 +82,7 @@ class _Reading:
         self.vectors: dict[str, str] = {}
         """Name of the one right-hand side, range and bound vector."""
         self.section = ""
+        self.seen: set[str] = set()
         self.whole_P = False
 
     def take(self, lines: Sequence[str]) -> ReadProgram:
@@ -91,9 +104,11 @@ class _Reading:
         self.section = words[0].upper()
         if self.section not in SECTIONS:
             raise _Wrong(f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
+        kind = "quadratic" if self.section in QUADRATIC else self.section
+        if kind in self.seen:
+            raise _Wrong(f"a second {kind} section")
+        self.seen.add(kind)
         if self.section in QUADRATIC:
-            if self.quadratic:
-                raise _Wrong("a second quadratic section")
             self.whole_P = self.section == "QMATRIX"
         elif self.section == "OBJSENSE" and len(words) > 1:
             self._sense(words[1])
@@ -135,6 +150,8 @@ class _Reading:
 
     def _element(self, head: str, name: str, text: str) -> None:
         value = _number(text)
+        if self.section != "RANGES" and (self.section != "RHS" or self.kinds.get(name) in ("N", "E")):
+            value = _finite(value, text)
         if self.section in QUADRATIC:
             for column in (head, name):
                 if column not in self.columns:
@@ -150,6 +167,8 @@ class _Reading:
             _put(self.linear, (name, head), value, "element")
         else:
             self._only_vector(head)
+            if self.section == "RHS" and with_infinities(value) == {"L": -np.inf, "G": np.inf}.get(self.kinds[name]):
+                raise _Wrong(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
             _put(self.right if self.section == "RHS" else self.ranges, name, value, "row")
 
     def _only_vector(self, head: str) -> None:
@@ -174,16 +193,20 @@ class _Reading:
         if column not in self.columns:
             raise _Wrong(f"there is no column {column!r}")
         kind = kind.upper()
-        if kind in ("FR", "MI"):
-            self.lower[column] = -np.inf
-        if kind in ("FR", "PL"):
-            self.upper[column] = np.inf
-        if kind in ("LO", "FX"):
-            self.lower[column] = _number(text)
-        if kind in ("UP", "FX"):
-            self.upper[column] = _number(text)
         if kind not in ("FR", "MI", "PL", "LO", "UP", "FX"):
             raise _Wrong(f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
+        value = 0.0 if kind in ("FR", "MI", "PL") else float(with_infinities(_number(text)))
+        if value == {"LO": np.inf, "UP": -np.inf}.get(kind) or (kind == "FX" and np.isinf(value)):
+            raise _Wrong(f"no number of the column {column!r} is within the bound {text}")
+        if kind in ("FR", "MI", "LO", "FX"):
+            self._side(self.lower, column, -np.inf if kind in ("FR", "MI") else value, "lower")
+        if kind in ("FR", "PL", "UP", "FX"):
+            self._side(self.upper, column, np.inf if kind in ("FR", "PL") else value, "upper")
+
+    @staticmethod
+    def _side(sides: dict[str, float], column: str, value: float, which: str) -> None:
+        if sides.setdefault(column, value) != value:
+            raise _Wrong(f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
@@ -205,6 +228,8 @@ class _Reading:
         elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.quadratic.items()]
         if not self.whole_P:
             elements += [(j, i, value) for i, j, value in elements if i != j]
+        with about(self.path):
+            check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, _sparse(inside, (len(rows), d)), l, u, lb, ub)
         return ReadProgram(checked(self.path, qp), -self.sign * self.right.get(objective, 0.0))
 
@@ -235,6 +260,15 @@ def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
 
 def _number(text: str) -> float:
     try:
-        return float(text.replace("D", "E").replace("d", "e"))
+        value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
-        raise _Wrong(f"{text!r} is no number") from None
+        value = np.nan
+    if np.isnan(value) or "_" in text:
+        raise _Wrong(f"{text!r} is no number")
+    return value
+
+
+def _finite(value: float, text: str) -> float:
+    if np.isinf(value):
+        raise _Wrong(f"{text!r} is no finite number")
+    return value

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.problem_files.npz import QP_FIELDS, opened, packed, packed_program, unpacked, unpacked_program
-from bench.problem_files.program import ProblemFileError
+from bench.problem_files.program import ProblemFileError, constant_term
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
@@ -151,7 +151,7 @@ class RaceProblem:
         """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
         with opened(path) as data:
             meta = json.loads(str(data["meta"]))
-            forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), meta["c"][scaling],
+            forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), constant_term("c", meta["c"][scaling]),
                                             unpacked(data, f"{scaling}/to_weights"), Certificate.from_json(text),
                                             unpacked(data, f"{scaling}/warm_start"), meta.get("cost_unit", {}).get(scaling, 0.0))
                      for scaling, text in meta["certificates"].items()}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from command_line import CommandLine
 from program_files import INF, Drawn, draw, write_mat, write_qps
 from qpsolvers import Problem
 from scipy.io import savemat
@@ -152,6 +154,16 @@ def test_names_of_vectors_may_be_left_out_and_names_may_hold_blanks_in_fixed_col
     ("    RHS       R2        6.0", "    OTHER     R2        6.0", "a second vector 'OTHER'"),
     ("RANGES", "CONES", "the section 'CONES' is not one of"),
     ("    C3        R3", "    M  'MARKER'  'INTORG'\n    C3        R3", "integer variables"),
+    ("R2        6.0", "R2        nan", "line 18: 'nan' is no number"),
+    ("R2        6.0", "R2        -1E30", "line 18: no number is -1E30 or below, which the row 'R2' asks for"),
+    ("COST      -4.0", "COST      inf", "line 17: 'inf' is no finite number"),
+    ("R1        5.0", "R1        NaN", "line 20: 'NaN' is no number"),
+    ("C1        20.0", "C1        nan", "line 23: 'nan' is no number"),
+    ("C1        20.0", "C1        1_0", "line 23: '1_0' is no number"),
+    ("C1        20.0", "C1        -inf", "line 23: no number of the column 'C1' is within the bound -inf"),
+    (" MI BND       C4", " UP BND       C2        9.0", "line 26: the upper bound of the column 'C2' is given twice, as -3 and as 9"),
+    ("    C3        C3        1E-12", "    C3        C3        inf", "'inf' is no finite number"),
+    ("QUADOBJ", "RHS\n    RHS       R4        9.0\nQUADOBJ", "line 28: a second RHS section"),
 ])
 def test_what_is_wrong_with_a_qps_file_is_said_with_file_and_line(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     assert old in SMALL
@@ -213,6 +225,75 @@ def test_files_that_hold_no_program_are_refused_with_the_reason(tmp_path: Path) 
         with pytest.raises(ProblemFileError, match=name) as refused:
             read(tmp_path / name)
         assert sentence in str(refused.value)
+
+
+INDEX_ARRAYS = {
+    "indices": ([0, 7], "P has an element outside its 2 rows"), "indptr": ([0, 3, 2], "P has columns that do not begin"),
+    "shape": ([2, 9], "P is of shape (2, 9) and its index arrays are not"), "data": ([1.0 + 1j, 1.0], "P holds complex numbers")}
+
+
+@pytest.mark.parametrize(("part", "wrong", "sentence"), [(part, *pair) for part, pair in INDEX_ARRAYS.items()])
+def test_index_arrays_that_lie_are_refused_before_anything_follows_them(
+        piezobench: CommandLine, tmp_path: Path, part: str, wrong: list[float], sentence: str) -> None:
+    P = {"data": np.ones(2), "indices": np.array([0, 1]), "indptr": np.array([0, 1, 2]), "shape": np.array([2, 2]), part: np.array(wrong)}
+    np.savez(tmp_path / "lies.npz", q=np.ones(2), **{f"P/{name}": value for name, value in P.items()})
+    call = piezobench("problems", "--set", "foreign", "--folder", tmp_path)
+    assert call.status == 2, call.stderr
+    assert f"lies.npz: cannot be read as NPZ: {sentence}" in " ".join(call.stdout.split())
+
+
+def test_index_arrays_that_lie_in_a_matlab_file_are_refused_too(tmp_path: Path) -> None:
+    savemat(tmp_path / "lies.mat", {"P": sp.csc_matrix(np.eye(3)), "q": np.ones(3)}, do_compression=False)
+    whole, rows = (tmp_path / "lies.mat").read_bytes(), np.arange(3, dtype=np.int32).tobytes()
+    assert whole.count(rows) >= 1
+    (tmp_path / "lies.mat").write_bytes(whole.replace(rows, np.array([0, 1, 10**6], dtype=np.int32).tobytes(), 1))
+    with pytest.raises(ProblemFileError, match=r"lies\.mat: P has an element outside its 3 rows"):
+        read(tmp_path / "lies.mat")
+
+
+WHOLE = {"P": np.eye(2), "q": np.ones(2)}
+
+
+@pytest.mark.parametrize(("arrays", "sentence"), [
+    ({"P": np.eye(2) * 1j}, "P holds complex numbers"), ({"q": np.ones(2) + 1j}, "q holds complex numbers"),
+    ({"P": np.diag([1.0, np.inf])}, "P has an element that is not a finite number"),
+    ({"q": np.array(["1", "2"])}, "q holds no numbers"), ({"q": np.array([2**63 - 1, 1])}, "q holds numbers that no double is equal to"),
+    ({"q": np.ones((2, 2))}, "q is of shape (2, 2) and no vector"),
+    ({"r": np.nan}, "the constant r is not one finite number"), ({"r": [1.0, 2.0]}, "the constant r is not one finite number"),
+    ({"A": np.eye(2), "l": [0.0, np.nan], "u": np.ones(2)}, "l[1] is nan, and nothing is within that"),
+    ({"A": np.eye(2), "l": np.zeros(2), "u": [-1e30, 1.0]}, "u[0] is -inf, and nothing is within that"),
+    ({"G": np.eye(2), "h": [np.nan, 1.0]}, "h[0] is nan, and nothing is within that"),
+    ({"lb": [0.0, np.inf]}, "lb[1] is inf, and nothing is within that"), ({"ub": [np.nan, 1.0]}, "ub[0] is nan"),
+], ids=str)
+def test_numbers_that_would_change_the_program_are_refused(tmp_path: Path, arrays: dict[str, object], sentence: str) -> None:
+    formats = [".mat"] if "l" in arrays else [".npz"] if arrays.keys() & {"h", "lb", "ub"} else [".mat", ".npz"]
+    for suffix in formats:
+        path = tmp_path / f"wrong{suffix}"
+        (savemat if suffix == ".mat" else np.savez)(path, **({"mdict": {**WHOLE, **arrays}} if suffix == ".mat" else {**WHOLE, **arrays}))
+        with pytest.raises(ProblemFileError, match=path.name) as refused:
+            read(path)
+        assert sentence in str(refused.value)
+
+
+def test_constraints_under_names_that_are_not_read_are_refused(tmp_path: Path) -> None:
+    savemat(tmp_path / "box.mat", {**WHOLE, "lb": np.zeros(2)})
+    np.savez(tmp_path / "sides.npz", **WHOLE, u=np.ones(2))
+    for name, sentence in (("box.mat", "holds lb, which is not read"), ("sides.npz", "holds u, which is not read")):
+        with pytest.raises(ProblemFileError, match=sentence):
+            read(tmp_path / name)
+
+
+def test_a_saved_problem_with_a_constant_or_a_bound_that_is_no_number_is_left_out(tmp_path: Path) -> None:
+    problem = next(make("paper").problems())
+    form = problem.forms["raw"]
+    replace(problem, forms={"raw": replace(form, c=np.nan)}).save(tmp_path / "constant.npz")
+    lb = np.where(np.arange(problem.d) == 3, np.nan, form.qp.lb)
+    qp = Problem(form.qp.P, form.qp.q, lb=lb, ub=form.qp.ub)
+    replace(problem, forms={"raw": replace(form, qp=qp)}).save(tmp_path / "bound.npz")
+    made = make("foreign", options={"folder": str(tmp_path)})
+    assert list(made.problems()) == []
+    assert "the constant c is not one finite number" in made.left_out["constant"]
+    assert "nan" in made.left_out["bound"]
 
 
 def test_files_that_qpsolvers_saved_are_read_and_its_pickled_matrices_are_not(tmp_path: Path) -> None:

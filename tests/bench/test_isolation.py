@@ -33,7 +33,8 @@ SAID = {
     "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
     "answers_nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation 1.0e-01",
     "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
-    "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data", "answers_complex": "answers with complex numbers"}
+    "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data",
+    "answers_complex": "answers with complex numbers"}
 
 
 def test_every_fault_is_tried() -> None:
