@@ -44,6 +44,10 @@ COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "
 """Columns of ``rows.parquet``, in order."""
 
 
+VERSION = 1
+"""Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are misread."""
+
+
 @dataclass(frozen=True)
 class Schema:
     """The table of one kind of race."""
@@ -90,7 +94,7 @@ class Run:
         try:
             for folder in ("problems", "tasks"):
                 (made / folder).mkdir()
-            write_text(made / "run.json", json.dumps(settings, indent=1) + "\n")
+            write_text(made / "run.json", json.dumps({**settings, "version": VERSION}, indent=1) + "\n")
             made.chmod(results.stat().st_mode & 0o777)  # mkdtemp is private
             made.rename(run.path)
         except OSError as error:
@@ -100,10 +104,13 @@ class Run:
 
     @classmethod
     def open(cls, path: Path) -> Run:
-        """Open a run that is there."""
+        """Open a run that is there, if it is of this version; the first runs do not say that they are of version 1."""
         if not (path / "run.json").is_file():
             raise RunError(f"{path}: is not a run, there is no run.json in it")
-        return cls(path)
+        run = cls(path)
+        if (version := run.settings.get("version", 1)) != VERSION:
+            raise RunError(f"{path / 'run.json'}: version {version!r} is not {VERSION}, the one this program reads")
+        return run
 
     @contextmanager
     def alone(self) -> Iterator[None]:

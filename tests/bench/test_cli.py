@@ -285,6 +285,18 @@ def test_report_and_resume_refuse_a_folder_that_is_no_run(piezobench: CommandLin
         assert name in refused(piezobench, tmp_path, verb, name)
 
 
+@pytest.mark.parametrize("words", [("report", "later"), ("resume", "later"), ("deploy", "later"), ("compare", "first", "later")], ids=str)
+def test_a_run_of_another_version_is_refused_and_one_that_says_none_is_of_the_first(
+        piezobench: CommandLine, clean_race: Race, tmp_path: Path, words: tuple[str, ...]) -> None:
+    settings = clean_race.run.settings
+    assert settings.pop("version") == 1
+    for name, version in (("first", {}), ("later", {"version": 2})):
+        shutil.copytree(clean_race.run.path, tmp_path / name)
+        (tmp_path / name / "run.json").write_text(json.dumps({**settings, **version}))
+    assert "later/run.json: version 2 is not 1, the one this program reads" in refused(piezobench, tmp_path, *words)
+    assert piezobench("report", "first", folder=tmp_path).status == 0
+
+
 def test_report_on_a_race_that_was_not_finished_says_to_resume_it(piezobench: CommandLine, clean_race: Race,
                                                                  tmp_path: Path) -> None:
     shutil.copytree(clean_race.run.path, tmp_path / "run")
