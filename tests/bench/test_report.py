@@ -9,6 +9,7 @@ import pytest
 from conftest import Race
 from faulty_solvers import MARKUP
 
+from bench import rendering
 from bench.report import figures, markdown
 from bench.store import Run
 from solvers import Status
@@ -37,7 +38,7 @@ def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: 
     rows = faulty_race.rows
     for shown, scaling in ((scaled, "scaled"), (raw, "raw")):
         raced = rows[rows.scaling == scaling].replace({"solver": {"null": "floor"}})
-        assert shown == {(markdown.plain(row.solver), row.lane, row.tier) for row in raced.itertuples()}
+        assert shown == {(rendering.markdown(row.solver), row.lane, row.tier) for row in raced.itertuples()}
 
 
 def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_race: Race) -> None:
@@ -91,6 +92,6 @@ def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path:
 
 @pytest.mark.parametrize("text", [MARKUP, "a\r\nb", "|", "\\|", "`|`", "<!--", "&#124;", "~~x~~ *y*"])
 def test_plain_text_reads_as_it_was_and_holds_no_markup(text: str) -> None:
-    plain = markdown.plain(text)
+    plain = rendering.markdown(text)
     assert unescape(plain) == " ".join(text.split())
     assert not re.search(r"[|<>`*\[\]\\~\n]|&(?!#\d+;)", plain)
