@@ -46,7 +46,7 @@ lint: core            ## style and types
 	$(BIN)/mypy
 
 perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
-	$(BIN)/python -m bench.perf
+	$(BIN)/piezobench perf
 
 report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)

@@ -1,4 +1,4 @@
-"""The hot kernels beside vectorised NumPy: ``make perf``.
+"""The hot kernels beside vectorised NumPy: ``piezobench perf``.
 
 Each figure is the fastest of several runs on one core, in nanoseconds a sample or a step. NumPy's version is the same
 arithmetic written with whole-array operations wherever the recursion over time allows it.
@@ -180,14 +180,10 @@ def _figure(what: str, ours: float, theirs: float | None) -> tuple[str, str, str
             "" if theirs is None else f"{theirs / ours:.0f}")
 
 
-def main() -> None:
+def show() -> None:
     """Measure and print."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     print_table(("what", "ours, ns", "NumPy, ns", "ratio"),
                 [*data_basis_figures(), *projected_step_figures(), *learning_loop_figures()])
     console.print("Fastest of several runs on one core; compare ratios.")
     print_table(HEADINGS, worst_case_figures())
-
-
-if __name__ == "__main__":
-    main()

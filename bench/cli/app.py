@@ -18,7 +18,8 @@ import typer
 VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "solvers": "race_verbs",
          "problems": "problem_verbs", "identify": "stage_verbs", "compensate": "stage_verbs",
          "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
-         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs"}
+         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs",
+         "perf": "perf_verbs"}
 """Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
 REFUSED = 2
 """Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import beta, binom
+from scipy.stats import binom, binomtest
 
 CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.99, 0.999, 0.9999)
@@ -117,6 +117,4 @@ def rate_bound(events: int, samples: int, confidence: float = CONFIDENCE) -> flo
     >>> round(rate_bound(0, 2995), 6)
     0.001
     """
-    if not 0 <= events <= samples:
-        raise ValueError(f"{events} events in {samples} samples is no count")
-    return 1.0 if events == samples else float(beta.ppf(confidence, events + 1, samples - events))
+    return float(binomtest(events, samples, alternative="less").proportion_ci(confidence, method="exact").high)
