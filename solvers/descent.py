@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solvers.core import NOT_FINITE, NOTHING, OK, REASONS, block, face
+from solvers.core import NOT_FINITE, OK, REASONS, block, face
 from solvers.protocol import Matrix, Vector
 
 
@@ -52,7 +52,7 @@ class Descent:
 
     def take(self, P: Matrix | None, q: Vector | None, ratio: float, scaled: bool) -> None:
         """Take P (d, d) or q (d,); the step is ``ratio`` times 2/λ_max, 1 where P is 0; ValueError where they cannot be."""
-        status = face.descent_take(self.state, NOTHING if P is None else P, NOTHING if q is None else q, ratio, int(scaled))
+        status = face.descent_take(self.state, P, q, ratio, int(scaled))
         if status == NOT_FINITE:
             which = "q" if P is None or np.isfinite(P).all() else "P"
             raise ValueError(f"{self._name}: {which} must be finite")
@@ -60,7 +60,7 @@ class Descent:
 
     def start(self, x: Vector | None) -> None:
         """Begin at x (d,), clipped; at 0 for None."""
-        face.descent_start(self.state, NOTHING if x is None else np.ascontiguousarray(x, dtype=np.float64))
+        face.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
 
     def run(self, steps: int, threshold: float = -1.0) -> int:
         """Take plain steps; returns how many. It ends where one moves w by ``threshold`` or less (2-norm), looked at every 16."""

@@ -31,9 +31,6 @@ REASONS = {
 }
 """The statuses of status.h that are not OK, as sentences."""
 
-NOTHING: NDArray[np.float64] = np.zeros(0)
-"""What stands for an array that is not given."""
-
 
 def load(package: Path, level: int | None = None) -> ModuleType:
     """Load the extension module of a package's core.

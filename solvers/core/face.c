@@ -75,12 +75,12 @@ static const Py_buffer *take_buffer(Arguments *a, int flags, const char *types, 
 static double *take_doubles(Arguments *a, int flags, int rows, int columns)
 {
     const Py_buffer *view = take_buffer(a, flags, "d", (Py_ssize_t)sizeof(double));
-    const int dimensions = rows == 0 ? 1 : 2;
+    const int dimensions = rows == VECTOR ? 1 : 2;
     if (view == NULL) {
         return NULL;
     }
     if (view->ndim != dimensions || (columns != ANY_LENGTH && view->shape[dimensions - 1] != columns)
-        || (rows > 0 && view->shape[0] != rows)) {
+        || (rows >= 0 && view->shape[0] != rows)) {
         a->failed = 1;
         PyErr_Format(PyExc_ValueError, "%s: argument %zd has not the shape that the others ask for", a->signature, a->next);
         return NULL;
@@ -94,14 +94,11 @@ double *take_output(Arguments *a, int rows, int columns) { return take_doubles(a
 
 const double *take_optional(Arguments *a, int rows, int columns)
 {
-    const Py_buffer *view = take_buffer(a, 0, "d", (Py_ssize_t)sizeof(double));
-    if (view == NULL || view->len == 0) {
+    if (!a->failed && a->given[a->next] == &_Py_NoneStruct) {
+        ++a->next;
         return NULL;
     }
-    --a->arrays;
-    --a->next;
-    PyBuffer_Release(&a->views[a->arrays]);
-    return take_doubles(a, 0, rows, columns);
+    return take_array(a, rows, columns);
 }
 
 int64_t *take_integers(Arguments *a, Py_ssize_t *length)
@@ -112,6 +109,14 @@ int64_t *take_integers(Arguments *a, Py_ssize_t *length)
     }
     *length = view->len / (Py_ssize_t)sizeof(int64_t);
     return view->buf;
+}
+
+void refuse(Arguments *a, const char *why)
+{
+    if (!a->failed) {
+        a->failed = 1;
+        PyErr_Format(PyExc_ValueError, "%s: %s", a->signature, why);
+    }
 }
 
 void need_bytes(Arguments *a, int array, int64_t bytes)

@@ -14,7 +14,7 @@
 
 #include "python_abi.h"
 
-enum { MOST_ARRAYS = 12, ANY_LENGTH = -1 };
+enum { MOST_ARRAYS = 12, ANY_LENGTH = -1, VECTOR = -2 };
 
 typedef struct {
     const char *signature;
@@ -37,10 +37,10 @@ int good(const Arguments *a);
 /* The next argument. */
 long long take_integer(Arguments *a, long long least, long long most);
 double take_number(Arguments *a);
-/* A float64 array (rows, columns), (columns,) where rows is 0, any number of either where it is ANY_LENGTH; NULL for an error. */
+/* A float64 array (rows, columns), (columns,) where rows is VECTOR, any number of either where it is ANY_LENGTH; NULL for an error. */
 const double *take_array(Arguments *a, int rows, int columns);
 double *take_output(Arguments *a, int rows, int columns);
-/* The same, or NULL without an error where the argument is an array without elements. */
+/* The same, or NULL without an error where the argument is None. */
 const double *take_optional(Arguments *a, int rows, int columns);
 /* An int64 array (N,) to write to; its length goes to `length`. */
 int64_t *take_integers(Arguments *a, Py_ssize_t *length);
@@ -48,6 +48,8 @@ int64_t *take_integers(Arguments *a, Py_ssize_t *length);
 void *take_state(Arguments *a, int32_t kind);
 /* Whether array number `array` (0 is the first taken) has so many bytes. */
 void need_bytes(Arguments *a, int array, int64_t bytes);
+/* Fail for a reason that the function itself finds. */
+void refuse(Arguments *a, const char *why);
 /* Length of the array taken last, along its first axis. */
 Py_ssize_t taken_length(const Arguments *a);
 

@@ -49,9 +49,9 @@ FACE(face_descent_setup)
     (void)module;
     take_arguments(&a, "descent_setup(state, lb, ub)", given, count, 3);
     memory = take_state(&a, 0);
-    lb = take_array(&a, 0, ANY_LENGTH);
+    lb = take_array(&a, VECTOR, ANY_LENGTH);
     d = (int)taken_length(&a);
-    ub = take_array(&a, 0, d);
+    ub = take_array(&a, VECTOR, d);
     need_bytes(&a, 0, descent_bytes(d));
     return finish_integer(&a, good(&a) ? descent_setup(memory, d, lb, ub) : 0);
 }
@@ -67,7 +67,7 @@ FACE(face_descent_take)
     take_arguments(&a, "descent_take(state, P, q, ratio, scaled)", given, count, 5);
     take_descent(&a, &s);
     P = take_optional(&a, s.d, s.d);
-    q = take_optional(&a, 0, s.d);
+    q = take_optional(&a, VECTOR, s.d);
     ratio = take_number(&a);
     scaled = (int)take_integer(&a, 0, 1);
     return finish_integer(&a, good(&a) ? descent_take(&s, P, q, ratio, scaled) : 0);
@@ -81,7 +81,7 @@ FACE(face_descent_start)
     (void)module;
     take_arguments(&a, "descent_start(state, x)", given, count, 2);
     take_descent(&a, &s);
-    x = take_optional(&a, 0, s.d);
+    x = take_optional(&a, VECTOR, s.d);
     if (good(&a)) {
         descent_start(&s, x);
     }
@@ -131,7 +131,7 @@ static PyObject *time_of(Method method, const char *signature, PyObject *const *
     double tolerance;
     take_arguments(&a, signature, given, count, 5);
     take_descent(&a, &s);
-    x = take_optional(&a, 0, s.d);
+    x = take_optional(&a, VECTOR, s.d);
     steps = take_integer(&a, 0, INT64_MAX);
     tolerance = take_number(&a);
     nanoseconds = take_integers(&a, &runs);

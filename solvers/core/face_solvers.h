@@ -6,6 +6,17 @@
 
 #define FACE(name) PyObject *name(PyObject *module, PyObject *const *given, Py_ssize_t count)
 
+FACE(face_box_bytes);
+FACE(face_box_places);
+FACE(face_box_setup);
+FACE(face_box_take);
+FACE(face_box_start);
+FACE(face_box_solve);
+FACE(face_box_solve_factorised);
+FACE(face_box_dual_from);
+FACE(face_time_box);
+FACE(face_box_follow);
+FACE(face_absorb);
 FACE(face_descent_bytes);
 FACE(face_descent_places);
 FACE(face_descent_setup);

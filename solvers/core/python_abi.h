@@ -66,6 +66,7 @@ enum {
 
 PY_IMPORT PyObject *PyExc_TypeError;
 PY_IMPORT PyObject *PyExc_ValueError;
+PY_IMPORT PyObject _Py_NoneStruct;
 
 int PyObject_GetBuffer(PyObject *object, Py_buffer *view, int flags);
 void PyBuffer_Release(Py_buffer *view);

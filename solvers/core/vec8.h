@@ -189,6 +189,21 @@ CORE_INLINE vec8 with_lane(vec8 a, int place, real number)
 CORE_INLINE void store(real *target, vec8 a) { const int done[PARTS] = ALL(ONE_OF); (void)done; }
 #undef ONE_OF
 
+/* The first `count` (1 to 8) numbers and zeros in the other lanes, whose memory is not read. */
+CORE_INLINE vec8 load_first(const real *source, int count)
+{
+#if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
+    const vec8 r = {(part)_mm512_maskz_loadu_pd((__mmask8)((1U << count) - 1U), source)};
+    return r;
+#else
+    real l[LANES] = {0};
+    for (int i = 0; i < count; ++i) {
+        l[i] = source[i];
+    }
+    return load(l);
+#endif
+}
+
 CORE_INLINE vec8 zeros(void) { return splat((real)0); }
 /* c + a b and c - a b, the product rounded first. */
 CORE_INLINE vec8 plus_product(vec8 c, vec8 a, vec8 b) { return add(c, mul(a, b)); }

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import NOTHING, face
+from solvers.core import face
 from solvers.descent import Descent
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Vector, box_solution, dense, only_box
 
@@ -86,7 +86,7 @@ class AcceleratedProjection(Solver):
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are timed from Python."""
         nanoseconds = np.empty(count, dtype=np.int64)
-        start = NOTHING if warm_start is None else np.array(warm_start, dtype=np.float64)
+        start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
         face.time_accelerated(self._method.state, start, self._steps, self._tolerance, nanoseconds)
         return None, nanoseconds
 

@@ -12,7 +12,7 @@ residual q + P x then makes rounding that of the data.
 What is singular, nearly so, or does not end this way is left to a second path: all violated variables exchanged at once (Júdice &
 Pires; Portugal, Júdice & Vicente) on a factor L D Lᵀ of P_FF renewed from the first change on (Cholesky updating: Gill, Golub,
 Murray & Saunders), and where that cycles the dual method of Goldfarb & Idnani, which cannot. Its rule for singular P
-stands in :mod:`solvers.kernels.box_pivoting`.
+stands in ``solvers/core/box_pivoting.c``.
 
 ``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work arrays that
 ``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and the clock round them
@@ -27,28 +27,18 @@ J. J. Júdice, L. N. Vicente, Math. Comp. 63 (1994) 625; P. E. Gill, G. H. Golub
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.array_object import array_object
-from solvers.compiled import entry
-from solvers.kernels import box_data, box_solver
-from solvers.kernels.box_data import (
-    DUAL_STEPS,
-    EXCHANGES,
-    FALLBACKS,
-    OK,
-    PROXIMAL_STEPS,
-    REASONS,
-    SINGULAR,
-    STATE,
-    SYSTEMS,
-)
-from solvers.kernels.box_factor import ANSWER, RAW_Q
-from solvers.kernels.box_solver import LAYOUT
+from solvers.core import CAPPED, OK, REASONS, block, face
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
+
+COUNTS = ("exchanges", "systems", "dual_steps", "proximal_steps", "fallbacks")
+"""What the head of the state counts, in its order (BoxHead in box.h)."""
+PROXIMAL = 1e-11
+"""BOX_PROXIMAL of box.h."""
 
 
 class BoxActiveSet(Solver):
@@ -60,6 +50,9 @@ class BoxActiveSet(Solver):
         Whether ``solve()`` starts from the last active set, so that its time depends on what was solved before. With False it
         starts from "all free" and the answer is a function of the data alone, to the last bit. ``solve(x)`` always
         starts from the active set of x.
+    most_exchanges : int, default 0
+        Exchanges (linear systems where P is singular) after which a solve ends at a feasible point, from which a warm solve goes
+        on; 0 for none.
 
     Examples
     --------
@@ -90,31 +83,26 @@ class BoxActiveSet(Solver):
         self._lb, self._ub = only_box(problem, self.name)
         P, q = dense(problem)
         self._warm = bool(self.settings.get("warm", False))
-        self._work, self._iwork = box_data.allocate(q.size)
-        self._answer = self._work[ANSWER, :q.size]
+        self.state = block(face.box_bytes(q.size))
+        _accept(face.box_setup(self.state, self._lb, self._ub))
+        self._places, self._numbers, self._head = face.box_places(self.state), self.state.view(np.float64), self.state.view(np.int32)
+        self._answer = self.part("answer")
+        self._head[self._places["cap"]] = int(self.settings.get("most_exchanges", 0))
         self._status = OK
-        self._take = entry(box_solver.take_objects, self._work, self._iwork, array_object, array_object)
-        self._solve = entry(box_solver.solve, self._work, self._iwork, True)
-        _accept(box_data.set_bounds(self._work, self._iwork, self._lb, self._ub))
         self.update(P, q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem behind."""
-        status = self._take(self._work, self._iwork, P, q)
+        try:
+            status = face.box_take(self.state, P, q)
+        except (TypeError, ValueError, BufferError):  # not as C wants them, which need not be wrong
+            status = face.box_take(self.state, self._like(P, 2), self._like(q, 1))
         if status:
-            self._take_otherwise(P, q, status)
+            _accept(status)
 
-    def _take_otherwise(self, P: Matrix | None, q: Vector | None, status: int) -> None:
-        """Take data that are not as the compiled function wants them, or say why it refused them."""
-        if status == LAYOUT:
-            status = OK
-            if P is not None:
-                status = box_solver.take_hessian(self._work, self._iwork, self._like(P, 2))
-            if q is not None and status == OK:
-                status = box_data.set_linear(self._work, self._iwork, self._like(q, 1))
-        _accept(status)
-
-    def _like(self, data: Matrix, ndim: int) -> Matrix:
+    def _like(self, data: Any, ndim: int) -> Matrix | None:
+        if data is None:
+            return None
         array, shape = np.array(data, np.float64, order="C"), (self._answer.size,) * ndim
         if array.shape != shape:
             raise ValueError(f"{self.name}: new data must have the shape {shape}, not {array.shape}")
@@ -130,9 +118,9 @@ class BoxActiveSet(Solver):
         """
         warm = self._warm
         if warm_start is not None:
-            _accept(box_data.start_from(self._work, self._iwork, self._like(warm_start, 1)))
+            _accept(face.box_start(self.state, self._like(warm_start, 1)))
             warm = True
-        self._status = self._solve(self._work, self._iwork, warm)
+        self._status = face.box_solve(self.state, warm)
         if self._status:
             _accept(self._status)
         return self._answer
@@ -140,8 +128,7 @@ class BoxActiveSet(Solver):
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Take P and q anew and solve from cold (warm with that setting) or from ``warm_start``, each timed."""
         updates, solves = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-        start = np.zeros(0) if warm_start is None else self._like(warm_start, 1)
-        self._status = box_solver.time_solves(self._work, self._iwork, *self._data(), self._warm, start, updates, solves)
+        self._status = face.time_box(self.state, *self._data(), self._warm, self._like(warm_start, 1), updates, solves)
         _accept(self._status)
         return updates, solves
 
@@ -149,7 +136,7 @@ class BoxActiveSet(Solver):
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         answers, nanoseconds = np.empty((rows.shape[0], self._answer.size)), np.empty(rows.shape[0], dtype=np.int64)
-        self._status = box_solver.follow(self._work, self._iwork, *self._data(), rows, forgetting, True, answers, nanoseconds)
+        self._status = face.box_follow(self.state, *self._data(), rows, forgetting, answers, nanoseconds)
         _accept(self._status)
         return answers, nanoseconds
 
@@ -157,20 +144,31 @@ class BoxActiveSet(Solver):
         """Return the last answer.
 
         ``extras`` count what it took: exchanges on the inverse, linear systems (refinements of it too), dual and proximal
-        steps; and, since ``setup``, the solves that were left to the factorisation.
+        steps; and, since ``setup``, the solves that were left to the factorisation. ``capped`` says that ``most_exchanges``
+        ended it before the optimum.
         """
-        P, q = self._data()
-        state = self._iwork[STATE]
-        return box_solution(Problem(P, q, lb=self._lb, ub=self._ub), self._answer, self._status == OK,
-                            exchanges=int(state[EXCHANGES]), systems=int(state[SYSTEMS]),
-                            dual_steps=int(state[DUAL_STEPS]), proximal_steps=int(state[PROXIMAL_STEPS]),
-                            fallbacks=int(state[FALLBACKS]), regularised=bool(state[SINGULAR]))
+        (P, q), first = self._data(), self._places["counts"]
+        counts = dict(zip(COUNTS, self._head[first:first + len(COUNTS)].tolist(), strict=True))
+        return box_solution(Problem(P, q, lb=self._lb, ub=self._ub), self._answer, self._status == OK, **counts,
+                            regularised=self._regularised, capped=self._status == CAPPED)
+
+    def part(self, name: str) -> Vector:
+        """Return a view of a vector (d,) of the state by its name in box.h."""
+        first = self._places[name]
+        return self._numbers[first:first + self._lb.size]
+
+    @property
+    def _regularised(self) -> bool:
+        return bool(self._head[self._places["singular"]])
 
     def _data(self) -> tuple[Matrix, Vector]:
-        """P and q as they were taken; P from its scaled copy."""
-        return box_data.taken_hessian(self._work, self._iwork), self._work[RAW_Q, :self._answer.size].copy()
+        """P and q as they were taken; P from its scaled copy, exact but for the last bit of the diagonal where P is regularised."""
+        d, first = self._lb.size, self._places["P"]
+        width = -(-d // 8) * 8
+        P = self._numbers[first:first + d * width].reshape(d, width)[:, :d] - PROXIMAL * self._regularised * np.eye(d)
+        return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()
 
 
 def _accept(status: int) -> None:
-    if status != OK:
+    if status not in (OK, CAPPED):
         raise ValueError(f"box_active_set: {REASONS[status]}")

@@ -18,7 +18,6 @@ import math
 
 import numpy as np
 
-from solvers.array_object import NDARRAY
 from solvers.compiled import aligned, compiled
 from solvers.kernels.box_factor import (
     ANSWER,
@@ -58,11 +57,11 @@ REASONS = {
 
 STATE, SIDE, WANTED, LIST = range(4)
 """Rows of the integer array."""
-(SIZE, COUNT, FIRST, SINGULAR, SYSTEMS, DUAL_STEPS, PROXIMAL_STEPS, EXCHANGES, FALLBACKS, INVERTED, FACTORISED, ARRAY_CLASS,
- STATES) = range(13)
+(SIZE, COUNT, FIRST, SINGULAR, SYSTEMS, DUAL_STEPS, PROXIMAL_STEPS, EXCHANGES, FALLBACKS, INVERTED, FACTORISED,
+ STATES) = range(12)
 """In STATE: d, number of free variables, first variable whose column of the factor is stale, whether P is
 regularised; what the last solve took: linear systems, steps of the dual method, proximal steps, exchanges; how many solves were
-left to the factorisation; which of P⁻¹ and the factor are there; :data:`solvers.array_object.NDARRAY`."""
+left to the factorisation; which of P⁻¹ and the factor are there."""
 LOWER, FREE, UPPER, FIXED = -1, 0, 1, 2
 """What stands in SIDE."""
 
@@ -82,7 +81,7 @@ def allocate(d: int) -> tuple[Matrix, Integers]:
     for j in range(d, ld):
         work[P + j, j] = 1.0
     iwork = np.zeros((4, max(ld, STATES)), np.int64)
-    iwork[STATE, SIZE], iwork[STATE, ARRAY_CLASS] = d, NDARRAY
+    iwork[STATE, SIZE] = d
     return work, iwork
 
 

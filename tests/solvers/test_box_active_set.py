@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import Unsupported, get
+from solvers.core import OK, face
 from solvers.kernel import box_active_set as module
-from solvers.kernels import box_data, box_dual, box_pivoting, box_step
-from solvers.kernels.box_factor import ANSWER, G, X
 
 INF = np.inf
 EPS = np.finfo(float).eps
@@ -72,11 +71,16 @@ def solver(P, q, lb, ub, **settings_):
     return s
 
 
+def without_the_inverse(s):
+    """Leave what is set up to the factorisation."""
+    s._head[s._places["inverted"]] = 0
+
+
 def answer(path, P, q, lb, ub):
     """The answer of one path alone, which must bring the problem to its end."""
     s = solver(P, q, lb, ub)
     if path == "factorisation":
-        s._iwork[box_data.STATE, box_data.INVERTED] = 0
+        without_the_inverse(s)
     x = s.solve()
     extras = s.solution().extras
     assert extras["fallbacks"] == (path == "factorisation")
@@ -207,7 +211,7 @@ def test_sixty_variables_at_a_condition_number_of_1e11_end_without_cycling(seed,
     q, lb = -P @ rng.normal(size=d) + 10 ** rng.uniform(-8, 0) * rng.normal(size=d), np.full(d, -0.1)
     s = solver(P, q, lb, None)
     if factorisation:
-        s._iwork[box_data.STATE, box_data.INVERTED] = 0
+        without_the_inverse(s)
     x, extras = s.solve(), s.solution().extras
     assert extras["exchanges"] + extras["systems"] + extras["dual_steps"] < 5 * d
     assert residual(P, q, lb, np.full(d, INF), x) < 100 * d * EPS
@@ -365,21 +369,15 @@ def test_the_dual_active_set_alone_reaches_the_optimum_from_any_sides(seed, d):
     rng = np.random.default_rng(seed)
     P, (lb, ub) = spectrum_matrix(rng, d, 4), random_bounds(rng, d)
     q = -P @ rng.normal(size=d)
-    work, iwork = box_data.allocate(d)
-    box_data.set_hessian(work, iwork, P)
-    box_data.set_linear(work, iwork, q)
-    box_data.set_bounds(work, iwork, lb, ub)
-    box_pivoting.solve_box(work, iwork, False)
-    best = work[ANSWER, :d].copy()
+    s = solver(P, q, lb, ub)
+    without_the_inverse(s)
+    best = s.solve().copy()
+    sides = np.where(lb == ub, 2, np.where(best <= lb, -1, np.where(best >= ub, 1, 0)))
     for i in np.flatnonzero(lb < ub):
-        sides = [box_data.FREE, *([box_data.LOWER] if lb[i] > -INF else []), *([box_data.UPPER] if ub[i] < INF else [])]
-        box_step.move(work, iwork, i, int(rng.choice(sides)))
-    box_step.list_free(work, iwork)
-    assert box_step.newton(work, iwork)
-    assert box_dual.dual_active_set(work, iwork) == box_data.OK
-    x = work[X, :d] * work[box_data.SCALE, :d]
-    np.testing.assert_allclose(x, best, rtol=0, atol=1e-9)
-    assert np.isfinite(work[G, :d]).all()
+        sides[i] = rng.choice([0, *([-1] if lb[i] > -INF else []), *([1] if ub[i] < INF else [])])
+    assert face.box_dual_from(s.state, sides) == OK
+    np.testing.assert_allclose(s.part("x") * s.part("scale"), best, rtol=0, atol=1e-9)
+    assert np.isfinite(s.part("g")).all()
 
 
 def test_the_answer_agrees_with_quadprog_and_its_duals_close_the_gap():
@@ -467,6 +465,29 @@ def test_a_thousand_solves_allocate_nothing_that_stays():
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("source", [module, box_pivoting])
-def test_the_examples_in_the_docstrings_run(source):
-    assert doctest.testmod(source).failed == 0
+@quick
+@given(seed=seeds, d=st.integers(2, 30), decades=st.floats(0, 6), cap=st.integers(1, 3))
+def test_a_cap_of_exchanges_ends_at_a_feasible_point_from_which_warm_solves_reach_the_optimum(seed, d, decades, cap):
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d)
+    best, s = solver(P, q, lb, ub).solve(), solver(P, q, lb, ub, warm=True, most_exchanges=cap)
+    for _ in range(3 * d):
+        x = s.solve()
+        assert ((lb <= x) & (x <= ub)).all()
+        extras = s.solution().extras
+        if not extras["capped"]:
+            break
+        assert not s.solution().found
+    assert s.solution().found
+    assert 0.5 * (x - best) @ P @ (x - best) <= 1e-13 * np.abs(q) @ np.abs(best) + 1e-300
+
+
+def test_a_problem_without_variables_is_solved():
+    s = solver(np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
+    assert s.solve().shape == (0,)
+    assert s.solution().found
+
+
+def test_the_examples_in_the_docstrings_run():
+    assert doctest.testmod(module).failed == 0

@@ -1,0 +1,83 @@
+/* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
+ *
+ * New data are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). What is not safely positive definite, finite and
+ * symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter rules (box_data.c,
+ * box_pivoting.c, box_dual.c), which decides. Which path a cold problem takes follows from its data alone, so the answer does too.
+ *
+ * The variables are scaled, x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2): that is exact, so lb, ub and the
+ * answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling within a factor of two of unit diagonal
+ * is within a factor of two (and d) of the best condition number a diagonal can give (van der Sluis, Numer. Math. 14 (1969) 14).
+ */
+#ifndef CORE_BOX_H
+#define CORE_BOX_H
+
+#include "room.h"
+#include "status.h"
+
+enum { BOX_KIND = 0x424f5831 };
+enum { LOWER = -1, FREE = 0, UPPER = 1, FIXED = 2 }; /* where a variable is */
+
+/* What stands at the head of the state. */
+typedef struct {
+    int32_t kind, d;
+    int64_t bytes;
+    int32_t inverted, factorised, singular; /* which of M and the factor are there; whether P has the proximal term */
+    int32_t free_count, factor_fits;        /* of the list of free variables; whether the factor is that of the list */
+    int32_t cap;                            /* exchanges after which a solve ends with CAPPED; 0 for none */
+    int32_t exchanges, systems, dual_steps, proximal_steps; /* what the last solve took */
+    int32_t fallbacks;                      /* solves left to the factorisation */
+} BoxHead;
+
+/* Names for the parts of the state; vectors have ld numbers, zero from d on. First what a solve by exchanges touches. */
+typedef struct {
+    BoxHead *head;
+    int d, ld;
+    real *answer, *scale, *q, *lo, *hi;            /* answer in x, the rest in z */
+    real *raw_q, *lb, *ub;                         /* as the caller gave them */
+    real *x, *g;                                   /* z and its gradient q + P z */
+    real *r, *below, *above, *at, *is_free, *unit; /* see box_exchange.c */
+    real *diagonal, *weight, *gain, *masked, *inverse_diagonal, *inverse_weight, *zero;
+    real *factor, *share;                          /* 2 ld numbers, one an exchange */
+    real *one;                                     /* 2 ld zeros but for a one in the middle: unit vectors by where one begins to read */
+    real *skew, *sign;                             /* see box_inverse.c */
+    real *pivots;                                  /* 2 rows */
+    int32_t *side, *wanted, *list;
+    real *P, *M, *U;                               /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
+    real *step, *multiplier, *centre, *V, *L;      /* of the factorisation */
+} Box;
+
+int64_t box_bytes(int d);
+Box box_at(void *memory);
+
+/* Make a block of box_bytes(d) bytes a state of d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
+int box_setup(void *memory, int d, const real *lb, const real *ub);
+/* Take P (d, d) or q (d); OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
+int box_take_hessian(Box *s, const real *P);
+int box_take_linear(Box *s, const real *q);
+/* Begin a warm solve at x (d): at a bound what touches it, else free; OK or NOT_FINITE. */
+int box_start(Box *s, const real *x);
+/* Solve, cold from "all free", warm from the last sides or those of box_start; the answer stands in s->answer. */
+int box_solve(Box *s, int warm);
+/* The same by the factorisation alone. */
+int box_solve_factorised(Box *s, int warm);
+
+/* What the files of this solver ask of each other. */
+#define BOX_PROXIMAL ((real)1e-11) /* of the diagonal of P, the proximal term where P is singular */
+#define BOX_LARGE ((real)1e7)      /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
+int box_invert(Box *s, const real *P);
+int box_exchange_all(Box *s, int warm);
+int box_factorise_copy(Box *s);
+int box_regularise(Box *s);
+int box_newton(Box *s);
+void box_list_free(Box *s);
+void box_move(Box *s, int j, int side);
+real box_gradient_tolerance(const Box *s);
+void box_gradient(Box *s);
+void box_rescale(Box *s);
+int box_dual_active_set(Box *s);
+/* The smallest pivot of P_FF = L D L' with the list as it is, -inf where one is not a number. */
+real box_factorise(Box *s);
+/* P_FF step = right (both by place in the list, in place). */
+void box_back_solve(const Box *s, real *right);
+
+#endif

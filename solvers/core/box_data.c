@@ -1,0 +1,254 @@
+/* The data of a box problem: room for them, scaling, checks. */
+#include "box.h"
+
+#include "product.h"
+
+enum { BOX_VECTORS = 37 };
+#define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
+
+static int even(int d) { return (d + 1) / 2 * 2; }
+
+/* Rows of P, M, U, V and L. */
+static int64_t matrix_rows(int d) { return 2 * (int64_t)even(d) + 2 * (int64_t)padded(d) + 2 * (int64_t)d; }
+
+int64_t box_bytes(int d)
+{
+    const int64_t ld = padded(d);
+    return HEAD_BYTES + ld * (BOX_VECTORS + matrix_rows(d)) * (int64_t)sizeof(real) + 3 * ld * 8;
+}
+
+Box box_at(void *memory)
+{
+    Box s;
+    Room room = after_head(memory);
+    int ld;
+    s.head = memory;
+    s.d = VARIABLES(s.head);
+    s.ld = ld = padded(s.d);
+    s.answer = reals(&room, 1, ld);
+    s.scale = reals(&room, 1, ld);
+    s.q = reals(&room, 1, ld);
+    s.lo = reals(&room, 1, ld);
+    s.hi = reals(&room, 1, ld);
+    s.raw_q = reals(&room, 1, ld);
+    s.lb = reals(&room, 1, ld);
+    s.ub = reals(&room, 1, ld);
+    s.x = reals(&room, 1, ld);
+    s.g = reals(&room, 1, ld);
+    s.r = reals(&room, 1, ld);
+    s.below = reals(&room, 1, ld);
+    s.above = reals(&room, 1, ld);
+    s.at = reals(&room, 1, ld);
+    s.is_free = reals(&room, 1, ld);
+    s.unit = reals(&room, 1, ld);
+    s.diagonal = reals(&room, 1, ld);
+    s.weight = reals(&room, 1, ld);
+    s.gain = reals(&room, 1, ld);
+    s.masked = reals(&room, 1, ld);
+    s.inverse_diagonal = reals(&room, 1, ld);
+    s.inverse_weight = reals(&room, 1, ld);
+    s.zero = reals(&room, 1, ld);
+    s.sign = reals(&room, 1, ld);
+    s.pivots = reals(&room, 2, ld);
+    s.side = integers(&room, s.d);
+    s.P = reals(&room, even(s.d), ld);
+    s.M = reals(&room, even(s.d), ld);
+    s.factor = reals(&room, 2, ld);
+    s.share = reals(&room, 2, ld);
+    s.one = reals(&room, 2, ld);
+    s.skew = reals(&room, 2, ld);
+    s.U = reals(&room, 2 * ld, ld);
+    s.wanted = integers(&room, s.d);
+    s.list = integers(&room, s.d);
+    s.step = reals(&room, 1, ld);
+    s.multiplier = reals(&room, 1, ld);
+    s.centre = reals(&room, 1, ld);
+    s.V = reals(&room, s.d, ld);
+    s.L = reals(&room, s.d, ld);
+    return s;
+}
+
+int box_setup(void *memory, int d, const real *lb, const real *ub)
+{
+    const int64_t bytes = box_bytes(d);
+    Box s;
+    memset(memory, 0, (size_t)bytes);
+    s.head = memory;
+    s.head->kind = BOX_KIND;
+    s.head->d = d;
+    s.head->bytes = bytes;
+    s = box_at(memory);
+    for (int j = 0; j < s.ld; ++j) {
+        s.scale[j] = 1;
+        s.inverse_diagonal[j] = -1;
+        s.lo[j] = s.lb[j] = -REAL_INFINITY;
+        s.hi[j] = s.ub[j] = REAL_INFINITY;
+    }
+    for (int j = 0; j < d; ++j) {
+        if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
+            return NOT_FINITE;
+        }
+        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
+            return CROSSED;
+        }
+        s.lb[j] = lb[j];
+        s.ub[j] = ub[j];
+    }
+    if (d > 0) {
+        real irregular = 0;
+        s.one[s.ld] = 1;
+        for (int j = 0; j < d; ++j) {
+            irregular += (real)0.618033988749895;
+            irregular -= irregular >= 1 ? 1 : 0;
+            s.sign[j] = (real)0.75 + irregular / 2;
+            s.skew[s.ld + j] = j > 0 ? (real)0.5 + irregular : 0;
+            s.skew[s.ld - j] = -s.skew[s.ld + j];
+        }
+        if (d % 2 != 0) {
+            s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
+        }
+    }
+    return OK;
+}
+
+/* q and the bounds in the scaled variables. */
+void box_rescale(Box *s)
+{
+    for (int j = 0; j < s->ld; j += LANES) {
+        const vec8 scale = load(s->scale + j), inverse = over(splat(1), scale);
+        store(s->q + j, mul(load(s->raw_q + j), scale));
+        store(s->lo + j, mul(load(s->lb + j), inverse));
+        store(s->hi + j, mul(load(s->ub + j), inverse));
+    }
+}
+
+/* 2^-floor(e / 2) for v = m 2^e > 0 with m in [1/2, 1). */
+static real exact_root_scale(real v)
+{
+    real lanes[LANES];
+    const real up = 16777216; /* 2^24, whose root is 2^12, until v is a normal number */
+    if (v * REAL_EPSILON == 0 || v * up * REAL_EPSILON * REAL_EPSILON == 0) {
+        return 4096 * exact_root_scale(v * up);
+    }
+    store(lanes, root_scale(splat(v)));
+    return lanes[0];
+}
+
+/* S P S for a P of which nothing is known. */
+static int copy_checked(Box *s, const real *P)
+{
+    const int d = s->d, ld = s->ld;
+    for (int j = 0; j < d; ++j) {
+        const real diagonal = P[j * d + j];
+        if (!(MAGNITUDE(diagonal) < REAL_INFINITY)) {
+            return NOT_FINITE;
+        }
+        if (diagonal < 0) {
+            return INDEFINITE;
+        }
+        s->scale[j] = diagonal > 0 ? exact_root_scale(diagonal) : 1;
+    }
+    for (int i = 0; i < d; ++i) {
+        for (int j = 0; j < d; ++j) {
+            s->P[i * ld + j] = P[i * d + j] * (s->scale[i] * s->scale[j]);
+        }
+    }
+    box_rescale(s);
+    return box_factorise_copy(s);
+}
+
+int box_take_hessian(Box *s, const real *P)
+{
+    if (box_invert(s, P)) {
+        box_rescale(s);
+        s->head->factorised = 0;
+        s->head->singular = 0;
+        return OK;
+    }
+    return copy_checked(s, P);
+}
+
+/* Make the copy of P its symmetric part and factorise it; where that shows it near singular, add the proximal term. */
+int box_factorise_copy(Box *s)
+{
+    const int d = s->d, ld = s->ld;
+    real total = 0, longest = 0, irregular = 0;
+    for (int i = 0; i < d; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            const real a = s->P[i * ld + j], b = s->P[j * ld + i], mean = (a + b) / 2;
+            total += MAGNITUDE(mean);
+            if (MAGNITUDE(a - b) > ASYMMETRIC_SHARE) {
+                longest = 1;
+            }
+            if (!s->head->inverted) { /* what the exchanges may read again stays as it is */
+                s->P[i * ld + j] = s->P[j * ld + i] = mean;
+            }
+        }
+    }
+    if (!(total < REAL_INFINITY)) {
+        return NOT_FINITE;
+    }
+    if (longest > 0) {
+        return ASYMMETRIC;
+    }
+    s->head->singular = 0;
+    s->head->factorised = 1;
+    s->head->free_count = d;
+    for (int j = 0; j < d; ++j) {
+        s->list[j] = j;
+    }
+    if (box_factorise(s) > 16 * (real)d * REAL_EPSILON || d == 0) {
+        /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the right-hand
+         * side is irregular, so that this is about 1/lambda_min. */
+        for (int j = 0; j < d; ++j) {
+            irregular += (real)0.618033988749895;
+            irregular -= irregular >= 1 ? 1 : 0;
+            s->step[j] = irregular - (real)0.5;
+        }
+        box_back_solve(s, s->step);
+        for (int j = 0; j < d; ++j) {
+            longest = MAGNITUDE(s->step[j]) > longest ? MAGNITUDE(s->step[j]) : longest;
+        }
+        if (longest * (real)d * REAL_EPSILON < (real)0.02) {
+            return OK;
+        }
+    }
+    return box_regularise(s);
+}
+
+int box_regularise(Box *s)
+{
+    const int d = s->d;
+    for (int j = 0; j < d; ++j) {
+        s->P[j * s->ld + j] += BOX_PROXIMAL;
+        s->list[j] = j;
+    }
+    s->head->singular = 1;
+    s->head->inverted = 0;
+    s->head->free_count = d;
+    return box_factorise(s) > 0 ? OK : INDEFINITE;
+}
+
+int box_take_linear(Box *s, const real *q)
+{
+    vec8 nothing = zeros();
+    memcpy(s->raw_q, q, (size_t)s->d * sizeof(real));
+    for (int j = 0; j < s->ld; j += LANES) {
+        const vec8 raw = load(s->raw_q + j);
+        nothing = add(nothing, sub(raw, raw)); /* NaN where q is not finite */
+        store(s->q + j, mul(raw, load(s->scale + j)));
+    }
+    return sum8(nothing) == 0 ? OK : NOT_FINITE;
+}
+
+int box_start(Box *s, const real *x)
+{
+    for (int j = 0; j < s->d; ++j) {
+        if (!(MAGNITUDE(x[j]) < REAL_INFINITY)) {
+            return NOT_FINITE;
+        }
+        s->answer[j] = x[j];
+        s->side[j] = x[j] >= s->ub[j] ? UPPER : x[j] <= s->lb[j] ? LOWER : FREE;
+    }
+    return OK;
+}

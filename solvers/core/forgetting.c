@@ -1,0 +1,24 @@
+/* A quadratic cost that follows its data row by row and forgets the old ones.
+ *
+ *     P <- lambda P + (1 - lambda) xi xi',   q <- lambda q + (1 - lambda) xi x,   c <- lambda c + (1 - lambda) x^2 / 2
+ *
+ * is the mean of the squared errors (v'xi + x)^2 / 2 with exponentially fading weights; a row has faded to 1/e after
+ * 1/(1 - lambda) rows. It is the update that every solver on a stream of data is handed, and that those which take rows do
+ * themselves. P stays symmetric to the last bit.
+ *
+ * Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
+ */
+#include "forgetting.h"
+
+void absorb(real *P, real *q, real *c, int d, const real *row, real forgetting)
+{
+    const real weight = 1 - forgetting, x = row[d];
+    for (int i = 0; i < d; ++i) {
+        const real share = weight * row[i];
+        for (int j = i; j < d; ++j) {
+            P[i * d + j] = P[j * d + i] = forgetting * P[i * d + j] + share * row[j];
+        }
+        q[i] = forgetting * q[i] + share * x;
+    }
+    *c = forgetting * *c + weight * x * x / 2;
+}

@@ -1,0 +1,9 @@
+#ifndef CORE_FORGETTING_H
+#define CORE_FORGETTING_H
+
+#include "vec8.h"
+
+/* Take one row (xi, x) of d + 1 numbers into P (d, d), q (d) and c: see forgetting.c. */
+void absorb(real *P, real *q, real *c, int d, const real *row, real forgetting);
+
+#endif
