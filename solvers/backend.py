@@ -1,74 +1,177 @@
-"""What is known of the libraries that the lanes qpsolvers and cvxpy reach: class, licence and settings of each tier.
+"""What is known of a library, once for all its lanes: class, licence, and the ladder of its settings.
 
-A tier's tolerance ε goes to the settings named here, absolute and relative alike. The names are those of the library
-itself; a lane that hands settings on under the same names shares the entry, and says in its own table what differs.
+A tolerance is given in the unit of what it bounds, and the only unit known before a solve is the problem's constant c:
+
+    an absolute tolerance on the cost, and one for the cost and the residuals alike          c · 10⁻ᵏ
+    a share, where the library itself divides by the size of the cost                       10⁻ᵏ
+    a residual, divided by the size of the data or not                                      10⁻²⁻ᵏᐟ² or c · 10⁻²⁻ᵏᐟ²
+    a relative tolerance that is added to an absolute one                                   0
+
+The residuals of an interior point method fall with its gap and far below it; asked for as tightly as the gap they are
+what rounding never lets it reach. The names are those of the library itself; a lane that hands settings on under the
+same names shares the entry, and says in its own table what differs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
-from solvers.protocol import Tier
+from solvers.protocol import Solver, Tier
+
+Tolerance = Callable[[float, int], float]
+"""A tolerance from the constant c and the exponent k of a rung."""
+
+
+def absolute(c: float, k: int) -> float:
+    """c · 10⁻ᵏ."""
+    return c * 10.0**-k
+
+
+def share(c: float, k: int) -> float:
+    """10⁻ᵏ."""
+    return 10.0**-k
+
+
+def residual(c: float, k: int) -> float:
+    """10⁻²⁻ᵏᐟ²."""
+    return 10.0 ** (-2 - k / 2)
+
+
+def unscaled(c: float, k: int) -> float:
+    """c · 10⁻²⁻ᵏᐟ²."""
+    return c * residual(c, k)
+
+
+def nothing(c: float, k: int) -> float:
+    """0."""
+    return 0.0
 
 
 @dataclass(frozen=True)
 class Backend:
-    """One library behind a lane."""
+    """One library behind one or more lanes.
+
+    Attributes
+    ----------
+    algorithm, licence, distribution : str
+        As of :class:`solvers.protocol.Solver`.
+    tolerances : mapping of str to function
+        The settings that change from rung to rung, each a function of c and k.
+    rungs : tuple of int
+        The exponents k, from loose to tight; without any the library has one rung.
+    polished : tuple of int
+        The exponents of the rungs that follow with ``polish``.
+    polish : mapping
+        Settings by which the library improves the answer that it ended with.
+    more : mapping
+        Settings of every rung.
+    always : mapping
+        Settings of every rung and of the default, too.
+    each : mapping
+        Settings of one tier.
+    warm : bool
+        Whether a lane hands a starting point on to a library that uses it.
+    """
 
     algorithm: str
     licence: str
     distribution: str
-    tolerances: tuple[str, ...] = ()
-    """Settings that take ε."""
+    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    rungs: tuple[int, ...] = ()
+    polished: tuple[int, ...] = ()
+    polish: Mapping[str, Any] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of every tier but the default one."""
-    each: Mapping[Tier, Mapping[str, Any]] = field(default_factory=dict)
-    """Settings of one tier."""
     always: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of every tier, the default one too."""
+    each: Mapping[Tier, Mapping[str, Any]] = field(default_factory=dict)
     warm: bool = False
-    """Whether the lane hands a starting point on to a library that uses it."""
+
+    def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
+        """The settings of each rung for a problem of the constant c > 0.
+
+        Examples
+        --------
+        >>> [rung["eps_abs"] for rung in OSQP.ladder(1.0)[:2]]
+        [0.0001, 1e-06]
+        """
+        steps: list[tuple[int, Mapping[str, Any]]] = [(k, {}) for k in self.rungs] + [(k, self.polish) for k in self.polished]
+        return tuple(MappingProxyType({**{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
+                                       **self.more, **self.always, **polish}) for k, polish in steps or [(0, {})])
 
     def tiers(self) -> Mapping[Tier, Mapping[str, Any]]:
-        """The settings of each tier."""
+        """The settings of each tier: its ε for every tolerance, absolute and relative alike."""
         asked = {tier: {} if tier is Tier.DEFAULT else dict.fromkeys(self.tolerances, tier.tolerance) | {**self.more}
                  for tier in Tier}
-        return MappingProxyType({tier: {**asked[tier], **self.each.get(tier, {}), **self.always} for tier in Tier})
+        return MappingProxyType({tier: MappingProxyType({**asked[tier], **self.each.get(tier, {}), **self.always}) for tier in Tier})
 
 
-EPS = ("eps_abs", "eps_rel")
-GAP = ("eps_duality_gap_abs", "eps_duality_gap_rel")
-CONE = ("abstol", "reltol", "feastol")
-RESIDUALS = ("tol_feas", "tol_gap_abs", "tol_gap_rel")
+class LibrarySolver(Solver):
+    """A solver of somebody's library, described by one entry."""
 
-CLARABEL = Backend("interior point", "Apache-2.0", "clarabel", RESIDUALS, {"max_iter": 1000})
+    library: ClassVar[Backend]
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "library" in vars(cls):
+            cls.algorithm, cls.licence, cls.distribution = (
+                cls.library.algorithm, cls.library.licence, cls.library.distribution)
+            cls.tiers = cls.library.tiers()
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """The rungs of the library's entry."""
+        return cls.library.ladder(c)
+
+
+def between(low: float, high: float, tolerance: Tolerance) -> Tolerance:
+    """A tolerance of a library that refuses what lies outside low … high."""
+    return lambda c, k: min(max(tolerance(c, k), low), high)
+
+
+INTERIOR_POINT = (4, 6, 8, 10, 12, 13, 14, 15)
+EPS: Mapping[str, Tolerance] = {"eps_abs": absolute, "eps_rel": nothing}
+GAP: Mapping[str, Tolerance] = {"eps_duality_gap_abs": absolute, "eps_duality_gap_rel": nothing}
+CONE: Mapping[str, Tolerance] = {"abstol": absolute, "reltol": nothing, "feastol": residual}
+RESIDUALS: Mapping[str, Tolerance] = {"tol_feas": residual, "tol_gap_abs": absolute, "tol_gap_rel": nothing}
+
+CLARABEL = Backend("interior point", "Apache-2.0", "clarabel", RESIDUALS, INTERIOR_POINT, more={"max_iter": 1000})
 # Commercial; their packages solve small problems without a licence file. One thread, as all solvers here.
-COPT = Backend("interior point", "proprietary", "coptpy", ("FeasTol", "DualTol", "RelGap"), always={"Threads": 1})
-CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE)
-DAQP = Backend("dual active set", "MIT", "daqp", ("primal_tol",), {"iter_limit": 100_000})
-ECOS = Backend("interior point", "GPL-3.0-or-later", "ecos", CONE)
-GUROBI = Backend("interior point", "proprietary", "gurobipy", ("FeasibilityTol", "OptimalityTol", "BarConvTol"),
-                 always={"Threads": 1})
+COPT = Backend("interior point", "proprietary", "coptpy",
+               {"FeasTol": between(1e-9, 1e-4, residual), "DualTol": between(1e-9, 1e-4, residual), "RelGap": share},
+               INTERIOR_POINT, always={"Threads": 1})
+CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE, (4, 6, 8, 10, 12, 14, 15, 16))
+DAQP = Backend("dual active set", "MIT", "daqp", {"primal_tol": share}, (6, 9, 12), more={"iter_limit": 100_000})
+# It refuses a relative tolerance of 0. From k = 10 on it ends "close to optimal" more often than not.
+ECOS = Backend("interior point", "GPL-3.0-or-later", "ecos", {**CONE, "reltol": lambda c, k: 1e-300}, (4, 6, 7, 8, 9, 10, 12))
+GUROBI = Backend("interior point", "proprietary", "gurobipy",
+                 {"FeasibilityTol": between(1e-9, 1e-2, residual), "OptimalityTol": between(1e-9, 1e-2, residual),
+                  "BarConvTol": share}, INTERIOR_POINT, always={"Threads": 1})
 # The regularisation moves the answer, and without any the library can hang; without a limit it can run for ever.
 HIGHS = Backend("primal active set", "MIT", "highspy",
-                ("primal_feasibility_tolerance", "dual_feasibility_tolerance"),
-                each={tier: {"qp_regularization_value": value}
-                      for tier, value in {Tier.LOW: 1e-7, Tier.MID: 1e-10, Tier.HIGH: 1e-12}.items()},
-                always={"time_limit": 10.0})
-OSQP = Backend("ADMM", "Apache-2.0", "osqp", EPS, {"max_iter": 200_000})
-PIQP = Backend("proximal interior point", "BSD-2-Clause", "piqp", EPS + GAP, {"max_iter": 1000})
-PROXQP = Backend("proximal augmented Lagrangian", "BSD-2-Clause", "proxsuite", EPS, {"max_iter": 100_000})
-PYQPMAD = Backend("dual active set", "BSD-3-Clause", "pyqpmad", ("tolerance",))
-QOCO = Backend("interior point", "BSD-3-Clause", "qoco", ("abstol", "reltol"))
-QPALM = Backend("proximal augmented Lagrangian", "LGPL-3.0-or-later", "qpalm", EPS, {"max_iter": 100_000})
-QPAX = Backend("interior point", "Apache-2.0", "qpax", ("solver_tol",), {"max_iter": 50})
-QTQP = Backend("interior point", "Apache-2.0", "qtqp", RESIDUALS)
+                {"primal_feasibility_tolerance": between(1e-10, 1e-7, share), "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
+                 "qp_regularization_value": share}, (7, 9, 11, 13),
+                each={Tier.LOW: {"qp_regularization_value": 1e-7}, Tier.MID: {"qp_regularization_value": 1e-10},
+                      Tier.HIGH: {"qp_regularization_value": 1e-12}}, always={"time_limit": 10.0})
+# Counted in steps and not in seconds, so that a run can be repeated.
+OSQP = Backend("ADMM", "Apache-2.0", "osqp", EPS, (4, 6, 8, 10, 12, 14), (14,), {"polishing": True},
+               {"max_iter": 200_000}, {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50})
+PIQP = Backend("proximal interior point", "BSD-2-Clause", "piqp", {**EPS, **GAP}, (4, 6, 8, 10, 12, 13, 14),
+               more={"max_iter": 1000})
+PROXQP = Backend("proximal augmented Lagrangian", "BSD-2-Clause", "proxsuite", {**EPS, **GAP}, (4, 6, 8, 10, 12, 13, 14),
+                 more={"max_iter": 1000, "check_duality_gap": True})
+PYQPMAD = Backend("dual active set", "BSD-3-Clause", "pyqpmad", {"tolerance": share}, (8, 12))
+QOCO = Backend("interior point", "BSD-3-Clause", "qoco", {"abstol": absolute, "reltol": nothing},
+               (4, 6, 8, 10, 12, 13))
+QPALM = Backend("proximal augmented Lagrangian", "LGPL-3.0-or-later", "qpalm", EPS, (4, 6, 8, 10, 12, 13),
+                more={"max_iter": 100_000})
+QPAX = Backend("interior point", "Apache-2.0", "qpax", {"solver_tol": absolute}, (4, 6, 7), more={"max_iter": 50})
+QTQP = Backend("interior point", "Apache-2.0", "qtqp", RESIDUALS, INTERIOR_POINT)
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # Left alone, SCS takes MKL where the wheel brings it.
-SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, {"max_iters": 1_000_000},
+SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, (4, 6, 8, 10, 12, 14), more={"max_iters": 1_000_000},
               always={"linear_solver": "qdldl"})
-XPRESS = Backend("interior point", "proprietary", "xpress", ("feastol", "optimalitytol", "bargapstop", "bardualstop", "barprimalstop"),
-                 always={"threads": 1})
+XPRESS = Backend("interior point", "proprietary", "xpress",
+                 {"feastol": residual, "optimalitytol": residual, "bargapstop": share, "bardualstop": residual,
+                  "barprimalstop": residual}, INTERIOR_POINT, always={"threads": 1})

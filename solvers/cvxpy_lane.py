@@ -14,14 +14,14 @@ largest error of x went from 1e-13 to 3e-12 for DAQP and from 4e-8 to 3e-7 for S
 ProxQP, and CVXOPT solved none instead of all.
 
 Timed: ``setup`` compiles; ``update`` factorises P and sets the parameters; ``solve`` fills them in, calls the solver
-and unpacks. The default tier is cvxpy's own defaults, which are not the libraries' (OSQP: 1e-5, polished). cvxpy takes
+and unpacks. The default tier is cvxpy's own defaults, which are not the libraries' (OSQP: 1e-5). cvxpy takes
 no starting point: its ``warm_start`` reuses the solver's object and last answer. So no class here is
 ``warm_startable``; handing in a point turns that reuse on, and without one every solve is set up afresh.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import replace
 
 import cvxpy as cp
 import numpy as np
@@ -29,7 +29,7 @@ import scipy.linalg
 from qpsolvers import Problem, Solution
 
 from solvers import backend as known
-from solvers.backend import Backend
+from solvers.backend import Backend, LibrarySolver
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 from solvers.rows import Program
 
@@ -43,7 +43,8 @@ BACKENDS: dict[str, Backend] = {
     "highs": known.HIGHS,
     "osqp": known.OSQP,
     "piqp": known.PIQP,
-    "proxqp": known.PROXQP,  # cvxpy has no way to ask it for the duality gap
+    # cvxpy has no way to ask it for the duality gap.
+    "proxqp": replace(known.PROXQP, tolerances=known.EPS, more={"max_iter": known.PROXQP.more["max_iter"]}),
     "qoco": known.QOCO,
     "qpalm": known.QPALM,
     "scs": known.SCS,
@@ -74,11 +75,10 @@ def square_root(P: Matrix) -> Matrix:
     return root
 
 
-class CvxpySolver(Solver):
+class CvxpySolver(LibrarySolver):
     """One solver behind cvxpy; :func:`make` says which."""
 
     lane = Lane.CVXPY
-    backend: ClassVar[str]
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
@@ -94,7 +94,7 @@ class CvxpySolver(Solver):
         self._blocks = [block for block in blocks if block is not None]
         cost = 0.5 * cp.sum_squares(self._S @ self._x) + self._q @ self._x
         self.model = cp.Problem(cp.Minimize(cost), [constraint for _, _, constraint in self._blocks])
-        self.model.get_problem_data(self.backend)
+        self.model.get_problem_data(self.name.upper())
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         self.program.take(P, q)
@@ -105,7 +105,7 @@ class CvxpySolver(Solver):
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         try:
-            self.model.solve(solver=self.backend, warm_start=warm_start is not None, **self.settings)
+            self.model.solve(solver=self.name.upper(), warm_start=warm_start is not None, **self.settings)
             self._status = str(self.model.status)
         except cp.SolverError as error:  # cvxpy's way of saying that the solver found nothing
             self._status = str(error)
@@ -152,5 +152,4 @@ def make(name: str) -> type[Solver]:
         raise ImportError(f"{name!r} is not installed, or cvxpy does not find it")
     b = BACKENDS[name]
     return type(f"Cvxpy_{name}", (CvxpySolver,), {
-        "__doc__": f"{name} behind cvxpy.", "name": name, "backend": name.upper(), "algorithm": b.algorithm,
-        "licence": b.licence, "distribution": b.distribution, "tiers": b.tiers()})
+        "__doc__": f"{name} behind cvxpy.", "name": name, "library": b})

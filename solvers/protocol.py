@@ -7,7 +7,8 @@ A quadratic program is
 as a :class:`qpsolvers.Problem`, and its answer is a :class:`qpsolvers.Solution`: the types of the
 ecosystem, with its definitions of the residuals. A solver is one class with four verbs (``setup``,
 ``update``, ``solve``, ``solution``) in a file of its own; the folder of the file is its lane and the
-name of the file is its name (see :mod:`solvers.registry`).
+name of the file is its name (see :mod:`solvers.registry`). How exact an answer it is asked for is a rung of its
+ladder, :meth:`Solver.ladder`.
 """
 
 from __future__ import annotations
@@ -128,6 +129,25 @@ class Solver(ABC):
     iteration_setting: ClassVar[str | None] = None
     """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
 
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """The settings that are tried to reach an accuracy, from loose to tight; a rung is ``cls(**rung)``.
+
+        A ladder has at most eight rungs, of the library's own documented settings, and is fixed before anything is
+        raced: absolute tolerances are multiples of c, relative ones are 0, and what polishes an answer comes last. What
+        ends at rounding (an active set) has one rung or few. Rungs are the same in every lane of a library, but for what
+        a lane cannot hand on. Nothing promises that an upper rung is reached: asked for more than rounding allows, a
+        library says that it failed. To declare one, a solver of ours overrides this method, and a library's entry in
+        :mod:`solvers.backend` names the tolerances and exponents.
+
+        Parameters
+        ----------
+        c : float
+            The constant of the problem, in the unit of its cost: ½ Σ x², what the model that is zero costs. It is known
+            from the data alone, before any solve.
+        """
+        return ({},)
+
     def __init__(self, tier: Tier | str = Tier.DEFAULT, **settings: Any) -> None:
         self.tier = Tier(tier)
         self.settings: dict[str, Any] = {**self.tiers.get(self.tier, {}), **settings}
@@ -181,7 +201,9 @@ class Solver(ABC):
 
 
 def dense(problem: Problem) -> tuple[Matrix, Vector]:
-    """P (d, d) and q (d,) of a problem as fresh C-contiguous float64 arrays."""
+    """P (d, d) and q (d,) of a problem as fresh C-contiguous float64 arrays; :class:`Unsupported` where d is 0."""
+    if problem.q.size == 0:
+        raise Unsupported("a problem without variables has nothing to solve")
     P = problem.P if isinstance(problem.P, np.ndarray) else problem.P.toarray()
     return np.array(P, dtype=np.float64, order="C"), np.array(problem.q, dtype=np.float64)
 

@@ -22,8 +22,8 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers import backend as known
-from solvers.backend import Backend
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, box
+from solvers.backend import Backend, LibrarySolver
+from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, box, dense
 
 BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,
@@ -34,10 +34,9 @@ BACKENDS: dict[str, Backend] = {
     "gurobi": known.GUROBI,
     "highs": known.HIGHS,
     # osqp warns where nobody says whether a failure raises.
-    "osqp": replace(known.OSQP, always={"raise_error": False}, warm=True),
+    "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}, warm=True),
     "piqp": known.PIQP,
-    "proxqp": replace(known.PROXQP, tolerances=known.EPS + known.GAP,
-                      more={**known.PROXQP.more, "check_duality_gap": True}, warm=True),
+    "proxqp": replace(known.PROXQP, warm=True),
     "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
     "qpalm": known.QPALM,  # qpsolvers drops the starting point
     "qpax": known.QPAX,
@@ -51,7 +50,7 @@ BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
 
 
-class QpsolversSolver(Solver):
+class QpsolversSolver(LibrarySolver):
     """One solver behind qpsolvers; :func:`make` says which."""
 
     lane = Lane.QPSOLVERS
@@ -73,7 +72,8 @@ class QpsolversSolver(Solver):
             raise Unsupported(f"{self.name} behind qpsolvers takes the bounds of a side all finite or all infinite")
         rows = [None if part is None else self._own(part) if np.ndim(part) != 1 else np.array(part, dtype=np.float64)
                 for part in (problem.G, problem.h, problem.A, problem.b)]
-        self._problem = Problem(self._own(problem.P), np.array(problem.q, dtype=np.float64), *rows, *sides)
+        P, q = dense(problem)
+        self._problem = Problem(self._own(P), q, *rows, *sides)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         if P is not None:
@@ -143,5 +143,5 @@ def make(name: str) -> type[Solver]:
         raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
     b = BACKENDS[name]
     return type(f"Qpsolvers_{name}", (QpsolversSolver,), {
-        "__doc__": f"{name} behind qpsolvers.", "name": name, "algorithm": b.algorithm, "licence": b.licence,
-        "distribution": b.distribution, "warm_startable": b.warm, "tiers": b.tiers(), "sparse": name in SPARSE_ONLY})
+        "__doc__": f"{name} behind qpsolvers.", "name": name, "library": b, "warm_startable": b.warm,
+        "sparse": name in SPARSE_ONLY})

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Matrix, Solver, Unsupported, Vector, box_solution, only_box
+from solvers.backend import LibrarySolver
+from solvers.protocol import Matrix, Unsupported, Vector, box_solution, only_box
 from solvers.rows import Program
 
 
@@ -32,7 +33,7 @@ class Outcome:
         return {"status": self.status, "reported_us": self.reported_us, "iterations": self.iterations}
 
 
-class BoxMinimiser(Solver):
+class BoxMinimiser(LibrarySolver):
     """A solver with bounds only; a file of one fills in ``minimise``."""
 
     def setup(self, problem: Problem) -> None:

@@ -21,16 +21,16 @@ import casadi
 import numpy as np
 from qpsolvers import Problem, Solution
 
+from solvers.backend import LibrarySolver
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Solver, Vector
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program
 
 
-class Conic(Solver):
+class Conic(LibrarySolver):
     """A ``casadi.conic`` function of dense h and a."""
 
     lane = Lane.DIRECT
-    distribution = "casadi"
     plugin: ClassVar[str]
     quiet: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     """Options that stop the plugin from printing."""

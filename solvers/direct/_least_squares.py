@@ -7,6 +7,7 @@ Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23. ``setup`` and 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,8 +32,6 @@ class LeastSquares(BoxMinimiser):
     """A solver of minimise ‖Lᵀx − right‖ with bounds."""
 
     lane = Lane.DIRECT
-    licence = "BSD-3-Clause"
-    distribution = "scipy"
 
     def setup(self, problem: Problem) -> None:
         super().setup(problem)
@@ -47,6 +46,28 @@ class LeastSquares(BoxMinimiser):
         """−L⁻¹ times a linear cost, shape (d,)."""
         solved: Vector = solve_triangular(self.L, -linear, lower=True, check_finite=False)
         return solved
+
+
+class NonNegative(LeastSquares):
+    """A solver of minimise ‖A u − b‖ with u ≥ 0; needs a finite lower bound everywhere and no upper bound."""
+
+    def setup(self, problem: Problem) -> None:
+        super().setup(problem)
+        if self.settings:
+            raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
+        if np.any(np.isfinite(self.ub)) or not np.all(np.isfinite(self.lb)):
+            raise Unsupported(f"{self.name} needs a finite lower bound and no upper bound on every variable")
+
+    @abstractmethod
+    def nonnegative(self, A: Matrix, b: Vector) -> Vector:
+        """Call the library; RuntimeError is its way of saying that it ran out of iterations."""
+
+    def minimise(self, start: Vector | None) -> Outcome:
+        try:
+            u = self.nonnegative(self.L.T, self.right(self.program.P @ self.lb + self.program.q))
+        except RuntimeError as error:
+            return Outcome(self.program.no_answer(), False, str(error))
+        return Outcome(self.lb + u, True, "solved")
 
 
 class LsqLinear(LeastSquares):

@@ -8,32 +8,32 @@ IFAC-PapersOnLine 53 (2020), pages 6563 to 6569.
 Timed: ``solve`` is a call of the function with our arrays, which it converts: through the buffer of
 :mod:`solvers.direct._casadi` the plugin keeps to the first data for ever. The plugin takes control problems only: a
 stage without dynamics whose state is x is our problem; without naming the stage, the plugin ends the process. It has no
-infinite bounds and puts 1e8 there, with which rounding alone keeps residuals above 1e-9; the tiers put 1e6, so no |x_i|
-may come near that. The settings are those of HPIPM itself: ``res_g_max``, ``res_b_max``, ``res_d_max``, ``res_m_max``
-bound the four residuals.
+infinite bounds and puts 1e8 there, with which rounding alone keeps residuals above 1e-9; with settings of ours there are
+1e6, so no |x_i| may come near that. The settings are those of HPIPM itself: ``res_g_max``, ``res_b_max``, ``res_d_max``,
+``res_m_max`` bound the four residuals. The least multiplier, 1e-16 by default, times 1e6 is more complementarity than
+the rungs from 10⁻¹⁰ allow, so it is 1e-30.
 """
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import Any
 
+from solvers.backend import INTERIOR_POINT, Backend, absolute, residual, unscaled
 from solvers.direct._casadi import Conic
-from solvers.protocol import Tier, Vector
+from solvers.protocol import Vector
 
 
 class CasadiHpipm(Conic):
     """``casadi.conic`` with the plugin hpipm."""
 
     name = "casadi_hpipm"
-    algorithm = "interior point"
-    licence = "BSD-2-Clause"
+    library = Backend("interior point", "BSD-2-Clause", "casadi",
+                      {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual}, INTERIOR_POINT,
+                      more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30})
     plugin = "hpipm"
-    tiers = MappingProxyType({tier: {f"res_{of}_max": tier.tolerance for of in "gbdm"}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def options(self, d: int, m: int) -> dict[str, Any]:  # noqa: D102
-        infinity = 1e8 if self.tier is Tier.DEFAULT else 1e6
+        infinity = 1e6 if self.settings else 1e8
         return {"N": 0, "nx": [d], "nu": [0], "ng": [m], "inf": infinity, "hpipm": self.settings}
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102

@@ -12,17 +12,14 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from solvers.backend import Backend, share
 from solvers.direct._casadi import Conic
-from solvers.protocol import Tier
 
 
 class CasadiQpoases(Conic):
     """``casadi.conic`` with the plugin qpoases."""
 
     name = "casadi_qpoases"
-    algorithm = "parametric active set"
-    licence = "LGPL-2.1-or-later"
+    library = Backend("parametric active set", "LGPL-2.1-or-later", "casadi", {"terminationTolerance": share}, (8, 12))
     plugin = "qpoases"
     quiet = MappingProxyType({"printLevel": "none"})
-    tiers = MappingProxyType({tier: {"terminationTolerance": tier.tolerance}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})

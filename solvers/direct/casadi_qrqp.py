@@ -14,17 +14,15 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from solvers.backend import Backend, share
 from solvers.direct._casadi import Conic
-from solvers.protocol import Tier
 
 
 class CasadiQrqp(Conic):
     """``casadi.conic`` with the plugin qrqp."""
 
     name = "casadi_qrqp"
-    algorithm = "primal-dual active set"
-    licence = "LGPL-3.0-or-later"
+    library = Backend("primal-dual active set", "LGPL-3.0-or-later", "casadi",
+                      {"constr_viol_tol": share, "dual_inf_tol": share}, (8, 12))
     plugin = "qrqp"
     quiet = MappingProxyType({"print_header": False, "print_iter": False, "print_info": False})
-    tiers = MappingProxyType({tier: {"constr_viol_tol": tier.tolerance, "dual_inf_tol": tier.tolerance}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})

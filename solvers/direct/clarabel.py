@@ -13,30 +13,24 @@ data when it is on.
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import clarabel
 import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
-class Clarabel(Solver):
+class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
     name = "clarabel"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "Apache-2.0"
-    distribution = "clarabel"
+    library = known.CLARABEL
     iteration_setting = "max_iter"
-    tiers = MappingProxyType({
-        tier: {"tol_feas": tier.tolerance, "tol_gap_abs": tier.tolerance, "tol_gap_rel": tier.tolerance,
-               "max_iter": 1000}
-        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

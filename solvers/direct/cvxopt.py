@@ -10,27 +10,23 @@ persists. There is no warm start that pays.
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import cvxopt
 import cvxopt.solvers
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program
 
 
-class Cvxopt(Solver):
+class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
     name = "cvxopt"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "GPL-3.0-or-later"
-    distribution = "cvxopt"
-    tiers = MappingProxyType({tier: {"abstol": tier.tolerance, "reltol": tier.tolerance, "feastol": tier.tolerance}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = known.CVXOPT
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -12,15 +12,15 @@ the library on its own would go on from the last active set and so answer the sa
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import daqp
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Unsupported, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Unsupported, Vector
 from solvers.rows import Program
 
 Sense = NDArray[np.intc]
@@ -41,17 +41,13 @@ def touched(R: Matrix, l: Vector, u: Vector, x: Vector, tolerance: float, cold: 
                 out[i] = AT_UPPER
 
 
-class Daqp(Solver):
+class Daqp(LibrarySolver):
     """The library's ``Model``."""
 
     name = "daqp"
     lane = Lane.DIRECT
-    algorithm = "dual active set"
-    licence = "MIT"
-    distribution = "daqp"
+    library = known.DAQP
     warm_startable = True
-    tiers = MappingProxyType({tier: {"primal_tol": tier.tolerance, "iter_limit": 100_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -13,28 +13,24 @@ iterates. There is no warm start. The square inside the cone costs precision: at
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import ecos
 import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
+from solvers import backend as known
+from solvers.backend import LibrarySolver
 from solvers.direct._least_squares import cholesky
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program
 
 
-class Ecos(Solver):
+class Ecos(LibrarySolver):
     """The library's ``solve``; P must be positive definite."""
 
     name = "ecos"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "GPL-3.0-or-later"
-    distribution = "ecos"
-    tiers = MappingProxyType({tier: {"abstol": tier.tolerance, "reltol": tier.tolerance, "feastol": tier.tolerance}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = known.ECOS
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

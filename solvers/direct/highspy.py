@@ -8,15 +8,14 @@ Computation 10 (2018), pages 119 to 142, for HiGHS; M. Feldmeier's quadratic sol
 Timed: ``setup`` passes the model; ``update`` passes the triangle of P and q; ``solve`` runs, always from the start,
 since the quadratic solver takes no starting point, and makes an array of the library's answer.
 
-The regularisation δ, 1e-7 by default, is never taken back and moves the answer: the tiers lower it, and none sets it to
-0, with which the library can hang. Some answers are then still off by 1e-4 under the status optimal, and some solves
-end in "Solve error", the library's own check of its answer. ``time_limit`` is ours, seconds for each solve: the
+The regularisation δ, 1e-7 by default, is never taken back and moves the answer: the rungs lower it, and none sets it to
+0, with which the library can hang. Some answers are then still off by 1e-4 under the status optimal, and some solves end
+in "Solve error", the library's own check of its answer. ``time_limit`` is ours, seconds for each solve: the
 library's own counts over all solves from the making of its object.
 """
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import Any
 
 import highspy
@@ -24,23 +23,18 @@ import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program, Triangle
 
-REGULARISATION = {Tier.LOW: 1e-7, Tier.MID: 1e-10, Tier.HIGH: 1e-12}
 
-
-class Highspy(Solver):
+class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
     name = "highspy"
     lane = Lane.DIRECT
-    algorithm = "primal active set"
-    licence = "MIT"
-    distribution = "highspy"
-    tiers = MappingProxyType({
-        tier: {"primal_feasibility_tolerance": tier.tolerance, "dual_feasibility_tolerance": tier.tolerance,
-               "qp_regularization_value": regularisation} for tier, regularisation in REGULARISATION.items()})
+    library = known.HIGHS
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
@@ -51,11 +45,16 @@ class Highspy(Solver):
         self._time_limit_s: float = options.pop("time_limit", 5.0)
         for option, value in options.items():
             self._demand(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
-        R = csc_matrix(p.R[p.general])
+        # On a model without rows the quadratic solver ends in "Solve error"; a row of zeros between −∞ and ∞ is one.
+        R, above = csc_matrix((1, p.d)), np.array([np.inf])
+        below = -above
+        self._rows = p.u.size - p.d
+        if self._rows:
+            R, below, above = csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
         lp = highspy.HighsLp()
         lp.num_col_, lp.num_row_ = p.d, R.shape[0]
         lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.l[p.bounds], p.u[p.bounds]
-        lp.row_lower_, lp.row_upper_ = p.l[p.general], p.u[p.general]
+        lp.row_lower_, lp.row_upper_ = below, above
         lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
         lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
         lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = R.indptr, R.indices, R.data
@@ -87,7 +86,7 @@ class Highspy(Solver):
 
     def solution(self) -> Solution:  # noqa: D102
         answer = self._highs.getSolution()
-        p, rows, columns = self.program, np.array(answer.row_dual), np.array(answer.col_dual)
+        p, rows, columns = self.program, np.array(answer.row_dual)[:self._rows], np.array(answer.col_dual)
         status = self._highs.modelStatusToString(self._highs.getModelStatus())
         w = -np.concatenate([columns, rows]) if self._found else np.zeros(p.l.size)
         return p.solution(np.array(answer.col_value), w, self._found, status=status,

@@ -9,35 +9,32 @@ Timed: ``setup`` scales and factorises; ``update`` copies the upper triangle of 
 again; ``solve`` iterates. A cold solve starts from zero, a warm one from ``warm_start`` and the multipliers of the last
 solve; the penalty ρ that a solve has adapted stays for the next, as the library means it.
 
-The adaptation of ρ is counted in steps and not in seconds, in every tier, so that a run can be repeated. Polishing is
-off, as in the library: after a warm start on badly scaled data it can spoil the answer. ``polishing=True`` has it.
+The adaptation of ρ is counted in steps and not in seconds, so that a run can be repeated. Polishing, which solves the
+equations of the rows that seem active, is off, as in the library, but for the last rungs: after a loose or warm solve on
+badly scaled data it takes the wrong rows and spoils the answer.
 """
 
 from __future__ import annotations
-
-from types import MappingProxyType
 
 import numpy as np
 import osqp
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Unsupported, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Unsupported, Vector
 from solvers.rows import Intervals, Program, Triangle
 
 
-class Osqp(Solver):
+class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
     name = "osqp"
     lane = Lane.DIRECT
-    algorithm = "ADMM"
-    licence = "Apache-2.0"
-    distribution = "osqp"
+    library = known.OSQP
     warm_startable = True
     iteration_setting = "max_iter"
-    tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iter": 200_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
@@ -47,9 +44,8 @@ class Osqp(Solver):
             raise Unsupported("osqp refuses bounds that cross, and a lower bound of the problem is above its upper one")
         self._zero = np.zeros(p.d), np.zeros(self._rows.l.size)
         self._solver = osqp.OSQP()
-        repeatable = {"verbose": False, "polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50}
         self._solver.setup(self._triangle.matrix(p.P), p.q.copy(), csc_matrix(self._rows.R), self._rows.l, self._rows.u,
-                           **{**repeatable, **self.settings})
+                           **{"verbose": False, **self.settings})
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program

@@ -11,29 +11,23 @@ one factorisation a step, and copies x out of the library's memory. There is no 
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 import piqp
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program
 
 
-class Piqp(Solver):
+class Piqp(LibrarySolver):
     """The library's ``DenseSolver``."""
 
     name = "piqp"
     lane = Lane.DIRECT
-    algorithm = "proximal interior point"
-    licence = "BSD-2-Clause"
-    distribution = "piqp"
+    library = known.PIQP
     iteration_setting = "max_iter"
-    tiers = MappingProxyType({
-        tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "eps_duality_gap_abs": tier.tolerance,
-               "eps_duality_gap_rel": tier.tolerance, "max_iter": 1000}
-        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

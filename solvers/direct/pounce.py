@@ -11,25 +11,21 @@ library takes whole solutions of a nearby problem, not points.
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 import pounce
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.backend import Backend, LibrarySolver, share
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program
 
 
-class Pounce(Solver):
+class Pounce(LibrarySolver):
     """The library's ``solve_qp``."""
 
     name = "pounce"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "EPL-2.0"
-    distribution = "pounce-solver"
-    tiers = MappingProxyType({tier: {"tol": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": share}, (4, 6, 8, 10, 12, 13, 14))
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -17,31 +17,24 @@ certain, takes no multipliers to start from, and was not faster. An update wipes
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 from proxsuite import proxqp
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Intervals, Program
 
 
-class Proxsuite(Solver):
+class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
 
     name = "proxsuite"
     lane = Lane.DIRECT
-    algorithm = "proximal augmented Lagrangian"
-    licence = "BSD-2-Clause"
-    distribution = "proxsuite"
+    library = known.PROXQP
     warm_startable = True
     iteration_setting = "max_iter"
-    # The gap belongs to what the judge looks at, so the tiers have it checked; the library leaves it out by default.
-    tiers = MappingProxyType({
-        tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "check_duality_gap": True,
-               "eps_duality_gap_abs": tier.tolerance, "eps_duality_gap_rel": tier.tolerance, "max_iter": 1000}
-        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

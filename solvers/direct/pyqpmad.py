@@ -11,25 +11,22 @@ overwrites it, factorises and iterates. There is no warm start, only the workspa
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 import pyqpmad
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program
 
 
-class Pyqpmad(Solver):
+class Pyqpmad(LibrarySolver):
     """The library's ``Solver``."""
 
     name = "pyqpmad"
     lane = Lane.DIRECT
-    algorithm = "dual active set"
-    licence = "BSD-3-Clause"
-    distribution = "pyqpmad"
-    tiers = MappingProxyType({tier: {"tolerance": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = known.PYQPMAD
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -11,28 +11,24 @@ ends in a numerical error.
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 import qoco
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
-class Qoco(Solver):
+class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
     name = "qoco"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "BSD-3-Clause"
-    distribution = "qoco"
+    library = known.QOCO
     iteration_setting = "max_iters"
-    tiers = MappingProxyType({tier: {"abstol": tier.tolerance, "reltol": tier.tolerance}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -12,30 +12,26 @@ solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 import qpalm
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
+from solvers import backend as known
+from solvers.backend import LibrarySolver
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Intervals, Program, Triangle
 
 
-class Qpalm(Solver):
+class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
     name = "qpalm"
     lane = Lane.DIRECT
-    algorithm = "proximal augmented Lagrangian"
-    licence = "LGPL-3.0-or-later"
-    distribution = "qpalm"
+    library = known.QPALM
     warm_startable = True
     iteration_setting = "max_iter"
-    tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iter": 100_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

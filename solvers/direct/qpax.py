@@ -13,29 +13,26 @@ and says not converged, though x is exact.
 from __future__ import annotations
 
 from functools import partial
-from types import MappingProxyType
 
 import jax
 import numpy as np
 import qpax
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program
 
 jax.config.update("jax_enable_x64", True)
 
 
-class Qpax(Solver):
+class Qpax(LibrarySolver):
     """The library's ``solve_qp``, compiled."""
 
     name = "qpax"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "Apache-2.0"
-    distribution = "qpax"
-    tiers = MappingProxyType({tier: {"solver_tol": tier.tolerance, "max_iter": 50}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = known.QPAX
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

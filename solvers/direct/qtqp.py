@@ -11,26 +11,22 @@ left alone, the library takes the first that it finds, MKL's where its wheel bri
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import qtqp
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Unsupported, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Unsupported, Vector
 from solvers.rows import Cones, Program
 
 
-class Qtqp(Solver):
+class Qtqp(LibrarySolver):
     """The library's ``QTQP``."""
 
     name = "qtqp"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "Apache-2.0"
-    distribution = "qtqp"
-    tiers = MappingProxyType({tier: {f"tol_{of}": tier.tolerance for of in ("feas", "gap_abs", "gap_rel")}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = known.QTQP
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -15,20 +15,20 @@ import numpy as np
 import quadprog
 from qpsolvers import Problem, Solution
 
-from solvers.protocol import Lane, Matrix, Solver, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program
 
 NO_ANSWER = ("no solution", "not positive definite")  # what the library's ValueError says when the problem is at fault
 
 
-class Quadprog(Solver):
+class Quadprog(LibrarySolver):
     """The library's function ``solve_qp``."""
 
     name = "quadprog"
     lane = Lane.DIRECT
-    algorithm = "dual active set"
-    licence = "GPL-2.0-or-later"
-    distribution = "quadprog"
+    library = known.QUADPROG
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         if self.settings:

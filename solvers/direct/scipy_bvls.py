@@ -10,17 +10,13 @@ Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
+from solvers.backend import Backend, share
 from solvers.direct._least_squares import LsqLinear
-from solvers.protocol import Tier
 
 
 class ScipyBvls(LsqLinear):
     """scipy.optimize.lsq_linear(method="bvls")."""
 
     name = "scipy_bvls"
-    algorithm = "active set"
+    library = Backend("active set", "BSD-3-Clause", "scipy", {"tol": share}, (8, 12), more={"max_iter": 10_000})
     method = "bvls"
-    tiers = MappingProxyType({tier: {"tol": tier.tolerance, "max_iter": 10_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})

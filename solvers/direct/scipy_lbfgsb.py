@@ -6,20 +6,21 @@ Source: R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, "A limited memory algorithm for b
 Journal on Scientific Computing 16 (1995), pages 1190 to 1208.
 
 Timed: ``solve`` is everything, the cost being called from Python at every step. ``gtol`` bounds the largest component
-of the projected gradient and ``ftol`` the relative decrease of the cost; a tier sets the first, and the second near the
-rounding error, so that the gradient decides while it can. Where rounding spoils the line search before that, the
+of the projected gradient and ``ftol`` the relative decrease of the cost; with our settings the second is 0, so that the
+gradient alone decides, and 30 corrections are kept in place of 10, without which ill-conditioned P take ten times the
+steps. Where rounding spoils the line search before that, the
 library ends as ABNORMAL, and the answer counts as not found.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from types import MappingProxyType
 
 from scipy.optimize import Bounds, minimize
 
+from solvers.backend import Backend, absolute
 from solvers.direct._box import BoxMinimiser, Outcome, cost, inside
-from solvers.protocol import Lane, Tier, Vector
+from solvers.protocol import Lane, Vector
 
 
 class ScipyLbfgsb(BoxMinimiser):
@@ -27,13 +28,9 @@ class ScipyLbfgsb(BoxMinimiser):
 
     name = "scipy_lbfgsb"
     lane = Lane.DIRECT
-    algorithm = "quasi-Newton"
-    licence = "BSD-3-Clause"
-    distribution = "scipy"
+    library = Backend("quasi-Newton", "BSD-3-Clause", "scipy", {"gtol": absolute}, (4, 5, 6, 7, 8, 9),
+                      more={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000})
     warm_startable = True
-    tiers = MappingProxyType({
-        tier: {"gtol": tier.tolerance, "ftol": 1e-14, "maxiter": 100_000, "maxfun": 1_000_000}
-        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
         result = minimize(  # type: ignore[call-overload]

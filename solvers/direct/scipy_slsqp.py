@@ -12,28 +12,25 @@ rows; the duals of the bounds, which it does not give, follow from stationarity.
 from __future__ import annotations
 
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.optimize import Bounds, minimize
 
+from solvers.backend import Backend, LibrarySolver, absolute
 from solvers.direct._box import bound_duals, cost, inside, refuse_crossing
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program
 
 
-class ScipySlsqp(Solver):
+class ScipySlsqp(LibrarySolver):
     """scipy.optimize.minimize(method="SLSQP")."""
 
     name = "scipy_slsqp"
     lane = Lane.DIRECT
-    algorithm = "sequential least squares"
-    licence = "BSD-3-Clause"
-    distribution = "scipy"
+    library = Backend("sequential least squares", "BSD-3-Clause", "scipy", {"ftol": absolute}, (4, 6, 8, 10, 12, 14, 16),
+                      more={"maxiter": 10_000})
     warm_startable = True
-    tiers = MappingProxyType({tier: {"ftol": tier.tolerance, "maxiter": 10_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -11,23 +11,20 @@ answer stays strictly inside the box, so its duals are those that stationarity a
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 from qpsolvers import Solution
 
+from solvers.backend import Backend, share
 from solvers.direct._box import bound_duals, cost
 from solvers.direct._least_squares import LsqLinear
-from solvers.protocol import Tier
 
 
 class ScipyTrf(LsqLinear):
     """scipy.optimize.lsq_linear(method="trf")."""
 
     name = "scipy_trf"
-    algorithm = "trust region reflective"
+    library = Backend("trust region reflective", "BSD-3-Clause", "scipy", {"tol": share}, (4, 6, 8, 10, 12, 14, 15),
+                      more={"max_iter": 10_000})
     method = "trf"
-    tiers = MappingProxyType({tier: {"tol": tier.tolerance, "max_iter": 10_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def solution(self) -> Solution:  # noqa: D102
         solution = super().solution()

@@ -15,31 +15,28 @@ warm start: from a point on the bounds an interior method takes longer.
 from __future__ import annotations
 
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from qpsolvers import Problem, Solution
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
+from solvers.backend import Backend, LibrarySolver, absolute, share
 from solvers.direct._box import cost, inside, refuse_crossing
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.protocol import Lane, Matrix, Tier, Vector
 from solvers.rows import Program
 
 CONVERGED = (1, 2, 4)
 """The library's statuses for the gradient's test, the trust radius's, and either of them with rows violated by gtol."""
 
 
-class ScipyTrustConstr(Solver):
+class ScipyTrustConstr(LibrarySolver):
     """scipy.optimize.minimize(method="trust-constr")."""
 
     name = "scipy_trust_constr"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "BSD-3-Clause"
-    distribution = "scipy"
-    tiers = MappingProxyType({
-        tier: {"gtol": 1e-6 * (tier.tolerance or 0.0), "xtol": tier.tolerance, "barrier_tol": tier.tolerance,
-               "maxiter": 10_000} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = Backend("interior point", "BSD-3-Clause", "scipy",
+                      {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": share, "barrier_tol": absolute}, (4, 6, 8, 10, 12),
+                      more={"maxiter": 10_000}, each={tier: {"gtol": 1e-6 * (tier.tolerance or 0.0)} for tier in Tier if tier.tolerance})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -13,29 +13,25 @@ alone, it takes MKL where the wheel brings it.
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 import numpy as np
 import scs
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers import backend as known
+from solvers.backend import LibrarySolver
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
-class Scs(Solver):
+class Scs(LibrarySolver):
     """The library's ``SCS``."""
 
     name = "scs"
     lane = Lane.DIRECT
-    algorithm = "ADMM, Anderson acceleration"
-    licence = "MIT"
-    distribution = "scs"
+    library = known.SCS
     warm_startable = True
     iteration_setting = "max_iters"
-    tiers = MappingProxyType({tier: {"eps_abs": tier.tolerance, "eps_rel": tier.tolerance, "max_iters": 1_000_000}
-                              for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -12,28 +12,25 @@ start.
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import MappingProxyType
 
 import numpy as np
 import sip_python as sip
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix, csr_matrix
 
-from solvers.protocol import Lane, Matrix, Solver, Tier, Vector
+from solvers.backend import INTERIOR_POINT, Backend, LibrarySolver, absolute, unscaled
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
-class Sip(Solver):
+class Sip(LibrarySolver):
     """The library's ``Solver``; the settings are those of its termination."""
 
     name = "sip"
     lane = Lane.DIRECT
-    algorithm = "interior point"
-    licence = "MIT"
-    distribution = "sip_python"
-    tiers = MappingProxyType({
-        tier: {f"max_{of}": tier.tolerance for of in ("complementarity_gap", "constraint_violation", "dual_residual")}
-        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
+    library = Backend("interior point", "MIT", "sip_python",
+                      {"max_complementarity_gap": absolute, "max_constraint_violation": unscaled, "max_dual_residual": unscaled},
+                      INTERIOR_POINT)
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -1,0 +1,45 @@
+"""MuJoCo's ``mju_boxQP``: projected Newton method on the variables that no bound holds, with a projected line search.
+
+    minimise ½ xᵀH x + xᵀg   subject to   lower ≤ x ≤ upper;   H = P, g = q
+
+Source: Y. Tassa, N. Mansard, E. Todorov, "Control-limited differential dynamic programming", IEEE International
+Conference on Robotics and Automation (2014), section III-C, in the engine of MuJoCo.
+
+Timed: ``update`` copies; ``solve`` is the library's function, which works in our memory. It starts from ``warm_start``
+or from 0. Its limits (100 iterations, a squared gradient of 1e-16, a step of 1e-22) cannot be set from Python, so there
+is one rung. It tells an indefinite P, and not whether an answer met the gradient's limit or another one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mujoco import _functions  # the package mujoco-core, which is this without the viewer and its windows
+from qpsolvers import Problem
+
+from solvers.backend import Backend
+from solvers.direct._box import BoxMinimiser, Outcome
+from solvers.protocol import Lane, Unsupported, Vector
+
+
+class Mujoco(BoxMinimiser):
+    """The library's ``mju_boxQP``."""
+
+    name = "mujoco"
+    lane = Lane.DIRECT
+    library = Backend("projected Newton", "Apache-2.0", "mujoco-core")
+    warm_startable = True
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        super().setup(problem)
+        if self.settings:
+            raise ValueError(f"mujoco has no settings, so none is {', '.join(sorted(self.settings))}")
+        if np.any(self.lb == self.ub):
+            raise Unsupported("mujoco needs lb < ub, and a variable is fixed by lb = ub")
+        d = self.program.d
+        self._x, self._factor = np.zeros(d), np.zeros((d, d + 7))
+
+    def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
+        p, x = self.program, self._x
+        x[:] = 0.0 if start is None else start
+        free = _functions.mju_boxQP(x, self._factor, None, p.P, p.q, self.lb, self.ub)
+        return Outcome(x, free >= 0, f"{free} variables free" if free >= 0 else "P is not positive definite")
