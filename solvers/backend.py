@@ -166,8 +166,12 @@ QOCO = Backend("interior point", "BSD-3-Clause", "qoco", {"abstol": absolute, "r
                (4, 6, 8, 10, 12, 13))
 QPALM = Backend("proximal augmented Lagrangian", "LGPL-3.0-or-later", "qpalm", EPS, (4, 6, 8, 10, 12, 13),
                 more={"max_iter": 100_000})
-QPAX = Backend("interior point", "Apache-2.0", "qpax", {"solver_tol": absolute}, (4, 6, 7), more={"max_iter": 50})
-QTQP = Backend("interior point", "Apache-2.0", "qtqp", RESIDUALS, INTERIOR_POINT)
+# Its explicit method keeps slacks and multipliers above 1.5e-8 and so their products, the implicit one does not.
+QPAX = Backend("interior point", "Apache-2.0", "qpax", {"solver_tol": absolute}, (6, 7, 8, 10, 12),
+               more={"max_iter": 100, "backend": "i"})
+# The regularisation of 1e-8 is what its residuals end at; with less of it they can be asked for.
+QTQP = Backend("interior point", "Apache-2.0", "qtqp", {**RESIDUALS, "tol_feas": lambda c, k: 0.01 * residual(c, k)},
+               INTERIOR_POINT, more={"min_static_regularization": 1e-12})
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # Left alone, SCS takes MKL where the wheel brings it.
 SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, (4, 6, 8, 10, 12, 14), more={"max_iters": 1_000_000},
