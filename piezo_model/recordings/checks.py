@@ -16,17 +16,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_model.recordings.pieces import RecordingError, Vector, rechunk
+from piezo_model.recordings.pieces import RecordingError, Vector, limited, rechunk
 from piezo_model.recordings.tables import Table
 
 CHUNK = 65536
 TIME_TOLERANCE = 0.01
 """Share of the sampling period by which an interval may differ from it."""
+ABSURD = 1e30
+"""Size from which a value is none: instruments write 9.9e37 for an overload."""
 MOST_DECIMALS = 15
+FEW = 8
+SINGLE_GRID = 0.1
+"""Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is 0.5."""
 
 Where = Callable[[int], str]
 
@@ -40,42 +45,57 @@ class Scan:
     time_resolution: float
     """Rounding that shows in the times, in seconds."""
     length: int
+    """Rows up to the last that is complete."""
+    incomplete: int
+    """Rows after that one."""
     ranges: tuple[tuple[float, float], ...]
     """Smallest and largest value of every signal."""
 
 
-def scan(table: Table, time: str, signals: Sequence[str], seconds: float, tolerance: float = TIME_TOLERANCE) -> Scan:
+def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: float = 1.0, tolerance: float = TIME_TOLERANCE,
+         length: int | None = None) -> Scan:
     """Check a time column and signal columns in one pass.
 
     Parameters
     ----------
     table : Table
         Opened table.
-    time, signals : str, sequence of str
-        Column names.
-    seconds : float
-        Seconds in one unit of the time column.
+    time : int or None
+        Position of the time column.
+    signals : sequence of int
+        Positions of the signals.
+    sample_time : float
+        Seconds in one unit of the time column, or the sampling period where there is none.
     tolerance : float
         Allowed deviation of an interval, as a share of the sampling period.
+    length : int, optional
+        Rows to look at.
 
     Raises
     ------
     RecordingError
-        Missing, NaN or infinite values, times that run backwards, stand still, leap or jitter, fewer than two rows.
+        Missing, NaN or infinite values but for missing ones in the last rows, times that run backwards, stand still, leap
+        or jitter, fewer than two rows.
     """
     if not 0 < tolerance < 0.5:
         raise RecordingError(f"the time tolerance is a share of the sampling period between 0 and 0.5, not {tolerance}")
-    values = [ValueCheck(f"{table.path}: column {name!r}", table.where) for name in (time, *signals)]
-    clock = ClockCheck(f"{table.path}: time column {time!r}", table.where, seconds, tolerance)
-    for piece in rechunk(table.pieces([time, *signals]), CHUNK):
+    at = [*([] if time is None else [time]), *signals]
+    values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
+    clock = None if time is None else ClockCheck(f"{table.path}: time column {table.columns[time].name!r}", table.where,
+                                                 sample_time, tolerance)
+    for piece in rechunk(limited(table.pieces(at), length), CHUNK):
         for check, column in zip(values, piece, strict=True):
             check.update(column)
-        if not values[0].bad:
+        if clock and not values[0].bad:
             clock.update(piece[0])
-    for check in values:
-        check.finish()
-    return Scan(clock.sample_time(), clock.resolution * seconds, values[0].count,
-                tuple((check.low, check.high) for check in values[1:]))
+    complete = min(check.finish() for check in values)
+    rows = values[0].count
+    if complete < rows:
+        return replace(scan(table, time, signals, sample_time, tolerance, complete), incomplete=rows - complete)
+    if clock is None and rows < 2:
+        raise RecordingError(f"{table.path}: has {rows} data row{'' if rows == 1 else 's'}, and a recording needs two")
+    return Scan(clock.sample_time() if clock else sample_time, clock.resolution * sample_time if clock else 0.0, rows, 0,
+                tuple((check.low, check.high) for check in values[len(at) - len(signals):]))
 
 
 class ValueCheck:
@@ -94,27 +114,34 @@ class ValueCheck:
         self.label, self.where = label, where
         self.count = self.bad = 0
         self.low, self.high = math.inf, -math.inf
-        self._first_bad, self._first_value = 0, 0.0
+        self._first_bad, self._first_value, self._only_missing = 0, 0.0, True
 
     def update(self, values: Vector) -> None:
         """Take the next piece."""
-        finite = np.isfinite(values)
-        if not finite.all():
+        low, high = float(values.min()), float(values.max())
+        if not (low > -ABSURD and high < ABSURD):
+            finite = np.abs(values) < ABSURD
             if not self.bad:
                 at = int(np.argmin(finite))
                 self._first_bad, self._first_value = self.count + at, float(values[at])
             self.bad += int(values.size - np.count_nonzero(finite))
-            values = values[finite]
-        self.count += finite.size
-        if values.size:
-            self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
+            self._only_missing &= bool(np.isnan(values[~finite]).all())
+            kept = values[finite]
+            low, high = float(np.min(kept, initial=math.inf)), float(np.max(kept, initial=-math.inf))
+        self.count += values.size
+        self.low, self.high = min(self.low, low), max(self.high, high)
 
-    def finish(self) -> None:
-        """Refuse what is not finite."""
-        if self.bad:
-            kind = "missing (or NaN)" if math.isnan(self._first_value) else "infinite"
-            many = f"; in all {self.bad} of {self.count} values are not finite" if self.bad > 1 else ""
-            raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{many}")
+    def finish(self) -> int:
+        """Refuse what is not finite; returns the rows up to the last value where all the missing ones come at the end."""
+        if not self.bad:
+            return self.count
+        if self._only_missing and self.bad == self.count - self._first_bad and self._first_bad >= 2:
+            return self._first_bad
+        value = self._first_value
+        kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
+        many = f"; in all {self.bad} of {self.count} values are not finite" if self.bad > 1 else ""
+        many += ", which nothing measures" if math.isfinite(value) else ""
+        raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{many}")
 
 
 class ClockCheck:
@@ -138,7 +165,8 @@ class ClockCheck:
         """Rounding that shows in the times so far, in units of the column."""
         self._first = self._last = 0.0
         self._tail: Vector = np.empty(0)
-        self._period = self._period_error = self._float = 0.0
+        self._period = self._period_error = 0.0
+        self._rounding = Rounding(0.0)
         self._strides = [1]
 
     def update(self, times: Vector) -> None:
@@ -150,7 +178,7 @@ class ClockCheck:
             self._first = float(times[0])
             if times.size > 1:
                 self._settle(times)
-        self.resolution = max(self.resolution, self._float * float(np.abs(times).max()))
+        self.resolution = max(self.resolution, self._rounding.at(times))
         self.count += times.size
         self._last = float(times[-1])
         for stride in self._strides:
@@ -170,9 +198,9 @@ class ClockCheck:
         mean = float(times[-1] - times[0]) / (n - 1)
         if mean == 0:
             raise RecordingError(f"{self.label} stands still from {self.where(0)} on, at {self._seconds(times[0])}")
-        digit, self._float = _printed_digit(times)
+        digit, self._rounding = _printed_digit(times)
         if not self._rounding_shows(times, mean, digit):
-            digit = self._float * float(np.abs(times).max())
+            digit = self._rounding.at(times)
         self.resolution = digit
         # Far enough apart for the rounding to vanish, near enough for one gap to touch few of the differences.
         reach = max(1, min(math.ceil(4 * digit / (self.tolerance * mean)), n // 8))
@@ -223,17 +251,60 @@ class ClockCheck:
         return f"{value * self.seconds:.9g} s"
 
 
-def _printed_digit(times: Vector) -> tuple[float, float]:
-    """Last decimal digit that all times are printed with, and the relative rounding of their type."""
-    single = bool((times.astype(np.float32).astype(np.float64) == times).all())
-    relative = float(np.finfo(np.float32 if single else np.float64).eps)
-    floor = relative * float(np.abs(times).max())
+@dataclass(frozen=True)
+class Rounding:
+    """How times were rounded beside a fixed number of decimals: to a share, or to significant digits as by ``%g``."""
+
+    share: float
+    digits: int | None = None
+
+    def at(self, times: Vector) -> float:
+        """Rounding of the largest of these times."""
+        largest = float(np.abs(times).max())
+        if self.digits is None or not largest:
+            return self.share * largest
+        return float(10.0**(math.floor(math.log10(largest)) + 1 - self.digits))
+
+
+def _printed_digit(times: Vector) -> tuple[float, Rounding]:
+    """Last decimal digit that all times are printed with, and the rounding that grows with them."""
+    rounding = Rounding(float(np.finfo(np.float32 if _single(times) else np.float64).eps))
+    decimals = _decimals(times, rounding)
+    decimals = _decimals(times, rounding)
+    digits = _significant_digits(times, rounding, decimals)
+    if digits is not None:
+        rounding = Rounding(rounding.share, digits)
+    return rounding.at(times) if decimals is None or digits is not None else 10.0**-decimals, rounding
+
+
+def _significant_digits(times: Vector, rounding: Rounding, decimals: int | None) -> int | None:
+    """Digits that ``%g`` printed, or None: it shows in that times below the last power of ten have more decimals."""
+    size = np.abs(times)
+    early = size < 10.0**math.floor(math.log10(max(float(size.max()), 1e-300)))
+    fewer = _decimals(times[~early], rounding)
+    if fewer is None or fewer == decimals or min(np.count_nonzero(early), np.count_nonzero(~early)) < FEW:
+        return None
+    more = np.abs(np.round(times[early], fewer) - times[early]) > 4 * rounding.at(times)
+    return fewer + 1 + math.floor(math.log10(float(size.max()))) if np.count_nonzero(more) > more.size / 2 else None
+
+
+def _decimals(times: Vector, rounding: Rounding) -> int | None:
+    """Fewest decimals that write all times, or None where rounding of another kind hides it."""
+    floor = rounding.at(times)
     for decimals in range(MOST_DECIMALS + 1):
         if 10.0**-decimals <= 16 * floor:  # every number would look rounded to it
-            break
+            return None
         if (np.abs(np.round(times, decimals) - times) <= 4 * floor).all():
-            return 10.0**-decimals, relative
-    return floor, relative
+            return decimals
+    return None
+
+
+def _single(times: Vector) -> bool:
+    """Whether times are of single precision, be it printed in decimals: they lie on its grid far better than by chance."""
+    some = times[times != 0.0]
+    grid = np.float32(some)
+    near = np.abs(grid - some) < SINGLE_GRID * np.spacing(np.abs(grid))
+    return bool(near.all()) and np.unique(grid).size == np.unique(some).size
 
 
 def _shortest(value: float, uncertainty: float) -> float:

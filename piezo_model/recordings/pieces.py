@@ -13,6 +13,7 @@ Matrix = NDArray[np.float64]
 
 BUFFER_BYTES = 1 << 18
 """Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 class RecordingError(ValueError):
@@ -40,10 +41,31 @@ def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:
         yield np.concatenate(held, axis=1)
 
 
+def limited(pieces: Iterable[Matrix], rows: int | None) -> Iterator[Matrix]:
+    """The first rows of pieces, or all of them."""
+    for piece in pieces:
+        if rows is None:
+            yield piece
+        elif rows > 0:
+            yield piece[:, :rows]
+            rows -= piece.shape[1]
+
+
 def matrix_of(batch: pa.RecordBatch) -> Matrix:
-    """Columns of numbers of a batch as an array of its own, shape (columns, rows), NaN where a value is missing."""
-    columns = [column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False) for column in batch.columns]
-    return np.stack(columns)
+    """Columns of numbers of a batch as an array of its own, shape (columns, rows), NaN where a value is missing.
+
+    Points in time and durations become seconds.
+    """
+    rows = np.empty((batch.num_columns, batch.num_rows))
+    for row, column in zip(rows, batch.columns, strict=True):
+        per_second = 1.0
+        if pa.types.is_temporal(column.type):
+            per_second = PER_SECOND[column.type.unit]
+            column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+        row[:] = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+        if per_second != 1.0:
+            row /= per_second
+    return rows
 
 
 def first_line(error: Exception) -> str:

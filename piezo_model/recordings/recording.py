@@ -1,9 +1,10 @@
 """A recording: what was fed to an actuator and what came out, sampled uniformly.
 
-The file (CSV or Parquet) has a time column t_k = t_0 + k T and named columns for the input x_k and the output y_k. It
-is checked once, when it is opened, and streamed ever after: a recording of hours fits because nothing of it is kept but
-its ranges. Columns that the user does not name are guessed from the header (:mod:`piezo_model.recordings.columns`), and
-``describe()`` says so; what is checked and how is in :mod:`piezo_model.recordings.checks`.
+The file, of any format that :mod:`piezo_model.recordings.formats` knows, has columns for the input x_k and the output y_k,
+and for the time t_k = t_0 + k T unless T is known otherwise. It is checked once, when it is opened, and streamed ever after:
+a recording of hours fits because nothing of it is kept but its ranges. Columns that the user does not name are guessed
+(:mod:`piezo_model.recordings.roles`), and ``describe()`` says so; what is checked and how is in
+:mod:`piezo_model.recordings.checks`.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, ValueCheck, scan
-from piezo_model.recordings.columns import INPUT, OUTPUT, REFERENCE, TIME, choose, seconds_per_unit, split_unit
-from piezo_model.recordings.pieces import Matrix, RecordingError, Vector, rechunk
-from piezo_model.recordings.tables import open_table
+from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, Scan, ValueCheck, scan
+from piezo_model.recordings.pieces import Matrix, RecordingError, Vector, limited, rechunk
+from piezo_model.recordings.roles import Roles, choose_roles, seconds_per_unit
+from piezo_model.recordings.tables import Reading, Table, open_table
+from piezo_model.units import quantity, shown
 
 
 @dataclass(frozen=True)
@@ -48,22 +50,29 @@ class Recording:
     """Those of ``columns`` that nobody named."""
     time_resolution: float = 0.0
     """Rounding that shows in the times, in seconds."""
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """Why the guessed ones were guessed, by role."""
+    form: str = ""
+    """How the file was understood, as a clause: "text, separated by tabs, header in row 3"."""
     _pieces: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False, default=tuple)
 
     @classmethod
     def open(cls, path: str | Path, time: str | None = None, input: str | None = None, output: str | None = None, *,
-             time_tolerance: float = TIME_TOLERANCE) -> Recording:
+             time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
+             decimal: str | None = None, sheet: str | None = None) -> Recording:
         """Open a file and check all of it, in one pass and in bounded memory.
 
         Parameters
         ----------
         path : str or Path
-            CSV (comma, semicolon or tab; decimal points; a header) or Parquet, told by the suffix.
+            Of any format; it is told by the content.
         time, input, output : str, optional
-            Column names; guessed from the header by default.
+            Column names, paths such as ``group/channel``, or numbers counted from 1; guessed by default.
         time_tolerance : float
             Share of the sampling period by which an interval may differ from it, on top of the rounding of printed
             times.
+        sample_time, header_row, decimal, sheet
+            What the file does not say, as in :class:`piezo_model.recordings.tables.Reading`.
 
         Raises
         ------
@@ -80,16 +89,16 @@ class Recording:
         >>> recording.sample_time, recording.length, recording.x_range, recording.output_unit
         (0.005, 3, (0.0, 2.0), 'um')
         """
-        table = open_table(path)
-        columns, guesses = choose(table, {TIME: time, INPUT: input, OUTPUT: output})
-        signals = [columns["input"], columns["output"]]
-        found = scan(table, columns["time"], signals, seconds_per_unit(table, columns["time"]), time_tolerance)
-        for role, column, (low, high) in zip(("input", "output"), signals, found.ranges, strict=True):
-            _refuse_constant(f"{table.path}: {role} column {column!r}", low, high, found.length)
-        x_range, y_range = found.ranges
-        input_unit, output_unit = (split_unit(column)[1] for column in signals)
-        return cls(str(path), found.sample_time, found.length, x_range, y_range, input_unit, output_unit, columns,
-                   guesses, found.time_resolution, partial(table.pieces, signals))
+        table = open_table(path, Reading(sample_time, header_row, decimal, sheet))
+        roles = choose_roles(table, {"time": time, "input": input, "output": output}, sample_time is not None)
+        found = _scanned(table, roles, ("input", "output"), sample_time, time_tolerance)
+        signals = [roles.at["input"], roles.at["output"]]
+        x, y = (table.columns[k] for k in signals)
+        for role, column, (low, high) in zip(("input", "output"), (x, y), found.ranges, strict=True):
+            _refuse_constant(f"{table.path}: {role} column {column.name!r}", low, high, found.length)
+        return cls(str(path), found.sample_time, found.length, found.ranges[0], found.ranges[1], x.unit, y.unit, _names(table, roles),
+                   {role: table.columns[roles.at[role]].name for role in roles.reasons}, found.time_resolution, roles.reasons,
+                   _form(table, found), partial(_rows, table, signals, found.length))
 
     @classmethod
     def from_arrays(cls, x: ArrayLike, y: ArrayLike, sample_time: float, *, input_unit: str = "", output_unit: str = "",
@@ -158,16 +167,16 @@ class Recording:
             raise RecordingError(f"{self.name}: has {self.length} samples, and {samples} are needed at least")
 
     def describe(self) -> str:
-        """Say in a sentence what was recorded and which columns were guessed."""
-        signals = [f"{role} {_named(self.columns.get(role), unit)} from {low:g} to {high:g}" for role, unit, (low, high)
-                   in (("input", self.input_unit, self.x_range), ("output", self.output_unit, self.y_range))]
-        said = (f"{self.name}: {self.length} samples over {self.duration_s:g} s, one every {self.sample_time:g} s; "
-                + ", ".join(signals))
+        """Say in two lines what was recorded, and which columns were guessed and why."""
+        first = (f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
+                 f"{quantity(self.duration_s, 's')}, {_every(self.sample_time)}")
         if "time" in self.columns:
-            said += f", time {_named(self.columns['time'], split_unit(self.columns['time'])[1] or 's')}"
+            first += f" by {self.columns['time']!r}"
         if self.time_resolution > TIME_TOLERANCE * self.sample_time:
-            said += f" rounded to {self.time_resolution:g} s"
-        return said + _guessed(self.guesses)
+            first += f", rounded to {quantity(self.time_resolution, 's')}"
+        second = ", ".join(_said(role, self.columns.get(role), unit, span) for role, unit, span in
+                           (("input", self.input_unit, self.x_range), ("output", self.output_unit, self.y_range)))
+        return f"{first}\n{second}{_guessed(self.reasons)}"
 
 
 @dataclass(frozen=True)
@@ -186,6 +195,10 @@ class Reference:
     """Column of the file by role: time, reference."""
     guesses: Mapping[str, str]
     """Those of ``columns`` that nobody named."""
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """Why, by role."""
+    form: str = ""
+    """How the file was understood, as a clause."""
 
     def __iter__(self) -> Iterator[Any]:
         """Sampling period, values and unit."""
@@ -193,21 +206,23 @@ class Reference:
 
     def describe(self) -> str:
         """Say in a sentence what was read and which columns were guessed."""
-        return (f"{self.name}: {self.values.size} samples, one every {self.sample_time:g} s; reference "
-                f"{_named(self.columns['reference'], self.unit)}" + _guessed(self.guesses))
+        return (f"{self.name}: {self.form}; {self.values.size} samples, {_every(self.sample_time)}; "
+                + _said("reference", self.columns["reference"], self.unit, (float(self.values.min()), float(self.values.max())))
+                + _guessed(self.reasons))
 
 
 def read_reference(path: str | Path, time: str | None = None, column: str | None = None, *,
-                   time_tolerance: float = TIME_TOLERANCE) -> Reference:
-    """Read a file of a time column and one signal to be followed, which may be constant.
+                   time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
+                   decimal: str | None = None, sheet: str | None = None) -> Reference:
+    """Read a file of one signal to be followed, which may be constant, and the times if it has any.
 
     Parameters
     ----------
     path : str or Path
-        CSV or Parquet, as for :meth:`Recording.open`.
+        Of any format, as for :meth:`Recording.open`.
     time, column : str, optional
-        Column names; guessed from the header by default.
-    time_tolerance : float
+        Column names; guessed by default.
+    time_tolerance, sample_time, header_row, decimal, sheet
         As for :meth:`Recording.open`.
 
     Raises
@@ -215,12 +230,34 @@ def read_reference(path: str | Path, time: str | None = None, column: str | None
     RecordingError
         With one sentence that names file, column and row.
     """
-    table = open_table(path)
-    columns, guesses = choose(table, {TIME: time, REFERENCE: column})
-    found = scan(table, columns["time"], [columns["reference"]], seconds_per_unit(table, columns["time"]),
-                 time_tolerance)
-    values = next(rechunk(table.pieces([columns["reference"]]), found.length))[0]
-    return Reference(found.sample_time, values, split_unit(columns["reference"])[1], str(path), columns, guesses)
+    table = open_table(path, Reading(sample_time, header_row, decimal, sheet))
+    roles = choose_roles(table, {"time": time, "reference": column}, sample_time is not None)
+    found = _scanned(table, roles, ("reference",), sample_time, time_tolerance)
+    at = roles.at["reference"]
+    values = next(rechunk(_rows(table, [at], found.length), found.length))[0]
+    return Reference(found.sample_time, values, table.columns[at].unit, str(path), _names(table, roles),
+                     {role: table.columns[roles.at[role]].name for role in roles.reasons}, roles.reasons, _form(table, found))
+
+
+def _scanned(table: Table, roles: Roles, signals: Iterable[str], sample_time: float | None, tolerance: float) -> Scan:
+    at = [roles.at[role] for role in signals]
+    if "time" in roles.at:
+        time = roles.at["time"]
+        return scan(table, time, at, seconds_per_unit(table, table.columns[time]), tolerance)
+    return scan(table, None, at, sample_time or table.columns[at[0]].sample_time or 1.0, tolerance)
+
+
+def _rows(table: Table, at: list[int], length: int) -> Iterator[Matrix]:
+    return limited(table.pieces(at), length)
+
+
+def _names(table: Table, roles: Roles) -> dict[str, str]:
+    return {role: table.columns[k].name for role, k in roles.at.items()}
+
+
+def _form(table: Table, found: Scan) -> str:
+    left_out = f", the last {found.incomplete} rows are not complete and left out" if found.incomplete else ""
+    return table.form + left_out
 
 
 def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
@@ -228,11 +265,23 @@ def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
         raise RecordingError(f"{label} is constant, all {count} values are {low:g}")
 
 
-def _named(column: str | None, unit: str) -> str:
-    return f"{column!r} ({unit or 'unit unknown'})" if column else f"({unit or 'unit unknown'})"
+def _every(sample_time: float) -> str:
+    return f"one every {quantity(sample_time, 's')}"
 
 
-def _guessed(guesses: Mapping[str, str]) -> str:
-    if not guesses:
+def _said(role: str, column: str | None, unit: str, span: tuple[float, float]) -> str:
+    named = f"{role} {column!r}" if column else role
+    if not unit:
+        return f"{named} from {quantity(span[0], '')} to {quantity(span[1], '')} (unit unknown)"
+    low, high = (f"{value:.4g}" for value in span)
+    return f"{named} from {low} to {high} {shown(unit)}"
+
+
+def _guessed(reasons: Mapping[str, str]) -> str:
+    if not reasons:
         return ""
-    return f"; guessed from the header: {', '.join(guesses)} (otherwise {', '.join(f'--{role}' for role in guesses)})"
+    by_reason: dict[str, list[str]] = {}
+    for role, reason in reasons.items():
+        by_reason.setdefault(reason, []).append(role)
+    said = "; ".join(f"{', '.join(roles)} {reason}" for reason, roles in by_reason.items())
+    return f"; guessed: {said} (otherwise {', '.join(f'--{role}' for role in reasons)})"

@@ -1,105 +1,222 @@
-"""A table of numbers in a CSV or Parquet file.
+"""A table of numbers in a file of any known format, told by its content and never by its suffix.
 
-A table is a path, its column names and two verbs: ``pieces(columns)`` streams the named columns as float64 arrays of
-shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where
-a row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recordings.checks`.
+A table is a path, its columns and two verbs: ``pieces(at)`` streams the columns at those positions as float64 arrays of
+shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where a
+row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recordings.checks`.
 
-Formats: RFC 4180 for CSV (:mod:`piezo_model.recordings.csv_table`); Apache Parquet.
+A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the registry.
 """
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import importlib
+import pkgutil
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
 from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal, Protocol
 
-import pyarrow as pa
-import pyarrow.parquet as arrow_parquet
+import numpy as np
+from numpy.typing import NDArray
 
-from piezo_model.recordings.csv_table import CsvTable
-from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, first_line, matrix_of
+from piezo_model.recordings.pieces import Matrix, RecordingError, first_line
+from piezo_model.units import canonical, split_unit
 
-CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
-PARQUET_SUFFIXES = (".parquet", ".pq")
+HEAD_BYTES = 1 << 18
+"""Bytes at the start of a file by which its format is told; the header of a text must lie within them."""
+CHANNEL_ROWS = 1 << 17
+Kind = Literal["number", "clock", "flag", "text", "empty"]
 
 
 @dataclass(frozen=True)
-class ParquetTable:
-    """A Parquet file; see :func:`open_table`."""
+class Reading:
+    """What the user says about a file because the file does not."""
 
-    path: Path
-    columns: tuple[str, ...]
+    sample_time: float | None = None
+    """Sampling period in seconds; a time column is not looked at then."""
+    header_row: int | None = None
+    """Row of a text or a sheet that names the columns, counted from 1; 0 for none."""
+    decimal: str | None = None
+    """Decimal mark of a text: "." or ","."""
+    sheet: str | None = None
+    """Sheet of a workbook."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be meant."""
+        if self.sample_time is not None and not (np.isfinite(self.sample_time) and self.sample_time > 0):
+            raise RecordingError(f"the sampling period must be a positive number of seconds, not {self.sample_time}")
+        if self.decimal not in (None, ".", ","):
+            raise RecordingError(f"the decimal mark is '.' or ',', not {self.decimal!r}")
+        if self.header_row is not None and self.header_row < 0:
+            raise RecordingError(f"rows are counted from 1 (0 for no header), so the header is not in {self.header_row}")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table."""
+
+    name: str
+    """As the file has it; unique where the file's are."""
+    unit: str = ""
+    """In ASCII, or "" where nothing says it."""
+    kind: Kind = "number"
+    rows: int | None = None
+    """How many, where the format says so and the columns may differ."""
+    sample_time: float | None = None
+    """Sampling period in seconds where the file itself states it."""
+    nested: bool = False
+    """Whether the name is a path, ``group/channel``."""
 
     @classmethod
-    def open(cls, path: Path) -> ParquetTable:
-        """Read the column names from the footer."""
-        with path.open("rb") as file:
-            head = file.read(4)
-            file.seek(-min(4, path.stat().st_size), io.SEEK_END)
-            tail = file.read(4)
-        if head != b"PAR1":
-            raise RecordingError(f"{path}: is not a Parquet file, though its name says so")
-        if tail != b"PAR1":
-            raise RecordingError(f"{path}: is a truncated Parquet file, its end is missing")
-        try:
-            with arrow_parquet.ParquetFile(path) as file:
-                names, rows = tuple(file.schema_arrow.names), file.metadata.num_rows
-        except (pa.ArrowException, OSError) as error:
-            raise RecordingError(f"{path}: is a damaged Parquet file: {first_line(error)}") from None
-        if rows == 0:
-            raise RecordingError(f"{path}: is a Parquet file of zero rows")
-        return cls(path, names)
+    def named(cls, name: str, unit: str = "", **more: Any) -> Column:
+        """A column whose unit is stated apart, or else read from its name."""
+        return cls(name, canonical(unit) or split_unit(name)[1], **more)
 
-    def pieces(self, columns: Sequence[str]) -> Iterator[Matrix]:
-        """Stream columns as arrays of shape (columns, rows)."""
-        try:
-            # Buffered and not fetched ahead: otherwise a row group, which may be the whole file, is held at once.
-            with arrow_parquet.ParquetFile(self.path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
-                for name in columns:
-                    kind = file.schema_arrow.field(name).type
-                    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
-                        raise RecordingError(f"{self.path}: column {name!r} holds values of type {kind} from data row "
-                                             "1 on, where numbers are needed")
-                for batch in file.iter_batches(columns=list(dict.fromkeys(columns)), use_threads=False):
-                    yield matrix_of(batch.select(list(columns)))
-        except (pa.ArrowException, OSError) as error:
-            raise RecordingError(f"{self.path}: is a damaged Parquet file: {first_line(error)}") from None
+    @classmethod
+    def of_path(cls, name: str, unit: str, rows: int, sample_time: float | None, kind: Kind = "number",
+                nested: bool = True) -> Column:
+        """A column named by its path, of which the last part may tell the unit."""
+        last = name.rpartition("/")[2] if nested else name
+        return cls(name, canonical(unit) or split_unit(last)[1], kind, rows, sample_time, nested)
+
+    @property
+    def stem(self) -> str:
+        """The name without its unit and without the path to it, where that has words of its own."""
+        last = self.name.rpartition("/")[2] if self.nested else self.name
+        return split_unit(last if re.search(r"[^\W\d]", last) else self.name.replace("/", " "))[0]
+
+
+class Table(Protocol):
+    """An opened file; its columns are read on demand."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+
+    @property
+    def columns(self) -> Sequence[Column]:
+        """In the order of the file."""
+
+    @property
+    def form(self) -> str:
+        """How the file was understood, as a clause of a sentence."""
+
+    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
+        """Stream the columns at these positions as arrays of shape (columns, rows)."""
+
+    def where(self, row: int) -> str:
+        """Where a row is, counted from 0, as a user would look for it."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column that can be read from any row to any other."""
+
+    column: Column
+    read: Callable[[int, int], NDArray]
+    """Values from one row to before another; must survive pickling."""
+
+
+@dataclass(frozen=True)
+class ChannelTable:
+    """Arrays by name, as the scientific formats keep them; they need not be of one length."""
+
+    path: Path
+    form: str
+    channels: Sequence[Channel] = field(repr=False)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Of all channels."""
+        return tuple(channel.column for channel in self.channels)
+
+    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
+        """Stream channels of one length as arrays of shape (columns, rows)."""
+        chosen = [self.channels[k] for k in at]
+        lengths = {channel.column.name: channel.column.rows or 0 for channel in chosen}
+        if len(set(lengths.values())) > 1:
+            raise RecordingError(f"{self.path}: the columns are not of one length: "
+                                 + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items()))
+        for start in range(0, max(lengths.values()), CHANNEL_ROWS):
+            stop = min(start + CHANNEL_ROWS, max(lengths.values()))
+            yield np.stack([np.asarray(channel.read(start, stop), dtype=np.float64) for channel in chosen])
 
     def where(self, row: int) -> str:
         """Data row, for a row counted from 0."""
         return f"data row {row + 1}"
 
 
-Table = CsvTable | ParquetTable
+def in_memory(path: Path, form: str, arrays: Mapping[str, NDArray], units: Mapping[str, str] | None = None,
+              sample_time: float | None = None) -> ChannelTable:
+    """Make a table of one- and two-dimensional arrays; a matrix becomes columns ``name/1``, ``name/2``, …"""
+    units, channels = units or {}, []
+    for name, array in arrays.items():
+        for label, values in columns_of(name, array):
+            kind: Kind = "flag" if values.dtype.kind == "b" else "number"
+            column = Column.of_path(label, units.get(name, ""), values.size, sample_time, kind)
+            channels.append(Channel(column, array_slice(values)))
+    if not channels:
+        raise RecordingError(f"{path}: is {form} without a column of numbers")
+    return ChannelTable(path, form, channels)
 
 
-def open_table(path: str | Path) -> Table:
-    """Open a table by its suffix; nothing but its header is read.
+def columns_of(name: str, array: NDArray) -> Iterator[tuple[str, NDArray]]:
+    """The columns of numbers that an array holds, each with its name; none where it holds something else."""
+    if array.dtype.names:
+        for part in array.dtype.names:
+            yield from columns_of(f"{name}/{part}" if name else part, array[part])
+    elif array.dtype.kind in "iufb" and array.size > 1:
+        array = array.squeeze()
+        if array.ndim == 1:
+            yield name or "column 1", array
+        elif array.ndim == 2:
+            long = array if array.shape[0] >= array.shape[1] else array.T
+            for k in range(long.shape[1]):
+                yield f"{name}/{k + 1}" if name else f"column {k + 1}", long[:, k]
 
-    Parameters
-    ----------
-    path : str or Path
-        ``.csv``, ``.tsv``, ``.txt`` or ``.dat`` for text, ``.parquet`` or ``.pq`` for Parquet.
+
+def array_slice(values: NDArray) -> Callable[[int, int], NDArray]:
+    """How a channel of an array in memory is read."""
+    return partial(_rows, values)
+
+
+def _rows(values: NDArray, start: int, stop: int) -> NDArray:
+    return values[start:stop]
+
+
+def open_table(path: str | Path, reading: Reading | None = None) -> Table:
+    """Open a table of any known format.
 
     Raises
     ------
     RecordingError
-        The file is missing, empty, a folder, of another format, truncated, or has no header.
+        The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
     """
     path = Path(path)
     try:
         if path.is_dir():
             raise RecordingError(f"{path}: is a folder, not a file")
-        if path.stat().st_size == 0:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        if not head:
             raise RecordingError(f"{path}: is an empty file")
-        if path.suffix.lower() in CSV_SUFFIXES:
-            return CsvTable.open(path)
-        if path.suffix.lower() in PARQUET_SUFFIXES:
-            return ParquetTable.open(path)
+        known = next(module for module in _registered() if module.recognises(path, head))
+        return known.open_table(path, reading or Reading())
+    except ModuleNotFoundError as error:
+        raise RecordingError(f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install "
+                             "piezobench[formats]") from None
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file") from None
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    raise RecordingError(f"{path}: unknown suffix {path.suffix!r}; a recording is {', '.join(CSV_SUFFIXES)} or "
-                         f"{', '.join(PARQUET_SUFFIXES)}")
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or first_line(error)}") from None
+
+
+@cache
+def _registered() -> list[ModuleType]:
+    """Every format, plain text last: it is what remains."""
+    formats = importlib.import_module("piezo_model.recordings.formats")
+    names = [f"{formats.__name__}.{module.name}" for module in pkgutil.iter_modules(formats.__path__)]
+    return sorted(map(importlib.import_module, names), key=lambda module: module.ORDER)

@@ -24,7 +24,7 @@ def test_the_round_period_behind_rounded_times_is_found(tmp_path: Path) -> None:
     path = with_times(tmp_path, [f"{k * 125e-6:.3f}" for k in range(1000)])
     recording = Recording.open(path)
     assert recording.sample_time == 125e-6
-    assert "rounded to 0.001 s" in recording.describe()
+    assert "rounded to 1 ms" in recording.describe()
 
 
 def test_times_of_single_precision_are_uniform(tmp_path: Path) -> None:

@@ -41,22 +41,12 @@ def test_common_dialects_are_read(tmp_path: Path, content: bytes) -> None:
 
 
 @pytest.mark.parametrize(("lines", "sentence"), [
-    (("t;u;y", "0,0;1,5;2,5", "0,1;1,5;2,5"), "column 't' holds '0,0' in row 2 (data row 1), a decimal comma"),
+    (("t;u;y", "0.0;1.5;2.5", "0.1;1,5;2.5", "0.2;1.5;2.5"), "column 'u' holds '1,5' in row 3 (data row 2), a decimal comma"),
     (("t,u,y", "0,0,1,5,2,5", "0,1,1,5,2,5"), "row 2 (data row 1) has 6 columns where the header has 3; its numbers "
                                               "seem to have decimal commas, write decimal points"),
 ])
 def test_decimal_commas_are_called_by_their_name(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
     assert sentence in refusal(text_file(tmp_path, *lines))
-
-
-@pytest.mark.parametrize("line", ["0,1,2", "0;1,5;2", "0.0\t1e3\t-2"])
-def test_a_header_is_required(tmp_path: Path, line: str) -> None:
-    assert "row 1 is numbers where a header must name the columns" in refusal(text_file(tmp_path, line, line))
-
-
-def test_a_single_column_asks_for_a_separator(tmp_path: Path) -> None:
-    sentence = refusal(text_file(tmp_path, "time_s voltage_V y_um", "0 1 2"))
-    assert "only one column, 'time_s voltage_V y_um', in row 1; columns are separated by comma, semicolon" in sentence
 
 
 # Files that are not what they should be.
@@ -71,21 +61,18 @@ def test_a_missing_an_empty_and_a_folder_of_a_file_are_refused(tmp_path: Path, s
     assert "is a folder" in refusal(tmp_path / f"folder{suffix}")
 
 
-def test_an_unknown_suffix_is_refused_with_those_known(tmp_path: Path) -> None:
-    assert "unknown suffix '.xlsx'; a recording is .csv" in refusal(text_file(tmp_path, HEADER, name="stage.xlsx"))
-
-
-def test_a_file_of_the_other_format_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".xlsx", ".log", ""])
+def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix: str) -> None:
     write_table(tmp_path / "stage.parquet", signals())
-    (tmp_path / "stage.parquet").rename(tmp_path / "stage.csv")
-    assert "is a Parquet file under the name of a text file" in refusal(tmp_path / "stage.csv")
-    assert "is not a Parquet file" in refusal(text_file(tmp_path, HEADER, "0,1,2", name="text.parquet"))
+    text_file(tmp_path, HEADER, *(",".join(map(repr, row)) for row in np.column_stack([*signals().values()]).tolist()))
+    for name in ("stage.parquet", "stage.csv"):
+        path = (tmp_path / name).rename(tmp_path / f"other{suffix}")
+        np.testing.assert_array_equal(Recording.open(path).arrays()[1], signals()["displacement_um"])
 
 
 def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "stage.csv"
-    path.write_text(HEADER, encoding="utf-16")
-    assert "is not plain text; save it as CSV in UTF-8" in refusal(path)
+    (tmp_path / "stage.csv").write_bytes(bytes(range(256)) * 40)
+    assert "is neither plain text nor in a known format" in refusal(tmp_path / "stage.csv")
 
 
 @pytest.mark.parametrize("content", ["\n\n", "# nothing\n"])
@@ -180,7 +167,8 @@ def test_missing_values_of_parquet_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("values", [["1", "2", "3"], [True, False, True]])
 def test_parquet_columns_that_are_no_numbers_are_refused(tmp_path: Path, values: list) -> None:
     pq.write_table(pa.table({"t": [0, 1, 2], "u": values, "y": [1.0, 2.0, 4.0]}), tmp_path / "s.parquet")
-    assert "column 'u' holds values of type" in refusal(tmp_path / "s.parquet")
+    assert "cannot tell which column is the input" in refusal(tmp_path / "s.parquet")
+    assert "column 'u' holds values of type" in refusal(tmp_path / "s.parquet", input="u")
 
 
 @pytest.mark.parametrize("kind", ["int16", "uint64", "float16", "float32", "decimal"])
@@ -194,7 +182,7 @@ def test_parquet_numbers_of_any_type_are_read(tmp_path: Path, kind: str) -> None
 @pytest.mark.parametrize(("row", "cells"), [("1,2", 2), ("1,2,3,4", 4), ("1", 1)])
 def test_a_ragged_row_is_named(tmp_path: Path, row: str, cells: int) -> None:
     sentence = refusal(text_file(tmp_path, HEADER, "0,1,2", row, "2,3,3.5"))
-    assert f"row 3 (data row 2) has {cells} columns where the header has 3" in sentence
+    assert f"row 3 (data row 2) has {cells} columns where the others have 3" in sentence
 
 
 @pytest.mark.parametrize(("column", "role"), [(1, "input column 'voltage_V'"), (2, "output column 'displacement_um'")])

@@ -179,7 +179,7 @@ def test_a_reference_is_read_with_its_unit(tmp_path: Path, suffix: str, column: 
     sample_time, values, unit = reference
     assert (sample_time, unit) == (0.005, "um")
     np.testing.assert_array_equal(values, columns[column])
-    assert f"reference {column!r} (um); guessed from the header: time, reference" in reference.describe()
+    assert f"reference {column!r} from 0 to 2 µm; guessed: time, reference by name" in reference.describe()
 
 
 def test_the_column_of_a_reference_may_be_named(stage: Path) -> None:

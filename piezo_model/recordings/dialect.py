@@ -1,0 +1,236 @@
+"""How a text file writes its table: separator, decimal mark, header, units and where the rows of numbers start.
+
+Every pair of separator and decimal mark is tried on the first lines. The pair is taken under which the longest run of
+rows of equal width holds the most numbers; what stands above the run is header, units and remarks.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from piezo_model.recordings.clocks import is_clock
+from piezo_model.recordings.tables import Kind
+from piezo_model.units import canonical
+
+SEPARATORS = ("\t", ";", ",", "|", " ")
+"""In the order of preference; " " stands for any run of blanks and tabs."""
+COMMENT = re.compile(r"\s*(?:#|%|//|;|!|\*\*)+\s*")
+MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
+FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
+DECIMAL = {".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),
+           ",": re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)}
+THOUSANDS = {".": re.compile(r"[+-]?\d{1,3}(?P<mark>[,' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:\.\d*)?"),
+             ",": re.compile(r"[+-]?\d{1,3}(?P<mark>[.' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:,\d*)?")}
+REMARKS_BELOW_HEADER = 2
+WORTH: dict[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How rows are written."""
+
+    separator: str
+    decimal: str
+    thousands: str = ""
+    """Mark between groups of three digits, or "" for none."""
+
+    def split(self, line: str) -> list[str]:
+        """Cells of a line."""
+        line = line.rstrip("\r\n")
+        if self.separator == " ":
+            return line.split()
+        return [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=self.separator), [])]
+
+    def kind(self, cell: str) -> Kind:
+        """What a cell holds."""
+        cell = cell.strip()
+        if DECIMAL[self.decimal].fullmatch(cell) and cell.lower() not in MISSING:
+            return "number"
+        if cell.lower() in MISSING:
+            return "empty"
+        if cell.lower() in FLAGS:
+            return "flag"
+        if is_clock(cell):
+            return "clock"
+        return "number" if self.thousands and self.mark(cell) else "text"
+
+    def mark(self, cell: str) -> str:
+        """The mark between groups of three digits in a cell, or "" for none."""
+        found = THOUSANDS[self.decimal].fullmatch(cell.strip())
+        return found["mark"] if found and not (found["mark"] == " " and self.separator == " ") else ""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things are in the first lines of a file."""
+
+    dialect: Dialect
+    width: int
+    """Cells of a row."""
+    start: int
+    """Index of the first line of numbers."""
+    names: tuple[str, ...]
+    """One a column; ``column 1``, ``column 2``, … where the file has none."""
+    units: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+    header: int | None
+    """Index of the line that names the columns."""
+    repeated: tuple[str, ...]
+    """Header and units as lines, to be passed over where they come again."""
+    glued: int = 0
+    """Character at which the first row starts in its line, behind a header that lacks its line break."""
+
+
+def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | None = None) -> Layout | None:
+    """Find the table in the first lines of a file.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Complete lines.
+    decimal : str, optional
+        Decimal mark where the user says it.
+    header : int, optional
+        Index of the line that names the columns, or -1 for none, where the user says it.
+
+    Returns
+    -------
+    Layout or None
+        None where no rows of numbers are found.
+    """
+    first = max((header if header is not None else -1) + 1, 0)
+    quoted = any('"' in line for line in lines)
+    dialects = [Dialect(separator, mark) for separator in SEPARATORS for mark in ([decimal] if decimal else ".,")
+                if quoted or (separator, mark) != (",", ",")]
+    score, dialect, width, rows = max((_score(dialect, lines, first) for dialect in dialects), key=lambda found: found[0])
+    if score <= 0:
+        return None
+    kinds = _kinds(dialect, [dialect.split(lines[k]) for k in rows])
+    start = next(k for k in rows if _fits(dialect, lines[k], width, kinds))
+    start = _with_damaged_rows(dialect, lines, start, width, first)
+    return _headed(lines, dialect, width, start, kinds, header)
+
+
+def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, int, list[int]]:
+    """Numbers in the rows of the commonest width, and those rows."""
+    rows: dict[int, list[int]] = {}
+    worth: dict[int, float] = {}
+    marks: Counter[str] = Counter()
+    for at in range(first, len(lines)):
+        line = lines[at]
+        if not line.strip() or COMMENT.match(line):
+            continue
+        try:
+            cells = dialect.split(line)
+        except csv.Error:
+            continue
+        kinds = [dialect.kind(cell) for cell in cells]
+        found = [mark for cell, kind in zip(cells, kinds, strict=True) if kind == "text" and (mark := dialect.mark(cell))]
+        marks.update(found)
+        value = sum(WORTH[kind] for kind in kinds) + 1.4 * len(found)
+        if "number" in kinds or "clock" in kinds or found:
+            rows.setdefault(len(cells), []).append(at)
+            worth[len(cells)] = worth.get(len(cells), 0.0) + value
+    if not worth:
+        return 0.0, dialect, 0, []
+    width = max(worth, key=lambda count: worth[count])
+    if marks:
+        dialect = Dialect(dialect.separator, dialect.decimal, marks.most_common(1)[0][0])
+    return worth[width], dialect, width, rows[width]
+
+
+def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
+    """What most cells of each column hold that are not empty."""
+    kinds: list[Kind] = []
+    for column in zip(*rows, strict=True):
+        seen = Counter(dialect.kind(cell) for cell in column)
+        seen.pop("empty", None)
+        kinds.append(max(seen, key=lambda kind: (seen[kind], WORTH[kind])) if seen else "empty")
+    return tuple(kinds)
+
+
+def _fits(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> bool:
+    cells = dialect.split(line)
+    return len(cells) == width and all(dialect.kind(cell) in (kind, "empty") for cell, kind in zip(cells, kinds, strict=True)
+                                       if kind in ("number", "clock"))
+
+
+def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, width: int, first: int) -> int:
+    """Take rows above the first good one that are damaged and not a header: part of their cells are numbers."""
+    at = start
+    while at > first and lines[at - 1].strip() and not COMMENT.match(lines[at - 1]):
+        cells = dialect.split(lines[at - 1])
+        if len(cells) != width or not any(dialect.kind(cell) == "number" for cell in cells):
+            break
+        at -= 1
+    return at
+
+
+def _headed(lines: Sequence[str], dialect: Dialect, width: int, start: int, kinds: tuple[Kind, ...],
+            header: int | None) -> Layout:
+    """Find names and units above the first row: the header may be a comment, with a remark or a rule below it."""
+    above = [k for k in range(start) if re.search(r"\w", lines[k])] if header is None else [*range(header, start)]
+    headed = [(k, cells) for k in above[-REMARKS_BELOW_HEADER - 1:] if header != -1
+              and (cells := _names(dialect, lines[k], width, kinds))]
+    if header is not None and header >= 0:
+        headed = headed[:2]
+    units: tuple[str, ...] = ("",) * width
+    repeated: list[str] = []
+    if len(headed) > 1 and _all_units(headed[-1][1]):
+        units = tuple(map(canonical, headed[-1][1]))
+        repeated.append(lines[headed.pop()[0]].strip())
+    if not headed and above and (found := _glued(dialect, lines[above[-1]], kinds)):
+        return Layout(dialect, width, above[-1], found[0], units, kinds, above[-1], (), found[1])
+    if not headed:
+        return Layout(dialect, width, start, tuple(f"column {k + 1}" for k in range(width)), units, kinds, None, ())
+    at, names = headed[-1] if header is None else headed[0]
+    return Layout(dialect, width, start, tuple(names), units, kinds, at, (lines[at].strip(), *repeated))
+
+
+def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
+    """Names in a header with the first row in the same line, and where that row starts; afmformats has written such."""
+    width, cells = len(kinds), dialect.split(COMMENT.sub("", line, count=1) if COMMENT.match(line) else line)
+    if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
+        return None
+    joint = re.fullmatch(r"(\D*?\w?[^\W\d][^\d.+-]*)([+-]?[\d.].*)", cells[width - 1])
+    row = [joint[2], *cells[width:]] if joint else []
+    if not joint or any(dialect.kind(cell) != kind for cell, kind in zip(row, kinds, strict=True)):
+        return None
+    tail = len(dialect.separator.join(line.rstrip("\r\n").split(dialect.separator)[width:])) + 1
+    return (*cells[:width - 1], joint[1].strip()), len(line.rstrip("\r\n")) - tail - len(joint[2])
+
+
+def _all_units(cells: Sequence[str]) -> bool:
+    known = [bool(canonical(cell)) for cell in cells]
+    return any(known) and all(unit or cell.strip("[]() ").lower() in ("", "-", "1") for cell, unit in
+                              zip(cells, known, strict=True))
+
+
+def _names(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> list[str] | None:
+    """The names in a line above ``width`` columns, or None where the line is a remark."""
+    text = COMMENT.sub("", line.strip("\r\n"), count=1) if COMMENT.match(line) else line.strip("\r\n")
+    for cut in _splits(dialect, text):
+        cells = [cell.strip().strip('"').strip() for cell in cut]
+        if len(cells) == width + 1 > 2:  # a separator at the end, or LabVIEW's comment that no row has
+            cells = cells[:-1]
+        if len(cells) == width - 1 > 1:  # rows end in a separator, or start with an index
+            cells = [*cells, ""] if kinds[-1] == "empty" else ["", *cells]
+        if len(cells) == width and not any(dialect.kind(cell) in ("number", "clock") for cell in cells):
+            return cells
+    return None
+
+
+def _splits(dialect: Dialect, text: str) -> list[list[str]]:
+    """Ways to cut a header: as the rows are, at wide gaps, and at blanks that do not stand before a bracket."""
+    wide, bare = re.split(r"\t+|\s{2,}", text.strip()), re.split(r"\s+(?![\[(])", text.strip())
+    if dialect.separator == " ":
+        return [wide, bare, *(next(csv.reader([text], delimiter=mark), []) for mark in ",;" if mark in text),
+                re.findall(r'"[^"]*"', text)]
+    ways = [dialect.split(text)]
+    if len(ways[0]) == 1:  # the header is written otherwise than the rows
+        ways += [wide, bare, re.split(r"[,;]", text)]
+    return ways

@@ -1,0 +1,6 @@
+"""Formats of recordings, one a file; to add a format is to add a file, and nothing else is touched.
+
+A format's module has ``NAME`` ("an HDF5 file"), ``ORDER`` (small ones are asked first), ``recognises(path, head)``, which tells
+by the first bytes, and ``open_table(path, reading)``, which gives a :class:`piezo_model.recordings.tables.Table`. What a format
+needs beyond the base is imported inside ``open_table``: where it is missing, the user is told what to install.
+"""

@@ -1,0 +1,81 @@
+"""MATLAB files: versions 4 to 7 by scipy, 7.3 (which is HDF5) by pymatreader.
+
+A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a channel of that name, as Simulink and dSPACE
+write them; otherwise a variable is a column by its path, a matrix one column for each of its columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.recordings.pieces import RecordingError, first_line
+from piezo_model.recordings.sampling_remark import sample_time_of
+from piezo_model.recordings.tables import ChannelTable, Reading, in_memory
+
+NAME = "a MATLAB file"
+ORDER = 25
+NAMES, VALUES, UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether the text at the start says MATLAB; version 4 has none and is told by its suffix and its first number."""
+    version_4 = path.suffix.lower() == ".mat" and head[:4] in (b"\0\0\0\0", b"\x0a\0\0\0", b"\0\0\x03\xe8")
+    return head.startswith(b"MATLAB ") or version_4
+
+
+def open_table(path: Path, reading: Reading) -> ChannelTable:
+    """Read every variable."""
+    with path.open("rb") as file:
+        modern = file.read(10) == b"MATLAB 7.3"
+    if modern:
+        import pymatreader
+
+        read = pymatreader.read_mat
+    else:
+        read = _read_classic
+    try:
+        variables = read(str(path))
+    except (OSError, ValueError, TypeError, KeyError, NotImplementedError, EOFError) as error:
+        raise RecordingError(f"{path}: is a damaged MATLAB file: {first_line(error)}") from None
+    units: dict[str, str] = {}
+    found = {name: array for name, array in _arrays("", variables, units) if name is not None}
+    stated = {period for name, array in found.items() if array.size == 1 and array.dtype.kind in "iuf"
+              and (period := sample_time_of(name.rpartition("/")[2], float(array.ravel()[0]))) is not None}
+    return in_memory(path, "MATLAB 7.3" if modern else "MATLAB", {name: array for name, array in found.items() if array.size > 1},
+                     units, stated.pop() if len(stated) == 1 else None)
+
+
+def _read_classic(path: str) -> dict[str, Any]:
+    import scipy.io
+
+    return dict(scipy.io.loadmat(path, simplify_cells=True))
+
+
+def _arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, NDArray]]:
+    """Every array of numbers under a value, with its path; units as they are met."""
+    if isinstance(value, dict):
+        plain = {str(key).lower(): item for key, item in value.items()}
+        name, data, unit = (next((plain[key] for key in keys if key in plain), None) for keys in (NAMES, VALUES, UNITS))
+        if isinstance(name, str) and name and data is not None:
+            label = f"{path}/{name}".lstrip("/")
+            units[label] = unit if isinstance(unit, str) else ""
+            yield from _arrays(label, data, units)
+            value = {key: item for key, item in value.items() if str(key).lower() not in (*NAMES, *VALUES, *UNITS)}
+        for key, item in value.items():
+            if not str(key).startswith("__"):
+                yield from _arrays(f"{path}/{key}".lstrip("/"), item, units)
+    elif isinstance(value, list | tuple) and value and all(isinstance(item, dict) for item in value):
+        named = [next((item[key] for key in item if key.lower() in NAMES), None) for item in value]
+        for k, item in enumerate(value):
+            yield from _arrays(path if isinstance(named[k], str) and named[k] else f"{path}/{k + 1}", item, units)
+    elif not isinstance(value, str | bytes):
+        array = np.asarray(value) if not isinstance(value, np.ndarray) else value
+        if array.dtype == object and array.size and all(isinstance(item, dict) for item in array.ravel()):
+            yield from _arrays(path, list(array.ravel()), units)
+        elif array.dtype.kind in "iufb":
+            yield path, array

@@ -1,0 +1,176 @@
+"""Plain text of every kind: Arrow parses, after :mod:`piezo_model.recordings.dialect` found out how it is written.
+
+Only when Arrow refuses a file is the text walked through once more, slowly, to name the first cell that is wrong and its
+row as an editor shows it.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
+
+from piezo_model.recordings.clocks import ClockError, ClockReader, is_clock
+from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
+from piezo_model.recordings.pieces import Matrix, RecordingError, first_line
+from piezo_model.recordings.sampling_remark import sample_time_in
+from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading
+from piezo_model.recordings.text_rows import LONGEST_LINE, TextRows, end_of_rows
+
+NAME = "plain text"
+ORDER = 100
+SAMPLE_LINES = 1000
+NULLS = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "null", "None", "-", "--", "---", "#VALUE!"]
+SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
+ENCODING_NAMES = {"latin-1": "Latin-1", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16"}
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whatever no other format claims."""
+    return True
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A text file; see :class:`piezo_model.recordings.tables.Table`."""
+
+    path: Path
+    columns: tuple[Column, ...]
+    form: str
+    rows: TextRows
+
+    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
+        """Stream columns as arrays of shape (columns, rows)."""
+        keys = [str(k) for k in range(len(self.columns))]  # names of the file may repeat or be empty
+        clocks = {k: ClockReader() for k in at if self.columns[k].kind == "clock"}
+        dialect = self.rows.dialect
+        options = {
+            "read_options": arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LONGEST_LINE),
+            "parse_options": arrow_csv.ParseOptions(delimiter="\t" if dialect.separator == " " else dialect.separator),
+            "convert_options": arrow_csv.ConvertOptions(
+                column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
+                include_columns=[keys[k] for k in at], null_values=NULLS, strings_can_be_null=True,
+                decimal_point=dialect.decimal, check_utf8=False)}
+        try:
+            for block in self.rows.blocks():
+                for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
+                    yield np.stack([clocks[k].seconds(column.to_pylist()) if k in clocks
+                                    else column.to_numpy(zero_copy_only=False)
+                                    for k, column in zip(at, batch.columns, strict=True)])
+        except (pa.ArrowException, OSError, ClockError) as error:
+            raise RecordingError(self._complaint(at, error)) from None
+
+    def where(self, row: int) -> str:
+        """Row of the file (the line an editor shows) and data row, for a data row counted from 0."""
+        for at, (number, _) in enumerate(self.rows.lines()):
+            if at == row:
+                return f"row {number} (data row {row + 1})"
+        return f"data row {row + 1}"
+
+    def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
+        """The sentence for the first row that cannot be read; Arrow's own where the text shows nothing wrong."""
+        dialect = self.rows.dialect
+        try:
+            for data_row, (number, line) in enumerate(self.rows.lines(), start=1):
+                cells, place = dialect.split(line), f"row {number} (data row {data_row})"
+                if len(cells) != len(self.columns):
+                    return f"{self.path}: {place} has {len(cells)} columns where the others have {len(self.columns)}"
+                for at in chosen:
+                    cell, kind = cells[at].strip(), self.columns[at].kind
+                    found = dialect.kind(cell)
+                    if found == "number" or cell in NULLS or (kind == "clock" and is_clock(cell)):
+                        continue
+                    said = f"{self.path}: column {self.columns[at].name!r} holds {_short(cell)} in {place}"
+                    if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
+                        return f"{said}, a decimal comma where the other numbers have points"
+                    wanted = "a number or a clock" if kind == "clock" else "a number"
+                    return f"{said}, where {wanted} is needed" + (", not a flag" if cell.lower() in FLAGS else "")
+        except csv.Error as failure:
+            error = failure
+        return f"{self.path}: cannot be read as a table: {first_line(error)}"
+
+
+def open_table(path: Path, reading: Reading) -> TextTable:
+    """Find encoding, dialect, header and the first and last row."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+        whole = not file.read(1)
+    encoding, mark = _encoding(path, head)
+    lines = re.findall(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+", head[mark:].decode(encoding, errors="replace"))
+    if not whole and len(lines) > 1:
+        lines = lines[:-1]
+    elif not whole and len(head) >= min(HEAD_BYTES, LONGEST_LINE):
+        raise RecordingError(f"{path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
+    header = None if reading.header_row is None else reading.header_row - 1
+    layout = layout_of(lines[:SAMPLE_LINES], reading.decimal, header) or layout_of(lines, reading.decimal, header)
+    if layout is None:
+        raise RecordingError(f"{path}: {_no_table(lines)}")
+    _refuse_two_meanings_of_a_comma(path, lines, layout)
+    start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[:layout.start])
+    start += len(lines[layout.start][:layout.glued].encode(encoding))
+    stop, dropped = end_of_rows(path, encoding, layout.dialect, layout.width, start)
+    rows = TextRows(path, encoding, layout.dialect, layout.width, start, stop, layout.start, layout.repeated)
+    stated = sample_time_in(lines[:layout.start] if layout.header is None else lines[:layout.header])
+    columns = tuple(Column.named(name or f"column {k + 1}", unit, kind=kind, sample_time=stated)
+                    for k, (name, unit, kind) in enumerate(zip(layout.names, layout.units, layout.kinds, strict=True)))
+    return TextTable(path, columns, _form(encoding, layout, dropped), rows)
+
+
+def _encoding(path: Path, head: bytes) -> tuple[str, int]:
+    """Encoding, and bytes of the mark at the start."""
+    for mark, encoding in ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
+        if head.startswith(mark):
+            return encoding, len(mark)
+    sample = head[:4096]
+    if b"\0" in head:
+        for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+            if sample[odd::2].count(0) > 0.9 * len(sample[odd::2]) and not sample[1 - odd::2].count(0):
+                return encoding, 0
+        raise RecordingError(f"{path}: is neither plain text nor in a known format")
+    try:
+        head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        if error.end < len(head) - 4:  # else a character cut in two at the end of the head
+            return "latin-1", 0
+    return "utf-8", 0
+
+
+def _no_table(lines: Sequence[str]) -> str:
+    written = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not written:
+        return "holds no table, only blank or comment lines"
+    if len(written) == 1:
+        return "has a header and no data rows"
+    return "holds no rows of numbers in its first lines; --header-row says which row names the columns"
+
+
+def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: Layout) -> None:
+    if layout.header is not None or layout.dialect.separator != "," or not layout.start:
+        return
+    header, cells = layout.dialect.split(lines[layout.start - 1]), layout.dialect.split(lines[layout.start])
+    if 1 < len(header) < len(cells) <= 2 * len(header) and all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells):
+        raise RecordingError(f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header has "
+                             f"{len(header)}; its numbers seem to have decimal commas, write decimal points")
+
+
+def _form(encoding: str, layout: Layout, dropped: int) -> str:
+    said = ["text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else "")]
+    said.append(f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}")
+    if layout.dialect.decimal == ",":
+        said.append("decimal comma")
+    said.append("no header" if layout.header is None else f"header in row {layout.header + 1}"
+                + (", which holds the first row, too" if layout.glued else ""))
+    if dropped:
+        said.append(f"the last {'line is' if dropped == 1 else f'{dropped} lines are'} no complete row and left out")
+    return ", ".join(said)
+
+
+def _short(cell: str) -> str:
+    return repr(cell if len(cell) <= 40 else cell[:37] + "…")

@@ -1,0 +1,102 @@
+"""Workbooks of Excel (.xlsx): the sheet with the most numbers, or the one that the user names."""
+
+from __future__ import annotations
+
+import datetime
+import warnings
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_model.recordings.dialect import Dialect, Layout, layout_of
+from piezo_model.recordings.pieces import RecordingError, first_line
+from piezo_model.recordings.sampling_remark import sample_time_in
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, array_slice
+
+NAME = "an Excel workbook"
+ORDER = 50
+TAB = Dialect("\t", ".")
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is an archive that holds a workbook."""
+    if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return "xl/workbook.xml" in archive.namelist()
+
+
+def open_table(path: Path, reading: Reading) -> ChannelTable:
+    """Read a sheet as the table of a text is read: header, units and first row are found alike."""
+    import openpyxl
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # styles and extensions that openpyxl does not know
+            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            names = [sheet.title for sheet in book.worksheets]
+            if reading.sheet is not None and reading.sheet not in names:
+                raise RecordingError(f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}")
+            sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names
+                      if reading.sheet in (None, name)}
+            book.close()
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{path}: is a damaged Excel workbook: {first_line(error)}") from None
+    tables = {name: found for name, rows in sheets.items() if (found := _layout(rows, reading))}
+    if not tables:
+        raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
+    name = max(tables, key=lambda name: len(sheets[name]) * tables[name][0].width)
+    layout, offset = tables[name]
+    rows = [row[offset:offset + layout.width] for row in sheets[name][layout.start:]]
+    while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
+        rows.pop()
+    stated = sample_time_in("\t".join(map(_cell, row)) for row in sheets[name][:layout.start])
+    said = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
+    return ChannelTable(path, said, [_channel(path, layout, k, rows, stated, name) for k in range(layout.width)])
+
+
+def _layout(rows: list[tuple[Any, ...]], reading: Reading) -> tuple[Layout, int] | None:
+    """Find the table as in a text of which every cell is a field; and how many empty columns stand left of it."""
+    used = [k for row in rows for k, cell in enumerate(row) if cell is not None]
+    if not used:
+        return None
+    first, last = min(used), max(used)
+    lines = ["\t".join(_cell(cell) for cell in (*row, *[None] * (last + 1 - len(row)))[first:last + 1]) for row in rows[:1000]]
+    layout = layout_of(lines, ".", None if reading.header_row is None else reading.header_row - 1)
+    return None if layout is None or layout.dialect.separator != "\t" else (layout, first)
+
+
+def _channel(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], stated: float | None, sheet: str) -> Channel:
+    kind = "number" if layout.kinds[at] == "clock" else layout.kinds[at]
+    values = np.full(len(rows), np.nan)
+    if kind == "number":
+        for k, row in enumerate(rows):
+            try:
+                values[k] = _number(row[at] if at < len(row) else None)
+            except (TypeError, ValueError):
+                raise RecordingError(f"{path}: column {layout.names[at]!r} holds {row[at]!r} in row {layout.start + k + 1} of sheet "
+                                     f"{sheet!r}, where a number is needed") from None
+    column = Column.named(layout.names[at] or f"column {at + 1}", layout.units[at], kind=kind, rows=len(rows), sample_time=stated)
+    return Channel(column, array_slice(values))
+
+
+def _number(cell: Any) -> float:
+    if cell is None or cell == "":
+        return float("nan")
+    if isinstance(cell, datetime.datetime):
+        return (cell - datetime.datetime(1970, 1, 1)).total_seconds()
+    if isinstance(cell, datetime.time):
+        return cell.hour * 3600 + cell.minute * 60 + cell.second + cell.microsecond * 1e-6
+    if isinstance(cell, datetime.timedelta):
+        return cell.total_seconds()
+    return float(cell)
+
+
+def _cell(cell: Any) -> str:
+    if isinstance(cell, datetime.datetime | datetime.time | datetime.timedelta):
+        return "00:00:00"  # a clock, whatever it shows
+    return "" if cell is None else str(cell).replace("\t", " ").replace("\n", " ")

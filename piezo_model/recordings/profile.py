@@ -1,0 +1,93 @@
+"""What the values of columns say about their roles where the names say nothing.
+
+Time never falls. Of two signals the output lags the input, be it by hysteresis, creep or delay: drawn over the input the
+loop is run through counterclockwise where the gain is positive, clockwise where it is negative, so that
+
+    S = ½ Σ (a_k b_{k+1} − a_{k+1} b_k) · sign(cov(a, b))
+
+is positive if b lags a. Data without a loop have a noisier side, and that is the sensor's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_model.recordings.pieces import Matrix
+from piezo_model.recordings.tables import Table
+
+LEAST_LOOP = 0.004
+"""Area of a loop, as a share of the product of both ranges, from which its sense tells input from output."""
+LEAST_NOISE_RATIO = 4.0
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One column over all rows; comparisons with NaN are false."""
+
+    low: float
+    high: float
+    rises: bool
+    """Never falls, and is not constant."""
+    counts: bool
+    """Goes up by one from row to row: an index."""
+    uniform: bool
+    """Goes up by nearly the same from row to row."""
+
+    @property
+    def constant(self) -> bool:
+        """All values are one."""
+        return not self.high > self.low
+
+
+def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
+    """Profiles of columns by position, in one pass."""
+    if not at:
+        return {}
+    low, high = np.full(len(at), np.inf), np.full(len(at), -np.inf)
+    least, most, total, rows = low.copy(), high.copy(), np.zeros(len(at)), 0
+    last: Matrix = np.empty((len(at), 0))
+    for piece in table.pieces(at):
+        low, high = np.fmin(low, np.fmin.reduce(piece, axis=1)), np.fmax(high, np.fmax.reduce(piece, axis=1))
+        steps = np.diff(np.concatenate([last, piece], axis=1), axis=1)
+        if steps.size:
+            least, most = np.minimum(least, steps.min(axis=1)), np.maximum(most, steps.max(axis=1))
+            total, rows = total + steps.sum(axis=1), rows + steps.shape[1]
+        last = piece[:, -1:].copy()
+    mean = total / max(rows, 1)
+    return {k: Profile(float(low[i]), float(high[i]), bool(least[i] >= 0 and most[i] > 0), bool(least[i] == most[i] == 1),
+                       bool(most[i] - least[i] <= 0.5 * mean[i])) for i, k in enumerate(at)}
+
+
+def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], str] | None:
+    """Which of two columns is the input and which the output, and why; None where the values do not tell."""
+    first: Matrix | None = None
+    last: Matrix = np.empty((2, 0))
+    area = covariance = 0.0
+    total, low, high, rows = np.zeros(2), np.full(2, np.inf), np.full(2, -np.inf), 0
+    variation, bends = np.zeros(2), np.zeros(2)
+    for piece in table.pieces(pair):
+        first = piece[:, :1].copy() if first is None else first
+        window = np.concatenate([last, piece], axis=1) - first
+        a, b = window
+        area += 0.5 * float(np.sum(a[:-1] * b[1:] - a[1:] * b[:-1]))
+        fresh = window[:, last.shape[1] and 1:]
+        covariance, total, rows = covariance + float(fresh[0] @ fresh[1]), total + fresh.sum(axis=1), rows + fresh.shape[1]
+        low, high = np.minimum(low, window.min(axis=1)), np.maximum(high, window.max(axis=1))
+        variation += np.abs(np.diff(window, axis=1)).sum(axis=1)
+        bends += np.abs(np.diff(window, 2, axis=1)).sum(axis=1)
+        last = piece[:, -1:].copy()
+    ranges = high - low
+    if rows < 16 or not np.all(ranges > 0) or not np.all(np.isfinite(bends)):
+        return None
+    covariance -= total[0] * total[1] / rows
+    loops = max(1.0, float(np.min(variation / (2 * ranges))))
+    lag = area * np.sign(covariance) / (loops * ranges[0] * ranges[1])
+    if abs(lag) > LEAST_LOOP:
+        return (pair if lag > 0 else pair[::-1]), "because the output lags the input"
+    noise = bends / ranges
+    if noise.max() > LEAST_NOISE_RATIO * noise.min():
+        return (pair if noise[0] < noise[1] else pair[::-1]), "because the output is the noisier one"
+    return None

@@ -1,0 +1,261 @@
+"""Which column is time, input and output.
+
+What the user names is taken. The rest is guessed and said, by what is surest first: the words in a name
+(``input_voltage``), its unit, that only one column is left, and in the end the values (:mod:`piezo_model.recordings.profile`).
+Every word votes: for the drive (positive) or for the sensor (negative). Two columns that fit equally well are no guess: the
+user is asked.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.profile import Profile, input_first, profiles
+from piezo_model.recordings.tables import Column, Table
+from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES, seconds
+
+TIME_WORDS = ("time", "t", "timestamp", "zeit", "clock", "elapsed", "datetime", "seconds", "x_value", "tempo", "temps")
+WISHED = frozenset({"reference", "ref", "desired", "target", "setpoint", "set", "commanded", "command", "cmd", "soll", "demand"})
+"""A wish is never the output, and drives where nothing else does."""
+VOTES: Mapping[str, int] = {
+    **dict.fromkeys(("drive", "driving", "input", "control", "excitation", "actuation", "amplifier", "amp", "dac", "ao", "piezo",
+                     "applied", "vin", "uin", "stimulus", "vpiezo", "upiezo", "vdrive", "stell", "actuator"), 3),
+    **dict.fromkeys(("voltage", "volt", "volts", "spannung", "u", "v", "x", "hv"), 2),
+    **dict.fromkeys(("field",), 1),
+    **dict.fromkeys(("sensor", "sens", "measured", "meas", "measurement", "actual", "feedback", "encoder", "interferometer", "laser",
+                     "lvdt", "sgs", "gauge", "adc", "ai", "ist", "capacitive", "response", "vout", "uout"), -4),
+    **dict.fromkeys(("displacement", "disp", "displ", "output", "y", "stroke", "weg", "auslenkung", "extension", "elongation",
+                     "travel", "strain"), -3),
+    **dict.fromkeys(("position", "pos", "height", "deflection", "distance", "angle", "tilt", "z", "tip", "motion"), -2),
+}
+OTHERS = frozenset({"temperature", "temp", "humidity", "pressure", "index", "sample", "samples", "nr", "number", "error", "err", "power",
+                    "segment", "state", "status", "trigger", "flag", "frequency", "force", "current", "charge", "row", "scan"})
+"""Words of what a recording holds beside drive and sensor."""
+KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
+ROLES = ("time", "input", "output", "reference")
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Position of the column of each role, and why it was guessed."""
+
+    at: Mapping[str, int]
+    reasons: Mapping[str, str]
+    """By role; those that the user named are not in it."""
+
+
+@dataclass
+class _Search:
+    table: Table
+    at: dict[str, int]
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def free(self) -> list[int]:
+        """Columns of numbers of one length; the length is that of the named ones, or of most columns."""
+        columns = self.table.columns
+        lengths = Counter(columns[k].rows for k in self.at.values()) or Counter(
+            column.rows for column in columns if column.kind in ("number", "clock"))
+        most = max(lengths, key=lambda rows: (lengths[rows], rows or 0), default=None)
+        return [k for k, column in enumerate(columns) if column.kind in ("number", "clock") and column.rows == most]
+
+    @cached_property
+    def profiles(self) -> dict[int, Profile]:
+        """Of the free columns."""
+        return profiles(self.table, [k for k in self.free if self.table.columns[k].kind == "number"])
+
+    def left(self) -> list[int]:
+        """Free columns without a role."""
+        return [k for k in self.free if k not in self.at.values()]
+
+    def give(self, role: str, at: int, reason: str) -> None:
+        """Settle a role."""
+        self.at[role], self.reasons[role] = at, reason
+
+
+def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = False) -> Roles:
+    """Give every role its column.
+
+    Parameters
+    ----------
+    table : Table
+        Its values are looked at only where its names do not settle the matter.
+    named : mapping of str to str or None
+        By role (time, input and output, or time and reference) the column that the user named, or None to guess it.
+    sampled : bool
+        Whether the sampling period is known without a time column.
+
+    Raises
+    ------
+    RecordingError
+        A named column is not there or is named twice, or a role cannot be guessed.
+    """
+    search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
+    if len(set(search.at.values())) < len(search.at):
+        raise RecordingError(f"{table.path}: one column cannot serve as {' and '.join(search.at)}: "
+                             f"{', '.join(repr(named[role]) for role in search.at)}")
+    if "time" not in search.at:
+        _find_time_by_name(search)
+    if "reference" in named:
+        _find_reference(search, named)
+    else:
+        _find_signals(search)
+    missing = [role for role in named if role != "time" and role not in search.at]
+    if sampled:
+        search.at.pop("time", None)
+        search.reasons.pop("time", None)
+    elif all(table.columns[k].sample_time for role, k in search.at.items() if role != "time"):
+        pass  # the file states the period, be there a clock or not
+    elif "time" not in search.at:
+        _find_time_by_values(search)
+        missing += ["time"] * ("time" not in search.at)
+    if missing:
+        raise RecordingError(_question(table, missing, list(named)))
+    return Roles({role: search.at[role] for role in ROLES if role in search.at}, search.reasons)
+
+
+def find(table: Table, role: str, named: str) -> int:
+    """Position of the column that the user means: by name, by the end of a path, without its unit, or by its number."""
+    tests: tuple[Callable[[Column], bool], ...] = (
+        lambda column: column.name == named, lambda column: _normal(column.name) == _normal(named),
+        lambda column: column.name.rpartition("/")[2] == named,
+        lambda column: column.stem.casefold() == named.strip().casefold())
+    for test in tests:
+        same = [k for k, column in enumerate(table.columns) if test(column)]
+        if len(same) > 1:
+            raise RecordingError(f"{table.path}: has {len(same)} columns named {named!r}; --{role} takes a column's number, too")
+        if same:
+            return same[0]
+    if named.isdigit() and 1 <= int(named) <= len(table.columns):
+        return int(named) - 1
+    raise RecordingError(f"{table.path}: has no column {named!r} for the {role}; its columns are {_listed(table.columns)}")
+
+
+def vote(column: Column) -> int:
+    """How much a name and its unit speak for a drive (positive) or a sensor (negative).
+
+    >>> [vote(Column.named(name)) for name in ("input_voltage_V", "sensor_V", "height (piezo)", "height (measured)", "a")]
+    [6, -3, 1, -6, 0]
+    """
+    words = words_of(column)
+    unit = (column.unit in VOLTAGES) - (column.unit in LENGTHS or column.unit in ANGLES)
+    if words & WISHED:
+        return 1 + max(unit, 0)
+    return sum(VOTES.get(word, 0) for word in words) + unit
+
+
+def words_of(column: Column) -> set[str]:
+    """Words of a name without its unit; a letter counts only as the whole name: position_x is no input."""
+    stem = column.stem
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem)
+    words = [word.casefold() for word in re.split(r"[\W_\d]+", parted) if word]
+    return {word for word in words if len(word) > 1 or len(words) == 1}
+
+
+def _find_time_by_name(search: _Search) -> None:
+    ranked = sorted((rank, k) for k in search.left() if (rank := _time_rank(search.table.columns[k])) is not None)
+    if ranked and (len(ranked) == 1 or ranked[0][0] < ranked[1][0]):
+        search.give("time", ranked[0][1], "by name")
+
+
+def _find_time_by_values(search: _Search) -> None:
+    clocks = [k for k in search.left() if search.table.columns[k].kind == "clock"]
+    rising = [k for k in search.left() if k in search.profiles and search.profiles[k].rises and not search.profiles[k].counts]
+    even = [k for k in rising if search.profiles[k].uniform]
+    for group, reason in ((clocks, "as the only clock"), (rising, "as the only one that never falls"),
+                          (even, "as the only one that rises evenly")):
+        if len(group) == 1:
+            return search.give("time", group[0], reason)
+
+
+def _time_rank(column: Column) -> tuple[int, int] | None:
+    stem = column.stem.casefold()
+    if stem in TIME_WORDS:
+        return (0, TIME_WORDS.index(stem))
+    words = words_of(column)
+    near = next(((1, at) for at, word in enumerate(TIME_WORDS) if word in words), None)
+    return near or ((2, 0) if column.unit in SECONDS else None)
+
+
+def _find_reference(search: _Search, named: Mapping[str, str | None]) -> None:
+    if "reference" in search.at:
+        return
+    left = search.left()
+    wished = [k for k in left if words_of(search.table.columns[k]) & WISHED or search.table.columns[k].stem == "r"]
+    lengths = [k for k in left if vote(search.table.columns[k]) < 0]
+    for group in (wished, lengths, left):
+        if len(group) == 1:
+            return search.give("reference", group[0], "by name" if group is not left else "as the only one left")
+
+
+def _find_signals(search: _Search) -> None:
+    columns = search.table.columns
+    usual = [k for k in search.left() if not words_of(columns[k]) & OTHERS or vote(columns[k])]
+    usual = [k for k in usual if columns[k].name and columns[k].kind == "number"]
+    _by_name(search, usual)
+    if {"input", "output"} <= search.at.keys():
+        return
+    if "time" not in search.at:
+        _find_time_by_values(search)
+    lively = [k for k in search.left() if k in search.profiles and not search.profiles[k].constant and not search.profiles[k].counts]
+    usual = [k for k in usual if k in lively]
+    _by_name(search, usual)
+    for group in (usual, lively):
+        left = [k for k in group if k not in search.at.values()]
+        absent = [role for role in ("input", "output") if role not in search.at]
+        if len(absent) == 1 and len(left) == 1 and not (absent == ["output"] and words_of(columns[left[0]]) & WISHED):
+            return search.give(absent[0], left[0], "as the only one left")
+        if len(absent) == 2 and len(left) == 2 and not all(vote(columns[k]) < 0 for k in left):
+            found = input_first(search.table, (left[0], left[1]))
+            if found:
+                search.give("input", found[0][0], found[1])
+                search.give("output", found[0][1], found[1])
+                return
+
+
+def _by_name(search: _Search, usual: Sequence[int]) -> None:
+    columns = search.table.columns
+    free = [k for k in usual if k not in search.at.values()]
+    votes = {k: vote(columns[k]) for k in free}
+    if "input" not in search.at:
+        best = [k for k in free if votes[k] == max(votes.values()) > 0]
+        if len(best) == 1:
+            search.give("input", best[0], "by name")
+    free = [k for k in free if k not in search.at.values() and not words_of(columns[k]) & WISHED]
+    if "output" not in search.at:
+        best = [k for k in free if votes[k] == min(votes[k] for k in free) < 0]
+        if len(best) == 1:
+            search.give("output", best[0], "by name")
+
+
+def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str:
+    listed = _listed(table.columns)
+    if list(missing) == ["time"]:
+        return (f"{table.path}: cannot tell which column is the time; its columns are {listed}; name it with --time, or say "
+                "--sample-time or --sample-rate if there is none")
+    options = [f"--{role}" for role in asked]
+    return (f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are {listed}; name "
+            f"them with {', '.join(options[:-1])} and {options[-1]}")
+
+
+def seconds_per_unit(table: Table, column: Column) -> float:
+    """Seconds in one unit of a time column; a name without unit means seconds, and so does a clock."""
+    found = 1.0 if column.kind == "clock" else seconds(column.unit)
+    if found is None:
+        raise RecordingError(f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is no unit of time")
+    return found
+
+
+def _normal(name: str) -> str:
+    return unicodedata.normalize("NFKC", name).strip()
+
+
+def _listed(columns: Iterable[Column]) -> str:
+    names = [repr(column.name) + KINDS.get(column.kind, "") for column in columns]
+    return ", ".join(names if len(names) <= 24 else [*names[:24], f"and {len(names) - 24} more"])

@@ -1,0 +1,42 @@
+"""The sampling period where a file states it in so many words: "Sample rate [Hz]: 2000", "dt = 1e-4"."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from piezo_model.units import canonical, seconds
+
+_RATE = r"(?:sampl\w*|acquisition|scan|daq|data)[\s_-]*(?:rate|freq\w*)|fs|rate[\s_-]*hz|samples per second|abtastrate"
+_PERIOD = (r"sampl\w*[\s_-]*(?:time|period|interval|dt)|dt|ts|delta[\s_-]*t(?:ime)?|time[\s_-]*(?:step|increment)|"
+           r"wf_increment|delta_x|abtastzeit")
+_STATED = re.compile(rf"(?<![^\W_])(?P<key>(?P<rate>{_RATE})|(?P<period>{_PERIOD}))(?![^\W_])"
+                     r"\s*(?:[\[(](?P<before>[^\])]*)[\])])?[\"']?\s*[:=,;\t ]\s*"
+                     r"(?P<value>\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(?P<after>[^\W\d]+(?:/s)?)?", re.IGNORECASE)
+_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0, "": 1.0}
+
+
+def sample_time_in(lines: Iterable[str]) -> float | None:
+    """Sampling period in seconds that remarks state, or None where none or more than one does.
+
+    >>> sample_time_in(["Operator: K", "# Sampling rate (kHz) = 20"]), sample_time_in(["dt: 5 ms"]), sample_time_in(["t;u;y"])
+    (5e-05, 0.005, None)
+    """
+    found = {value for line in lines for match in _STATED.finditer(line) if (value := _period(match)) is not None}
+    return found.pop() if len(found) == 1 else None
+
+
+def sample_time_of(name: str, value: float, unit: str = "") -> float | None:
+    """Sampling period in seconds that a named number states, or None where its name is not one of a rate or a period."""
+    return sample_time_in([f"{name} [{unit}] = {value!r}"])
+
+
+def _period(match: re.Match[str]) -> float | None:
+    value, unit = float(match["value"].replace(",", ".")), (match["before"] or match["after"] or "").strip()
+    if not 0.0 < value < 1e12:
+        return None
+    if match["rate"]:
+        hertz = _HERTZ.get(unit.lower())
+        return None if hertz is None else 1.0 / (value * hertz)
+    per = seconds(canonical(unit)) if canonical(unit) or not unit else None
+    return None if per is None else value * per

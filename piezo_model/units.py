@@ -1,0 +1,134 @@
+"""Units: read from the name of a column, kept in ASCII ("um"), shown as engineers write them ("37.9 µm").
+
+Units of the everyday are a table here; pint, which takes half a second to start, is asked only about the others.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+SECONDS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+VOLTAGES = ("V", "mV", "kV", "uV")
+LENGTHS = ("um", "nm", "mm", "pm", "m")
+ANGLES = ("rad", "mrad", "urad", "deg")
+UNITS = frozenset((*SECONDS, *VOLTAGES, *LENGTHS, *ANGLES, "A", "mA", "N", "mN"))
+"""Units known as a bare suffix; in brackets any unit is taken."""
+_PREFIXES = {"n": "nano", "u": "micro", "m": "milli", "k": "kilo", "p": "pico", "c": "centi", "": ""}
+_WORDS = {"V": ("volt", "volts"), "m": ("meter", "meters", "metre", "metres"), "s": ("second", "seconds", "sec", "secs"),
+          "A": ("ampere", "amperes", "amp", "amps"), "N": ("newton", "newtons"), "rad": ("radian", "radians")}
+SPELLINGS: Mapping[str, str] = {
+    **{long + word: short + unit for short, long in _PREFIXES.items() for unit, words in _WORDS.items() for word in words},
+    "v": "V", "UM": "um", "NM": "nm", "mv": "mV", "kv": "kV", "micron": "um", "microns": "um", "mum": "um", "msec": "ms",
+    "usec": "us", "nsec": "ns", "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "hr": "h", "degree": "deg",
+    "degrees": "deg", "°": "deg", "counts": "counts", "count": "counts", "cts": "counts", "a.u.": "a.u.", "au": "a.u.",
+    "%": "%", "degC": "degC", "°C": "degC", "Hz": "Hz", "kHz": "kHz", "MHz": "MHz", "inch": "inch"}
+NO_UNITS = frozenset({"act", "in", "am", "no", "as", "piezo", "measured", "sensor", "raw", "out", "input", "output", "drive", "actual",
+                      "desired", "target", "set", "ref", "reference", "filtered", "closed", "open", "cmd", "command", "smoothed"})
+"""Words that stand in brackets and are no units; some of them pint would take for one."""
+PREFIXED = ("rad", "V", "m", "s", "A", "N")
+PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
+_PREFIX_OF = {factor: prefix for prefix, factor in PREFIXES.items()}
+SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Stem and unit of a column name; the unit is "" where the name has none, and µ is written u.
+
+    >>> split_unit("displacement_um"), split_unit("Weg [µm]"), split_unit("U in V"), split_unit("height (piezo)")
+    (('displacement', 'um'), ('Weg', 'um'), ('U', 'V'), ('height (piezo)', ''))
+    """
+    plain = _ascii(column)
+    for bracketed in reversed(list(re.finditer(r"[\s_]*[\[(]([^\[\]()]*)[\])]", plain))):
+        unit = canonical(bracketed[1])
+        if unit:
+            return (plain[:bracketed.start()] + plain[bracketed.end():]).strip(), unit
+    suffixed = re.fullmatch(r"(.+?)\s*(?:[_/,\s]|\sin\s)\s*([^\W_]+)", plain)
+    if suffixed:
+        unit = SPELLINGS.get(suffixed[2], suffixed[2])
+        if unit in UNITS:
+            return re.sub(r"\s+in$", "", suffixed[1]), unit
+    return plain, ""
+
+
+def canonical(text: str) -> str:
+    """A unit as it is stored, or "" where the text is none.
+
+    >>> canonical("µm"), canonical("Volts"), canonical("kV/cm"), canonical("piezo")
+    ('um', 'V', 'kV/cm', '')
+    """
+    plain = _ascii(text).strip("[]() ")
+    for spelling in (plain, plain.lower()):
+        if spelling in UNITS:
+            return spelling
+        if spelling in SPELLINGS:
+            return SPELLINGS[spelling]
+    if len(plain) < 2 or plain.lower() in NO_UNITS or not re.fullmatch(r"[^\W\d][\w°^*/·-]*", plain):
+        return ""
+    return _asked_of_pint(plain)
+
+
+def seconds(unit: str) -> float | None:
+    """Seconds in one unit of time, or None where the unit is not one of time; no unit means seconds.
+
+    >>> seconds("ms"), seconds("d"), seconds("um")
+    (0.001, 86400.0, None)
+    """
+    if unit in SECONDS or not unit:
+        return SECONDS[unit or "s"]
+    if unit in UNITS:
+        return None
+    registry = _registry()
+    return float(registry(unit).to("s").magnitude) if registry.is_compatible_with(unit, "s") else None
+
+
+def shown(unit: str) -> str:
+    """A unit as engineers write it.
+
+    >>> shown("um"), shown("V"), shown("deg")
+    ('µm', 'V', '°')
+    """
+    return SHOWN.get(unit) or re.sub(r"\bu(?=[a-zA-Z])", "µ", unit)
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """A value with its unit, the prefix chosen so that no power of ten is needed.
+
+    >>> quantity(3.79e-5, "m"), quantity(1790.0, ""), quantity(0.005, "s"), quantity(-73.6357, "um")
+    ('37.9 µm', '1790', '5 ms', '-73.64 µm')
+    """
+    base = next((base for base in PREFIXED if unit.endswith(base) and unit.removesuffix(base) in PREFIXES), None)
+    if base and value and math.isfinite(value):
+        factor = PREFIXES[unit.removesuffix(base)]
+        if not 0.01 <= abs(value) < 1e4:
+            factor = max((f for f in PREFIXES.values() if f <= max(abs(value * factor), 1e-9)
+                          and (f <= 1.0 or base in "VN")), default=factor)
+        value, unit = value * PREFIXES[unit.removesuffix(base)] / factor, _PREFIX_OF[factor] + base
+    number = f"{value:.{digits}g}"
+    if "e" in number and 1e-4 <= abs(value) < 1e7:
+        number = f"{float(number):.0f}"
+    return f"{number} {shown(unit)}".rstrip()
+
+
+def _ascii(text: str) -> str:
+    return text.replace("µ", "u").replace("μ", "u").strip()
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+@cache
+def _asked_of_pint(text: str) -> str:
+    import pint
+
+    try:
+        return _ascii(f"{_registry().parse_units(text):~C}")
+    except (pint.errors.PintError, ValueError, AssertionError, AttributeError, TypeError):
+        return ""
