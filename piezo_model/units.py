@@ -103,7 +103,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     base = next((base for base in PREFIXED if unit.endswith(base) and unit.removesuffix(base) in PREFIXES), None)
     if base and value and math.isfinite(value):
         factor = PREFIXES[unit.removesuffix(base)]
-        if not 0.01 <= abs(value) < 1e4:
+        if not 0.1 <= abs(value) < 1e4:
             factor = max((f for f in PREFIXES.values() if f <= max(abs(value * factor), 1e-9)
                           and (f <= 1.0 or base in "VN")), default=factor)
         value, unit = value * PREFIXES[unit.removesuffix(base)] / factor, _PREFIX_OF[factor] + base

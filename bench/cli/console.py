@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -16,17 +16,20 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from bench.races.race import Progress as Report
+if TYPE_CHECKING:
+    from bench.races.race import Progress as Report
 
-console = Console(highlight=False, soft_wrap=True)
-errors = Console(stderr=True, highlight=False)
+PLAIN: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
+"""Everything is shown as it is: names and units such as [um] come from files of users and are no markup."""
+console = Console(soft_wrap=True, **PLAIN)
+errors = Console(stderr=True, **PLAIN)
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
 
 
 @contextmanager
 def progress_bar() -> Iterator[Report]:
     """Yield a function that is told (what, done, total); silent when standard error is not a terminal."""
-    columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         shown = bar.add_task("", total=None)
         yield lambda what, done, total: bar.update(shown, description=what, completed=done, total=total)
@@ -49,7 +52,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
         table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
     for row in rows:
         table.add_row(*row)
-    (console if console.is_terminal else Console(width=240, highlight=False)).print(table)
+    (console if console.is_terminal else Console(width=240, **PLAIN)).print(table)
 
 
 def print_json(value: Any) -> None:

@@ -57,15 +57,15 @@ def compare_verb(
     else:
         for each in found:
             for warning in each.warnings:
-                console.print(f"WARNING: {warning}", style="bold", markup=False)
+                console.print(f"WARNING: {warning}", style="bold")
             for sentence in (*each.verdict, *each.notes):
-                console.print(sentence, markup=False)
+                console.print(sentence)
             grid = pages.grid(each)
             if grid.rows:
                 print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:MOST_ROWS]], left=grid.left)
             if (more := len(grid.rows) - MOST_ROWS) > 0:
                 console.print(f"{more} more rows stand on the page.")
-        console.print(f"\nComparison: {page}", markup=False)
+        console.print(f"\nComparison: {page}")
     bad = sum(len(each.changed if fail_on is FailOn.difference else each.regressions) for each in found)
     if fail_on is not FailOn.nothing and bad:
         raise typer.Exit(FAILED)
@@ -108,7 +108,7 @@ def deploy_verb(
                     "refused": [{**each.figures(), "why": why} for each, why in decision.refused]})
         return
     for sentence in decision.sentences():
-        console.print(sentence, markup=False)
+        console.print(sentence)
     for each, why in decision.refused[:NEAREST]:
-        console.print(f"Not {each.name}: it {why}.", markup=False)
-    console.print(f"Compensator: {target}", markup=False)
+        console.print(f"Not {each.name}: it {why}.")
+    console.print(f"Compensator: {target}")

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
+from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
 from bench.report import recording_page
 from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
 from piezo_model.identification.fit_review import review
@@ -27,12 +28,14 @@ class LagOption(StrEnum):
     ignore = "ignore"
 
 
+@reads_a_recording
 def identify_verb(
-    recording: Annotated[Path, typer.Argument(help="CSV or Parquet file with time, input and output columns.")],
+    recording: Annotated[Path, typer.Argument(help="A recording in any known format; piezobench inspect shows how it is read.")],
     out: Annotated[Path, typer.Option(help="Where the model is written, JSON.")],
-    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
-    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
-    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    reading: Reading,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
     n: Annotated[int, typer.Option(min=0, help="Order of hysteresis and creep.")] = 5,
     m: Annotated[int, typer.Option(min=0, help="Order of the superposition on each side.")] = 3,
     creep_rates: Annotated[str | None, typer.Option(help="Comma-separated rates in 1/s, or none; chosen from the "
@@ -56,7 +59,7 @@ def identify_verb(
     except ImportError as error:
         raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
     check_writable(out)
-    opened = Recording.open(recording, time=time, input=input, output=output)
+    opened = Recording.open(recording, time=time, input=input, output=output, **reading)
     if page is not None:
         check_writable(page, "--page")
     if not as_json:
@@ -96,11 +99,13 @@ def identify_verb(
         console.print(f"Page: {page}")
 
 
+@reads_a_recording
 def compensate_verb(
     model: Annotated[Path, typer.Argument(help="Model written by identify.")],
-    reference: Annotated[Path, typer.Argument(help="CSV or Parquet file with a time and a reference column.")],
+    reference: Annotated[Path, typer.Argument(help="A file with a reference column, in any format of recordings.")],
     out: Annotated[Path, typer.Option(help="Where the drive is written, CSV or Parquet.")],
-    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
+    reading: Reading,
+    time: Time = None,
     column: Annotated[str | None, typer.Option("--reference", help="Reference column.")] = None,
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
@@ -111,7 +116,7 @@ def compensate_verb(
     check_writable(out)
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
-    wanted = read_reference(reference, time=time, column=column)
+    wanted = read_reference(reference, time=time, column=column, **reading)
     if abs(wanted.sample_time / s.sample_time - 1.0) > 0.01:
         raise RecordingError(f"{reference}: is sampled every {wanted.sample_time:g} s and the model every "
                              f"{s.sample_time:g} s")

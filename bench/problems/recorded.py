@@ -32,7 +32,7 @@ class Recorded(ProblemSet):
 
     name = "recorded"
     description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
-    needs: ClassVar = {"recording": "a CSV or Parquet file with time, input and output columns"}
+    needs: ClassVar = {"recording": "a recording in any known format"}
     takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column"}
 
     def __len__(self) -> int:

@@ -86,7 +86,7 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
     for piece in rechunk(limited(table.pieces(at), length), CHUNK):
         for check, column in zip(values, piece, strict=True):
             check.update(column)
-        if clock and not values[0].bad:
+        if clock and not any(check.bad for check in values):
             clock.update(piece[0])
     complete = min(check.finish() for check in values)
     rows = values[0].count

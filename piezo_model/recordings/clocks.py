@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from piezo_model.recordings.pieces import Vector
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _TIME = r"(?P<time>\d{1,2}:\d{2}(?::\d{2})?(?:[.,:]\d+)?)\s*(?P<half>[AaPp][Mm])?"
 _DATE = r"(?:(?P<date>\d{4}[-./]\d{1,2}[-./]\d{1,2}|\d{1,2}[-./]\d{1,2}[-./]\d{4})(?:[T_\s]+|\s*,\s*))?"
@@ -42,6 +45,8 @@ class ClockReader:
         ClockError
             A cell is no clock.
         """
+        import pandas as pd
+
         written = pd.Series([_iso(cell) if cell else None for cell in cells], dtype=str)
         try:
             stamps = pd.DatetimeIndex(pd.to_datetime(written, format="ISO8601"))

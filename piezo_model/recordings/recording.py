@@ -256,7 +256,8 @@ def _names(table: Table, roles: Roles) -> dict[str, str]:
 
 
 def _form(table: Table, found: Scan) -> str:
-    left_out = f", the last {found.incomplete} rows are not complete and left out" if found.incomplete else ""
+    rows = "row is" if found.incomplete == 1 else f"{found.incomplete} rows are"
+    left_out = f", the last {rows} not complete and left out" if found.incomplete else ""
     return table.form + left_out
 
 

@@ -33,9 +33,9 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
     import openpyxl
 
     try:
-        with warnings.catch_warnings():
+        with path.open("rb") as file, warnings.catch_warnings():  # by its name openpyxl would judge the suffix
             warnings.simplefilter("ignore")  # styles and extensions that openpyxl does not know
-            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
             names = [sheet.title for sheet in book.worksheets]
             if reading.sheet is not None and reading.sheet not in names:
                 raise RecordingError(f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}")

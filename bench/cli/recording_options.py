@@ -1,0 +1,52 @@
+"""The options of every verb that reads a recording: what the file itself does not say, defined once."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Annotated, Any, TypedDict
+
+import typer
+
+Time = Annotated[str | None, typer.Option(help="Time column: a name, a path such as group/channel, or a number counted "
+                                               "from 1; guessed by default.")]
+Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
+Output = Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")]
+_OPTIONS: dict[str, Any] = {
+    "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
+    "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, in place of --sample-time.")],
+    "header_row": Annotated[int | None, typer.Option(help="Row that names the columns, counted from 1; 0 for none.")],
+    "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; found by default.")],
+    "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")]}
+
+
+class Reading(TypedDict):
+    """Keywords of ``Recording.open`` and ``read_reference``."""
+
+    sample_time: float | None
+    header_row: int | None
+    decimal: str | None
+    sheet: str | None
+
+
+def reads_a_recording(verb: Callable[..., None]) -> Callable[..., None]:
+    """Add the options to a verb, which gets them together as its argument ``reading``."""
+    own = inspect.signature(verb, eval_str=True)
+    kept = [parameter for name, parameter in own.parameters.items() if name != "reading"]
+    added = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=kind)
+             for name, kind in _OPTIONS.items()]
+
+    @functools.wraps(verb)
+    def wrapped(**given: Any) -> None:
+        said = {name: given.pop(name) for name in _OPTIONS}
+        rate = said.pop("sample_rate")
+        if rate is not None:
+            if said["sample_time"] is not None or not rate > 0.0:
+                raise typer.BadParameter("say either a positive rate or --sample-time", param_hint="--sample-rate")
+            said["sample_time"] = 1.0 / rate
+        verb(**given, reading=said)
+
+    wrapped.__signature__ = own.replace(parameters=[*kept, *added])  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in (*kept, *added)}
+    return wrapped

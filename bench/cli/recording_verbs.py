@@ -1,0 +1,69 @@
+"""The verb ``inspect``: what a file is understood as, before anything is made of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.cli.console import AsJson, console, print_json, print_table
+from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from piezo_model.recordings import Recording, RecordingError
+from piezo_model.recordings.profile import profiles
+from piezo_model.recordings.tables import Reading as TableReading
+from piezo_model.recordings.tables import Table, open_table
+from piezo_model.units import quantity, shown
+
+
+@reads_a_recording
+def inspect_verb(
+    recording: Annotated[Path, typer.Argument(help="A recording in any known format.")],
+    reading: Reading,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show how a recording is read: its columns, units, sampling, rows and ranges, and which columns are guessed."""
+    table = open_table(recording, TableReading(**reading))
+    refused, opened = None, None
+    try:
+        opened = Recording.open(recording, time=time, input=input, output=output, **reading)
+    except RecordingError as error:
+        refused = error
+    columns = _columns(table, opened)
+    if as_json:
+        print_json({"file": recording, "form": table.form, "columns": columns, "refused": refused and str(refused),
+                    **({} if opened is None else {"sample_time_s": opened.sample_time, "samples": opened.length,
+                                                  "input": opened.columns["input"], "output": opened.columns["output"],
+                                                  "time": opened.columns.get("time"), "guessed": dict(opened.reasons)})})
+    else:
+        console.print(opened.describe() if opened else f"{recording}: {table.form}")
+        print_table(("column", "name", "unit", "from", "to", "role"), [
+            (str(c["number"]), str(c["name"]), shown(str(c["unit"])), *_range(c), str(c["role"])) for c in columns], left=2)
+    if refused:
+        raise refused
+
+
+def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
+    """Every column with its range; where roles are settled, only theirs are known without another pass."""
+    roles = {} if opened is None else {name: role for role, name in opened.columns.items()}
+    spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
+    if opened is None:
+        try:
+            found = profiles(table, [k for k, column in enumerate(table.columns) if column.kind == "number"
+                                     and column.rows == table.columns[0].rows])
+        except RecordingError:  # what is wrong is said at the end
+            found = {}
+        ranges = {k: (profile.low, profile.high) for k, profile in found.items()}
+    else:
+        ranges = {k: spans[roles[column.name]] for k, column in enumerate(table.columns) if roles.get(column.name) in spans}
+    return [{"number": k + 1, "name": column.name, "unit": column.unit, "kind": column.kind, "range": ranges.get(k),
+             "role": roles.get(column.name, "" if column.kind == "number" else column.kind)}
+            for k, column in enumerate(table.columns)]
+
+
+def _range(column: dict[str, object]) -> tuple[str, str]:
+    span = column["range"]
+    return (quantity(span[0], ""), quantity(span[1], "")) if isinstance(span, tuple) else ("", "")

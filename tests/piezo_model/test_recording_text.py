@@ -1,0 +1,191 @@
+"""One clean table written in every way that plain text is met in; each file must give the clean arrays to the last bit."""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recording_files import refusal, text_file
+
+from piezo_model.recordings import Recording, read_reference
+from piezo_model.recordings.dialect import layout_of
+
+N, RATE = 2500, 997.0
+T = np.arange(N) / RATE
+X = np.round(50 + 50 * np.sin(6 * T), 6)
+Y = np.round(5 * np.sin(6 * T - 0.2) + np.random.default_rng(0).normal(0, 0.01, N) - 40, 6)
+
+
+def rows(line: str, end: str = "\n", decimal: str = ".", times: Sequence[str] | None = None) -> str:
+    """Every sample in a line; {t}, {x} and {y} are printed with the decimal mark, {i} is the index."""
+    times = times or [f"{t:.7f}" for t in T]
+    return end.join(line.format(i=i, t=times[i].replace(".", decimal), x=f"{X[i]:.6f}".replace(".", decimal),
+                                y=f"{Y[i]:.6f}".replace(".", decimal), flag=i > 1200, far=f"{X[i] + 10000:,.6f}")
+                    for i in range(N)) + end
+
+
+def clock(day: str, start: float = 0.0) -> list[str]:
+    seconds = T + start
+    return [day.format(f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:09.6f}") for s in seconds]
+
+
+QUOTED = '"{t}","{x}","{y}"'
+HEADER = "time_s,voltage_V,height_um\n"
+FILES: dict[str, tuple[bytes | str, dict]] = {
+    "no header": (rows("{t},{x},{y}"), {}),
+    "metadata": (f"Instrument: stage\nDate,2024-01-31\nGain,10,V/V\n\n{HEADER}{rows('{t},{x},{y}')}", {}),
+    "comments with the header": (f"# stage\n# 3 channels\n#\n# time\tvoltage\theight\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}", {}),
+    "per cent comments": (f"% time voltage height\n% s V um\n{rows('{t} {x} {y}')}", {}),
+    "slash comments": (f"// recorded\n// {HEADER}{rows('{t},{x},{y}')}", {}),
+    "units row": (f"time;voltage;height\ns;V;µm\n{rows('{t};{x};{y}')}", {}),
+    "bracketed units row": (f"time\tvoltage\theight\n[s]\t[V]\t[µm]\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}", {}),
+    "units in brackets": (f"Time [s],Drive (V),Sensor [µm]\n{rows('{t},{x},{y}')}", {}),
+    "empty first column": (f",time_s,voltage_V,height_um\n{rows(',{t},{x},{y}')}", {}),
+    "index column": (f",time_s,voltage_V,height_um\n{rows('{i},{t},{x},{y}')}", {}),
+    "index column of R": (f'"time_s" "voltage_V" "height_um"\n{rows("{i} {t} {x} {y}")}', {}),
+    "Boolean column": (f"height_um,voltage_V,contact,time_s\n{rows('{y},{x},{flag},{t}')}", {}),
+    "text column": (f"segment,time_s,voltage_V,height_um\n{rows('approach,{t},{x},{y}')}", {}),
+    "separator at the end": (f"time_s;voltage_V;height_um;\n{rows('{t};{x};{y};')}", {}),
+    "separator at the end of rows": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y};')}", {}),
+    "comment that no row has": (f"X_Value\tvoltage_V\theight_um\tComment\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}", {}),
+    "carriage returns": (f"time_s,voltage_V,height_um\r\n{rows('{t},{x},{y}', end=chr(13) + chr(10))}", {}),
+    "carriage returns alone": (f"time_s,voltage_V,height_um\r{rows('{t},{x},{y}', end=chr(13))}", {}),
+    "byte order mark": (b"\xef\xbb\xbf" + (HEADER + rows("{t},{x},{y}")).encode(), {}),
+    "UTF-16": ((HEADER + rows("{t},{x},{y}")).replace(",", "\t").encode("utf-16"), {}),
+    "UTF-16 without a mark": ((HEADER + rows("{t},{x},{y}")).encode("utf-16-le"), {}),
+    "Latin-1": (f"Zeit [s];Spannung [V];Höhe [µm]\n{rows('{t};{x};{y}')}".encode("latin-1"), {}),
+    "decimal comma": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',')}", {}),
+    "decimal comma and tabs": (HEADER.replace(",", "\t") + rows("{t}\t{x}\t{y}", decimal=","), {}),
+    "decimal comma and blanks": (f"time voltage height\n{rows('{t}   {x} {y}', decimal=',')}", {}),
+    "decimal comma in quotes": (f'"time_s","voltage_V","height_um"\n{rows(QUOTED, decimal=",")}', {}),
+    "blanks": (f"Time (s)  Piezo voltage (V)  Height (um)\n{rows('  {t}   {x}  {y}  ')}", {}),
+    "repeated header": (HEADER + rows("{t},{x},{y}").replace("\n", "\n" + HEADER, 1), {}),
+    "comments among rows": (HEADER + rows("{t},{x},{y}").replace("\n", "\n# pause\n", 1), {}),
+    "blank lines at the end": (HEADER + rows("{t},{x},{y}") + "\n\n ,,\n", {}),
+    "row cut off at the end": (HEADER + rows("{t},{x},{y}") + "2.6,3", {}),
+    "remark at the end": (HEADER + rows("{t},{x},{y}") + "\nEnd of measurement\n", {}),
+    "columns of unequal length": (HEADER + rows("{t},{x},{y}") + "2.6,3,\n2.7,4,\n", {}),
+    "rule under the header": (f"time_s voltage_V height_um\n------ --------- ---------\n{rows('{t} {x} {y}')}", {}),
+    "clock": (f"Timestamp,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('{}', 43000.0))}", {}),
+    "clock past midnight": (f"Timestamp,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('{}', 86399.0))}", {}),
+    "ISO date": (f"when,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('2024-01-31T{}Z'))}", {}),
+    "dotted date": (f"when;voltage_V;height_um\n{rows('{t};{x};{y}', times=clock('2024.01.31 {}'))}", {}),
+    "German date": (f"Zeit;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',', times=clock('31.01.2024 {}'))}".replace(
+        "31,01,2024", "31.01.2024"), {}),
+    "dotted clock": (f"Zeit;voltage_V;height_um\n{rows('{t};{x};{y}', times=[c.replace(':', '.') for c in clock('{}')])}", {}),
+    "single precision": (HEADER + rows("{t},{x},{y}", times=[repr(float(np.float32(t))) for t in T + 40]), {}),
+    "seven digits": (HEADER + rows("{t},{x},{y}", times=[f"{t:.7g}" for t in T + 8.5]), {}),
+    "no time": (f"voltage_V,height_um\n{rows('{x},{y}')}", {"sample_time": 1 / RATE}),
+    "no time but a rate": (f"# Sampling rate [kHz]: 0.997\nvoltage_V,height_um\n{rows('{x},{y}')}", {}),
+    "clock that is not believed": (f"time_s,voltage_V,height_um\n{rows('0,{x},{y}')}", {"sample_time": 1 / RATE}),
+    "header by its row": (f"1,2,3\nnumbers,follow,below\n{HEADER}{rows('{t},{x},{y}')}", {"header_row": 3}),
+    "columns by number": (f"a,b,c\n{rows('{y},{t},{x}')}", {"time": "2", "input": "3", "output": "1"}),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_plain_text_of_every_kind_gives_the_clean_arrays(tmp_path: Path, name: str) -> None:
+    content, said = FILES[name]
+    path = tmp_path / "stage.log"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    recording = Recording.open(path, **said)
+    np.testing.assert_array_equal(recording.arrays(), [X, Y])
+    assert recording.sample_time == pytest.approx(1 / RATE, rel=3e-5)
+
+
+@pytest.mark.parametrize(("line", "said"), [("{t};{far};{y}", {}), ("{t}\t{far}\t{y}", {}), ('{t},"{far}",{y}', {})])
+def test_marks_between_thousands_are_no_separators(tmp_path: Path, line: str, said: dict) -> None:
+    header = "time_s;voltage_V;height_um\n".replace(";", line[3])
+    path = tmp_path / "stage.csv"
+    path.write_text(header + rows(line))
+    np.testing.assert_array_equal(Recording.open(path).arrays(), [[float(f"{x + 10000:.6f}") for x in X], Y])
+
+
+def test_thousands_may_be_marked_as_in_germany(tmp_path: Path) -> None:
+    swap = str.maketrans(".,", ",.")
+    content = "time_s;voltage_V;height_um\n" + "".join(
+        f"{t:.7f};{1000 * x:,.6f};{y:.6f}\n".translate(swap) for t, x, y in zip(T, X, Y, strict=True))
+    path = tmp_path / "stage.csv"
+    path.write_text(content)
+    np.testing.assert_array_equal(Recording.open(path).arrays(), [[float(f"{1000 * x:.6f}") for x in X], Y])
+
+
+def test_a_header_that_lacks_its_line_break_still_names_the_columns(tmp_path: Path) -> None:
+    path = tmp_path / "curve.tab"
+    path.write_text("# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
+                    + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"), newline="")
+    recording = Recording.open(path)
+    np.testing.assert_array_equal(recording.arrays(), [X, Y])
+    assert recording.columns == {"time": "time", "input": "height (piezo)", "output": "height (measured)"}
+    assert recording.input_unit == ""
+
+
+def test_what_was_understood_is_said_in_two_lines(tmp_path: Path) -> None:
+    path = tmp_path / "stage.csv"
+    path.write_text(f"Zeit;Spannung;Höhe\ns;V;µm\n{rows('{t};{x};{y}', decimal=',')}", encoding="latin-1")
+    first, second = Recording.open(path).describe().splitlines()
+    assert "text in Latin-1, separated by semicolons, decimal comma, header in row 1; 2500 samples over 2.507 s" in first
+    assert second == ("input 'Spannung' from 2e-06 to 100 V, output 'Höhe' from -45.01 to -34.98 µm; guessed: time, input, output by "
+                      "name (otherwise --time, --input, --output)")
+
+
+def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
+    said = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", "3,4")).describe()
+    assert "the last line is no complete row and left out; 3 samples" in said
+    said = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", "3,4,")).describe()
+    assert "the last row is not complete and left out; 3 samples" in said
+
+
+@pytest.mark.parametrize(("lines", "sentence"), [
+    (("t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"), "column 'u' is 9.91e+37 in row 3 (data row 2), which nothing measures"),
+    (("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"), "column 'u' is -1e+300 in row 3 (data row 2), which nothing measures"),
+    (("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"), "column 'u' holds 'True' in row 4 (data row 3), where a number is needed"),
+    (("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"), "column 't' holds 'noon' in row 4 (data row 3)"),
+    (("u,y", "1,2", "2,3", "3,3", "4,2"), "cannot tell which column is the time; its columns are 'u', 'y'; name it with --time, "
+                                          "or say --sample-time or --sample-rate"),
+    (("index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"), "cannot tell which column is the time"),
+])
+def test_what_is_wrong_is_named_in_one_sentence(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
+    assert sentence in refusal(text_file(tmp_path, *lines))
+
+
+def test_a_line_that_never_ends_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "stage.csv").write_bytes(b"1" * (1 << 20))
+    assert "longer than" in refusal(tmp_path / "stage.csv")
+    path = text_file(tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(60_000)), "7" * (3 << 20), "1,2,3")
+    assert "a line is longer than" in refusal(path)
+
+
+def test_a_reference_of_one_column_needs_only_a_period(tmp_path: Path) -> None:
+    path = text_file(tmp_path, *(f"{k / 7:.3f}" for k in range(40)))
+    reference = read_reference(path, sample_time=0.01)
+    np.testing.assert_array_equal(reference.values, [float(f"{k / 7:.3f}") for k in range(40)])
+
+
+@settings(max_examples=60, deadline=None)
+@given(separator=st.sampled_from(";\t ,|"), decimal=st.sampled_from(".,"), width=st.integers(2, 6), digits=st.integers(1, 9),
+       header=st.booleans(), units=st.booleans(), quote=st.booleans(), seed=st.integers(0, 999))
+def test_any_dialect_is_found_out(separator: str, decimal: str, width: int, digits: int, header: bool, units: bool, quote: bool,
+                                  seed: int) -> None:
+    if (separator == "," == decimal and not quote) or (separator == " " and quote):
+        return
+    values = np.random.default_rng(seed).normal(0, 10, (30, width))
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=separator, quoting=csv.QUOTE_ALL if quote else csv.QUOTE_MINIMAL)
+    names = [f"signal{k}" for k in range(width)]
+    if header:
+        writer.writerow(names)
+        if units:
+            writer.writerow(["V"] * width)
+    for row in values:
+        writer.writerow([f"{value:.{digits}f}".replace(".", decimal) for value in row])
+    found = layout_of(text.getvalue().splitlines(keepends=True))
+    assert found is not None
+    assert (found.dialect.separator, found.dialect.decimal, found.width) == (separator, decimal, width)
+    assert found.start == header + (header and units)
+    assert list(found.names) == (names if header else [f"column {k + 1}" for k in range(width)])
+    assert set(found.units) == ({"V"} if header and units else {""})
