@@ -146,7 +146,7 @@ BAD_RECORDINGS: dict[str, tuple[Callable[[list[str]], list[str]], list[str]]] = 
     "leap": (lambda rows: rows[:4000] + rows[4100:], ["time_s"]),
     "constant": (lambda rows: [rows[0], *(f"{row.split(',')[0]},3,{row.split(',')[2]}" for row in rows[1:])],
                  ["voltage_V", "constant"]),
-    "heading": (lambda rows: rows[:1], ["0 data rows"]),
+    "heading": (lambda rows: rows[:1], ["no data rows"]),
     "nothing": (lambda rows: [], []),
     "ragged": (lambda rows: [*rows[:50], rows[50] + ",1", *rows[51:]], ["5"]),
 }
@@ -338,7 +338,7 @@ def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: Comma
 
 
 def test_identify_says_what_it_found_and_writes_a_model(identified: str, desk: Path) -> None:
-    assert "stage.csv: 8000 samples over 7.999 s" in identified
+    assert "stage.csv: text, separated by commas, header in row 1; 8000 samples over 7.999 s" in identified
     assert identified.splitlines()[-1] == "Model: model.json"
     model = HysteresisCreepModel.load(desk / "model.json")
     assert (model.structure.input_unit, model.structure.output_unit) == ("V", "um")

@@ -21,8 +21,8 @@ def recorded(folder: Path, header: str) -> Path:
 def test_a_file_is_described_with_its_columns_units_and_roles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["inspect", str(recorded(tmp_path, "time [s];drive [V];height [um]"))]) == 0
     shown = capsys.readouterr().out
-    assert "separated by semicolons, header in row 1; 600 samples over 599 ms, one every 1 ms by 'time [s]'" in shown
-    assert "input 'drive [V]' from 0 to 100 V, output 'height [um]' from -3 to 3 µm" in shown
+    assert "separated by semicolons, header in row 1; 600 samples over 0.599 s, one every 1 ms by 'time [s]'" in shown
+    assert "input 'drive [V]' from 0.0005 to 100 V, output 'height [um]' from -3 to 3 µm" in shown
     assert [line.split()[-1] for line in shown.splitlines()[-3:]] == ["time", "input", "output"]
 
 
