@@ -42,7 +42,7 @@ from piezo_model.learning.sensor_guard import fresh_memory
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.regressors import RegressorArrays
 from piezo_model.structure import ModelStructure
-from solvers.kernel.recursive_active_set import RecursiveActiveSet
+from solvers.kernels.recursive_engine import RecursiveEngine
 from solvers.vector8 import padded
 
 Vector = NDArray[np.float64]
@@ -88,7 +88,7 @@ class ContinuousLearning:
         def samples(seconds: float) -> int:
             return max(1, round(seconds / s.sample_time))
 
-        self._engine = RecursiveActiveSet(forgetting=math.exp(-s.sample_time / settings.memory_s), proximal=PROXIMAL)
+        self._engine = RecursiveEngine(forgetting=math.exp(-s.sample_time / settings.memory_s), proximal=PROXIMAL)
         self._engine.setup(prior(s, compensator.model.weights))
         size, interval = padded(regressors.width), samples(settings.hand_over_s)
         self.arrays = ContinuousArrays(

@@ -2,13 +2,12 @@
 
     P ← λ P + μ ξ ξᵀ,   q ← λ q + μ ξ x     at every row (ξ, x),   minimise ½ vᵀP v + qᵀv over lb ≤ v ≤ ub
 
-The method stands in :mod:`solvers.kernels.swept_gram`: the Gram matrix swept on the free variables follows each row by a
-matrix of rank one, and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
+The method stands in ``solvers/core/swept.h``: the Gram matrix swept on the free variables follows each row by a matrix of rank one,
+and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
 
-An answer is never refused where there is one. The factor is made anew by the refresh rule of
-:mod:`solvers.kernels.swept_rows`, which bounds its drift. Where a pivot is singular, positive definiteness is lost or
-the exchanges cycle, it is made anew at once; where that does not help, the cold exact solver is asked
-(:func:`solvers.kernels.swept_refresh.recover`). An error is left for data that have no minimum.
+An answer is never refused where there is one. The factor is made anew by the refresh rule of ``swept_rows.c``, which bounds its
+drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew at once; where that does not
+help, the cold exact solver is asked (``swept_refresh.c``). An error is left for data that have no minimum.
 """
 
 from __future__ import annotations
@@ -18,12 +17,13 @@ from typing import ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.compiled import entry
-from solvers.kernels import box_data
-from solvers.kernels import swept_gram as swept
-from solvers.kernels.swept_refresh import begin, recover
-from solvers.kernels.swept_rows import LARGEST, take_row, take_rows, time_begin, write_answer
+from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
+
+LARGEST = 1e100
+"""LARGEST_ENTRY of swept.h: size from which a number of a row is refused."""
+FOUND = 1e-12
+"""Relative violation of the optimality conditions above which an answer does not count as found."""
 
 
 class RecursiveActiveSet(Solver):
@@ -38,6 +38,8 @@ class RecursiveActiveSet(Solver):
     proximal : float, default 1e-10
         Share of the diagonal of P, at most its mean, with which the answer is held where it was at the last refresh. With 0 it is
         held only while P is singular on the free variables.
+    most_exchanges : int, default 0
+        Exchanges of one row after which its answer is feasible and the next row goes on; 0 for none.
 
     Examples
     --------
@@ -80,21 +82,14 @@ class RecursiveActiveSet(Solver):
         if not 0.0 <= proximal < np.inf:
             raise ValueError(f"{self.name}: proximal must not be negative, but it is {proximal}")
         d = lb.size
-        cold, sides = box_data.allocate(d)
-        self._accept(box_data.set_bounds(cold, sides, lb, ub))
-        work, iwork, numbers = swept.allocate(d)
-        numbers[swept.FORGETTING], numbers[swept.ROOT_GROWTH] = forgetting, forgetting**-0.5
-        numbers[swept.ROW_WEIGHT], numbers[swept.PROXIMAL] = weight, proximal
-        head = work.reshape(-1, iwork[swept.LEADING])
-        head[swept.LB, :d], head[swept.UB, :d] = np.maximum(lb, -swept.NO_BOUND), np.minimum(ub, swept.NO_BOUND)
-        P, q = dense(problem)
-        self._accept(begin(work, iwork, numbers, cold, sides, P, q, 0.0, False))
-        write_answer(work, iwork)
-        self._lb, self._ub, self._P, self._q, self._head = lb, ub, P, q, head
-        self._work, self._iwork, self._numbers = work, iwork, numbers
-        self._cold = cold, sides, np.empty((d, d)), np.empty(d)
-        self._row, self._answer = np.zeros(d + 1), head[swept.ANSWER, :d]
-        self._take_row = entry(take_row, work, iwork, numbers, self._row)
+        state, (P, q) = block(face.swept_bytes(d)), dense(problem)
+        self._accept(face.swept_setup(state, lb, ub, forgetting, weight, proximal))
+        places, head = face.swept_places(state), state.view(np.int32)
+        head[places["cap"]] = int(self.settings.get("most_exchanges", 0))
+        self._accept(face.swept_begin(state, P, q))
+        self._lb, self._ub, self._P, self._q, self.state, self._places, self._head = lb, ub, P, q, state, places, head
+        self._numbers = state.view(np.float64)
+        self._row, self._answer, self._forgetting, self._capped = np.zeros(d + 1), self.part("answer"), forgetting, False
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Start again from other data of the same size; data refused (ValueError, as in ``setup``) change nothing."""
@@ -102,26 +97,24 @@ class RecursiveActiveSet(Solver):
         q = self._q if q is None else np.array(q, dtype=np.float64)
         if P.shape != self._P.shape or q.shape != self._q.shape:
             raise ValueError(f"{self.name}: P {P.shape} and q {q.shape} are not of the size of the problem set up")
-        cold, sides = self._cold[:2]
-        self._accept(begin(self._work, self._iwork, self._numbers, cold, sides, P, q, 0.0, False))
-        write_answer(self._work, self._iwork)
-        self._P, self._q = P, q
+        self._accept(face.swept_begin(self.state, P, q))
+        self._P, self._q, self._capped = P, q, False
 
     def append(self, row: Vector, target: float) -> None:
         """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)²; ValueError where one is not finite."""
         if np.shape(row) != self._q.shape:
             raise ValueError(f"{self.name}: a row has {self._q.size} numbers, not shape {np.shape(row)}")
         self._row[:-1], self._row[-1] = row, target
-        status = self._take_row(self._work, self._iwork, self._numbers, self._row)
-        if status == box_data.NOT_FINITE:
+        status = face.swept_take(self.state, self._row)
+        if status == NOT_FINITE:
             raise ValueError(f"{self.name}: the row holds a number that is not finite, or above {LARGEST:g}")
-        if status != box_data.OK:
+        self._capped = status == CAPPED
+        if status not in (OK, CAPPED):
             self.recover()
 
     def recover(self) -> None:
         """Begin anew from the data so far, by the cold exact solver."""
-        self._accept(recover(self._work, self._iwork, self._numbers, *self._cold))
-        write_answer(self._work, self._iwork)
+        self._accept(face.swept_recover(self.state))
 
     def append_many(self, rows: Matrix) -> tuple[Matrix, Nanoseconds]:
         """Take rows (ξ, x), shape (N, d + 1), in one compiled call.
@@ -141,22 +134,21 @@ class RecursiveActiveSet(Solver):
         if not usable.all():
             raise ValueError(f"{self.name}: row {int(np.argmin(usable))} holds a number that is not finite, or above {LARGEST:g}")
         answers, nanoseconds = np.empty((rows.shape[0], d)), np.empty(rows.shape[0], dtype=np.int64)
-        self._accept(take_rows(self._work, self._iwork, self._numbers, *self._cold, rows.reshape(-1), answers.reshape(-1),
-                               nanoseconds))
+        status = face.swept_take_rows(self.state, rows, answers, nanoseconds)
+        self._capped = status == CAPPED
+        self._accept(status)
         return answers, nanoseconds
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows as :meth:`append_many` does; the data are this solver's own work and part of the time."""
-        if forgetting != self._numbers[swept.FORGETTING]:
-            raise ValueError(f"{self.name}: was set up with forgetting {self._numbers[swept.FORGETTING]}, not {forgetting}")
+        if forgetting != self._forgetting:
+            raise ValueError(f"{self.name}: was set up with forgetting {self._forgetting}, not {forgetting}")
         return self.append_many(rows)
 
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Start anew from P and q, which includes finding the optimum, timed as solves; there is no update apart."""
         nanoseconds = np.empty(count, dtype=np.int64)
-        cold, sides = self._cold[:2]
-        self._accept(time_begin(self._work, self._iwork, self._numbers, cold, sides, self._P, self._q, nanoseconds))
-        write_answer(self._work, self._iwork)
+        self._accept(face.time_swept(self.state, self._P, self._q, nanoseconds))
         return np.zeros(count, dtype=np.int64), nanoseconds
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
@@ -165,22 +157,37 @@ class RecursiveActiveSet(Solver):
 
     def problem(self) -> Problem:
         """Return the program whose optimum the answer is, proximal term included, in the user's variables."""
-        d, vectors = self._lb.size, self._head
-        decay = self._numbers[swept.ROW_WEIGHT] / self._numbers[swept.ROOT_WEIGHT]**2
-        G = vectors[swept.VECTORS + self._iwork[swept.LEADING]:][:d + 1, :d + 1]
+        d, width = self._lb.size, self._lb.size // 8 * 8 + 8
+        row_weight, root_weight = self._numbers[self._places["row_weight"]:self._places["row_weight"] + 2]
+        decay = row_weight / root_weight**2
+        first = self._places["G"]
+        G = self._numbers[first:first + width * width].reshape(width, width)[:d + 1, :d + 1]
         G = (np.triu(G) + np.triu(G, 1).T) * decay
-        rho = vectors[swept.RHO, :d] * decay
-        origin, sign = vectors[swept.ORIGIN, :d], vectors[swept.SIGN, :d]
+        rho, origin, sign = self.part("rho") * decay, self.part("origin"), self.part("sign")
         P = sign[:, None] * G[:d, :d] * sign + np.diag(rho)
-        q = sign * (G[:d, d] - rho * vectors[swept.CENTRE, :d])
+        q = sign * (G[:d, d] - rho * self.part("centre"))
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
 
+    def part(self, name: str) -> Vector:
+        """Return a view of a vector (d,) of the state by its name in swept.h."""
+        first = self._places[name]
+        return self._numbers[first:first + self._lb.size]
+
     def solution(self) -> Solution:
-        """Return the answer; ``extras`` count exchanges, refreshes and cold starts."""
-        return box_solution(self.problem(), self.solve().copy(), True, status="solved",
-                            exchanges=int(self._iwork[swept.PIVOTS]), refreshes=int(self._iwork[swept.REFRESHES]),
-                            cold_starts=int(self._iwork[swept.COLD_STARTS]))
+        """Return the answer; ``extras`` count exchanges, refreshes and cold starts, and say what is left of the optimality conditions.
+
+        Found is what meets them to FOUND, relative to the terms of the gradient. Rounding of the rows since the last refresh may have
+        left more (the cost errs to second order in it); the factor is then made anew here, and the cold solver asked where that
+        is not enough.
+        """
+        for renew in (face.swept_refresh, face.swept_recover):
+            if not self._capped and not face.swept_error(self.state) <= FOUND:
+                self._capped = renew(self.state) == CAPPED
+        exchanges, refreshes, cold_starts = self._head[self._places["counts"]:self._places["counts"] + 3].tolist()
+        error = face.swept_error(self.state)
+        return box_solution(self.problem(), self.solve().copy(), error <= FOUND, status="capped" if self._capped else "solved",
+                            exchanges=exchanges, refreshes=refreshes, cold_starts=cold_starts, error=error)
 
     def _accept(self, status: int) -> None:
-        if status != box_data.OK:
-            raise ValueError(f"{self.name}: {box_data.REASONS[status]}")
+        if status not in (OK, CAPPED):
+            raise ValueError(f"{self.name}: {REASONS[status]}")

@@ -10,13 +10,13 @@ from qpsolvers import Problem
 
 from solvers import Unsupported, get
 from solvers.certificate import certify, exact_cost_gap
+from solvers.core import BREAKDOWN, face
 from solvers.kernel import recursive_active_set as module
-from solvers.kernels import swept_gram as swept
-from solvers.kernels.forgetting import absorb
-from solvers.kernels.swept_refresh import refresh
-from solvers.kernels.swept_rows import LARGEST
+from solvers.kernel.recursive_active_set import LARGEST
 
 INF = np.inf
+REFRESH = 256
+"""SWEPT_REFRESH of swept.h."""
 seeds = st.integers(0, 2**32 - 1)
 forgettings = st.sampled_from([1.0, 0.999, 0.99, 0.9, 0.5])
 quick = settings(max_examples=25, deadline=None)
@@ -176,13 +176,13 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
         assert nanoseconds.shape == (len(part),)
         assert nanoseconds.min() > 0
         if forgetting < 1.0:
-            absorb(P, q, c, part, 0, len(part), forgetting)
+            face.absorb(P, q, c, part, forgetting)
         else:
             P, q = P + part[:, :-1].T @ part[:, :-1] * weight, q + part[:, :-1].T @ part[:, -1] * weight
         assert gap(Problem(P, q, lb=lb, ub=ub), answers[-1]) < 1e-12
         assert gap(s.problem(), answers[-1]) < 1e-20
     extras = s.solution().extras
-    assert extras["refreshes"] >= count // swept.REFRESH
+    assert extras["refreshes"] >= count // REFRESH
     assert extras["exchanges"] > 0
     assert extras["cold_starts"] == 0
 
@@ -190,16 +190,17 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
 def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
     rng = np.random.default_rng(6)
     s = recursive(np.eye(18), np.zeros(18), np.zeros(18), forgetting=0.9995, proximal=0.0)
-    ld = s._iwork[swept.LEADING]
-    part = slice(swept.VECTORS * ld, (swept.VECTORS + 19) * ld)
-    s.append_many(drifting(rng, 18, 4 * swept.REFRESH))
-    while s._iwork[swept.SINCE_REFRESH] < swept.REFRESH - 1:
+    ld = 24
+    M = s._numbers[s._places["M"]:s._places["M"] + 19 * ld]
+    s.append_many(drifting(rng, 18, 4 * REFRESH))
+    while s._head[s._places["since_refresh"]] < REFRESH - 1:
         s.append_many(drifting(rng, 18, 1))
-    carried, root = s._work[part].copy(), s._numbers[swept.ROOT_WEIGHT] ** 2 / s._numbers[swept.ROW_WEIGHT]
-    free = np.append(s._head[swept.FREE, :18] > 0, False)
-    refresh(s._work, s._iwork, s._numbers)
-    carried, fresh = carried.reshape(-1, ld)[:, :19], s._work[part].reshape(-1, ld)[:, :19].copy()
-    assert (np.append(s._head[swept.FREE, :18] > 0, False) == free).all()
+    row_weight, root_weight = s._numbers[s._places["row_weight"]:][:2]
+    carried, root = M.copy(), root_weight**2 / row_weight
+    free = np.append(s.part("free") > 0, False)
+    face.swept_refresh(s.state)
+    carried, fresh = carried.reshape(-1, ld)[:, :19], M.reshape(-1, ld)[:, :19].copy()
+    assert (np.append(s.part("free") > 0, False) == free).all()
     fresh[np.ix_(free, free)] /= root
     fresh[np.ix_(~free, ~free)] *= root
     for rows, columns in ((free, free), (~free, ~free), (free, ~free)):
@@ -225,10 +226,9 @@ def test_a_swept_matrix_that_is_damaged_is_made_anew_and_the_answer_is_exact(dam
     s = recursive(P, q, lb, proximal=0.0)
     for k in range(30):
         if k == 20:  # no longer the inverse of anything definite, the answer included
-            ld = s._iwork[swept.LEADING]
-            for j in range(d):
-                s._work[(swept.VECTORS + j) * ld + j] = damage
-                s._work[(swept.VECTORS + d) * ld + j] = damage if np.isnan(damage) else 1.0
+            M = s._numbers[s._places["M"]:][:16 * 16].reshape(16, 16)
+            np.fill_diagonal(M[:d, :d], damage)
+            M[d, :d] = damage if np.isnan(damage) else 1.0
         row = rng.normal(size=d + 1)
         s.append(row[:-1], row[-1])
         P, q = follow(P, q, row, 1.0, 1.0)
@@ -242,9 +242,9 @@ def test_exchanges_that_do_not_end_fall_back_on_the_cold_solver(monkeypatch):
     d = 8
     P, q, lb = np.eye(d), rng.normal(size=d), np.zeros(d)
     s = recursive(P, q, lb, proximal=0.0)
-    # What the compiled step returns where both refreshes end in vain; the row is in the Gram matrix by then.
-    compiled = s._take_row
-    monkeypatch.setattr(s, "_take_row", lambda *arrays: max(compiled(*arrays), swept.CYCLING))
+    # What the step returns where both refreshes end in vain; the row is in the Gram matrix by then.
+    taken = face.swept_take
+    monkeypatch.setattr(face, "swept_take", lambda *arrays: max(taken(*arrays), BREAKDOWN))
     for k in range(5):
         row = rng.normal(size=d + 1)
         s.append(row[:-1], row[-1])
@@ -301,8 +301,7 @@ def test_a_row_that_is_not_finite_is_refused_and_changes_nothing(bad, where):
         s.append(row[:-1], row[-1])
     with pytest.raises(ValueError, match="row 1 holds a number that is not finite"):
         s.append_many(np.array([np.ones(5), row]))
-    assert (s._work == untouched._work).all()
-    assert (s._numbers == untouched._numbers).all()
+    assert (s.state == untouched.state).all()
 
 
 @pytest.mark.parametrize(("P", "q", "why"), [
@@ -313,7 +312,7 @@ def test_data_that_are_refused_change_nothing(P, q, why):
     s, untouched = (recursive(np.eye(2), -np.ones(2)) for _ in range(2))
     with pytest.raises(ValueError, match=why):
         s.update(P, q)
-    assert (s._work == untouched._work).all()
+    assert (s.solve() == untouched.solve()).all()
     for each in (s, untouched):
         each.append(np.array([1.0, 2.0]), 1.0)
     assert (s.solve() == untouched.solve()).all()
@@ -347,9 +346,36 @@ def test_a_bounded_problem_whose_matrix_is_singular_is_solved():
     assert s.solve().tolist() == [1.0, 1.0]
 
 
-def test_the_work_array_begins_at_a_cache_line():
-    for d in (5, 18, 60):
-        assert swept.allocate(d)[0].ctypes.data % 64 == 0
+@quick
+@given(seed=seeds, d=st.integers(2, 20), cap=st.integers(1, 2))
+def test_a_cap_of_exchanges_leaves_a_feasible_answer_and_rows_that_say_nothing_new_bring_the_optimum(seed, d, cap):
+    rng = np.random.default_rng(seed)
+    lb, ub = random_bounds(rng, d)
+    s = recursive(np.eye(d), rng.normal(size=d), lb, ub, proximal=0.0, most_exchanges=cap)
+    for _ in range(20):
+        row = 10 * rng.normal(size=d + 1)
+        s.append(row[:-1], row[-1])
+        assert inside(s.solve(), lb, ub)
+    for _ in range(20 * d):
+        s.append(np.zeros(d), 0.0)
+        if s.solution().extras["status"] == "solved":
+            break
+    assert s.solution().found
+    assert gap(s.problem(), s.solve()) < 1e-12
+
+
+@pytest.mark.parametrize("d", [12, 60])
+def test_what_does_not_meet_the_optimality_conditions_is_not_said_to_be_found(d):
+    hilbert = 1.0 / (np.arange(d)[:, None] + np.arange(d) + 1.0)
+    rng = np.random.default_rng(d)
+    for proximal in (0.0, 1e-10):
+        s = recursive(hilbert, -hilbert @ rng.normal(size=d), np.full(d, -1.0), np.full(d, 1.0), proximal=proximal)
+        problem, x = s.problem(), s.solve()
+        g = problem.P @ x + problem.q
+        wrong = np.abs(np.where(x <= -1, np.minimum(g, 0), np.where(x >= 1, np.maximum(g, 0), g)))
+        size = np.abs(problem.P) @ np.abs(x) + np.abs(problem.q)
+        assert s.solution().found == ((wrong / size).max() < 2e-12)
+        assert s.solution().found
 
 
 def test_the_examples_in_the_docstrings_run():

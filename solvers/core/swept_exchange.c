@@ -1,0 +1,94 @@
+/* Exchanges between free variables and bounds until a box problem with a swept Gram matrix (swept.h) is at its optimum.
+ *
+ * A variable whose entry of the last row of M has the wrong sign is exchanged, the one with the largest e^2/|M_jj| first, e being what
+ * is wrong: half of that is what leaving the bound gains, or what keeping it costs. The rule ends the search early but not for certain:
+ * it may cycle, and after LIMIT + d exchanges the caller is told so. With a cap it stops there: M is right for the variables that
+ * are free then, the answer is clipped, and the next row goes on.
+ *
+ * Source: R. W. Cottle, "Principal pivoting method of quadratic programming", 1968.
+ */
+#include "swept.h"
+
+enum { LIMIT = 20 }; /* a row of a stream takes none or one */
+#define NEGLIGIBLE ((real)1e-15) /* share of the optimal cost below which what an exchange would gain is left alone */
+
+/* Whether any entry of the last row of M has the wrong sign. */
+int swept_violated(const Swept *s)
+{
+    const real *const last = last_row(s);
+    vec8 worst = zeros();
+    for (int b = 0; b < s->ld; b += LANES) {
+        const vec8 value = load(last + b);
+        const vec8 room = mul(load(s->free + b), add(load(s->width + b), value));
+        worst = smaller(worst, smaller(mul(load(s->side + b), value), room));
+    }
+    return sum8(worst) < 0;
+}
+
+/* Measure the free variable j from its other bound, z_j <- width - z_j: xi_j changes sign, and x becomes x + width xi_j. */
+static void reflect(Swept *s, int j)
+{
+    const int d = s->d;
+    const real width = s->width[j];
+    real *const row = row_of(s, s->G, j), *const last = row_of(s, s->G, d), *const swept = row_of(s, s->M, j);
+    s->origin[j] = s->sign[j] > 0 ? s->ub[j] : s->lb[j];
+    s->sign[j] = -s->sign[j];
+    s->centre[j] = width - s->centre[j];
+    swept_complete(s, s->G);
+    for (int b = 0; b < s->ld; b += LANES) {
+        const vec8 entries = load(row + b);
+        store(last + b, plus_product(load(last + b), splat(width), entries));
+        store(row + b, sub(zeros(), entries));
+        store(swept + b, sub(zeros(), load(swept + b)));
+    }
+    for (int i = 0; i <= d; ++i) {
+        real *const of_row = row_of(s, s->G, i);
+        of_row[d] += width * of_row[j];
+        of_row[j] = -of_row[j];
+        row_of(s, s->M, i)[j] = -row_of(s, s->M, i)[j];
+    }
+    last_row(s)[j] -= width;
+    swept[d] -= width;
+}
+
+/* Exchange variables until z is optimal, the one that gains most first; OK, CAPPED, SINGULAR or CYCLING. */
+int swept_exchange(Swept *s)
+{
+    const int d = s->d;
+    const real *const last = last_row(s);
+    for (int done = 0; done < LIMIT + d; ++done) {
+        int chosen = -1, beyond = 0, is_free;
+        real most = NEGLIGIBLE * MAGNITUDE(last[d]);
+        for (int j = 0; j < d; ++j) {
+            const real below = -s->side[j] * last[j], above = -(s->width[j] + last[j]) * s->free[j];
+            const real size = above > below ? above : below;
+            if (size > 0) {
+                const real gain = size * size / MAGNITUDE(row_of(s, s->M, j)[j]);
+                if (gain > most) {
+                    chosen = j;
+                    beyond = above > below;
+                    most = gain;
+                }
+            }
+        }
+        if (chosen < 0) {
+            return OK;
+        }
+        if (s->head->cap > 0 && done >= s->head->cap) {
+            return CAPPED;
+        }
+        if (beyond) {
+            reflect(s, chosen);
+        }
+        is_free = s->free[chosen] > 0;
+        if (!(is_free ? row_of(s, s->M, chosen)[chosen] < 0 : swept_definite(s, chosen))) {
+            return SINGULAR;
+        }
+        swept_sweep(s, chosen);
+        s->free[chosen] = is_free ? 0 : 1;
+        s->side[chosen] = -s->side[chosen];
+        swept_list_free(s);
+        ++s->head->exchanges;
+    }
+    return CYCLING;
+}

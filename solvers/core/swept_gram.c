@@ -1,0 +1,215 @@
+/* The Gram matrix of data swept on the free variables of a box problem (swept.h), and what moves it by a matrix of low rank.
+ *
+ * Freeing or fixing variable j is one sweep, with p = M_jj,
+ *
+ *     M <- M - M[:, j] M[j, :] / p  off row and column j,    M_jk <- M_jk / |p|,    M_jj <- -1 / p.
+ */
+#include "swept.h"
+
+enum { SWEPT_VECTORS = 17 };
+
+static int64_t cold_at(int d)
+{
+    const int64_t ld = padded(d + 1);
+    return HEAD_BYTES + (ld * (SWEPT_VECTORS + 2 * ld + d + 1)) * (int64_t)sizeof(real) + ld * 8;
+}
+
+int64_t swept_bytes(int d) { return (cold_at(d) + 63) / 64 * 64 + box_bytes(d); }
+
+Swept swept_at(void *memory)
+{
+    Swept s;
+    Room room = after_head(memory);
+    int ld;
+    s.head = memory;
+    s.d = VARIABLES(s.head);
+    s.ld = ld = padded(s.d + 1);
+    s.answer = reals(&room, 1, ld);
+    s.origin = reals(&room, 1, ld);
+    s.sign = reals(&room, 1, ld);
+    s.width = reals(&room, 1, ld);
+    s.lb = reals(&room, 1, ld);
+    s.ub = reals(&room, 1, ld);
+    s.side = reals(&room, 1, ld);
+    s.free = reals(&room, 1, ld);
+    s.row = reals(&room, 1, ld);
+    s.centre = reals(&room, 1, ld);
+    s.rho = reals(&room, 1, ld);
+    s.g = reals(&room, 1, ld);
+    s.root = reals(&room, 1, ld);
+    s.u = reals(&room, 4, ld);
+    s.list = integers(&room, s.d + 1);
+    s.M = reals(&room, ld, ld);
+    s.G = reals(&room, ld, ld);
+    s.P = reals(&room, s.d, ld);
+    s.q = reals(&room, 1, ld);
+    s.cold = box_at((char *)memory + (cold_at(s.d) + 63) / 64 * 64);
+    return s;
+}
+
+int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal)
+{
+    const int64_t bytes = swept_bytes(d), cold = (cold_at(d) + 63) / 64 * 64;
+    Swept s;
+    int status;
+    memset(memory, 0, (size_t)cold);
+    status = box_setup((char *)memory + cold, d, lb, ub);
+    s.head = memory;
+    s.head->kind = SWEPT_KIND;
+    s.head->d = d;
+    s.head->bytes = bytes;
+    s.head->forgetting = forgetting;
+    s.head->root_growth = 1 / sqrt(forgetting);
+    s.head->row_weight = row_weight;
+    s.head->proximal = proximal;
+    s = swept_at(memory);
+    for (int j = 0; j < d && status == OK; ++j) {
+        s.lb[j] = lb[j] > -NO_BOUND ? lb[j] : -NO_BOUND;
+        s.ub[j] = ub[j] < NO_BOUND ? ub[j] : NO_BOUND;
+    }
+    return status;
+}
+
+void swept_list_free(Swept *s)
+{
+    int count = 0;
+    for (int j = 0; j < s->d; ++j) {
+        if (s->free[j] > 0) {
+            s->list[count] = j;
+            ++count;
+        }
+    }
+    s->head->free_count = count;
+}
+
+void swept_subtract_free(const Swept *s, const real *matrix, const real *share, real *out)
+{
+    const int ld = s->ld, count = s->head->free_count;
+    const int32_t *const list = s->list;
+    for (int b = 0; b < ld; b += LANES) {
+        vec8 sum0 = load(out + b), sum1 = zeros(), sum2 = sum1, sum3 = sum1;
+        int t = 0;
+        for (; t + 3 < count; t += 4) {
+            const int j0 = list[t], j1 = list[t + 1], j2 = list[t + 2], j3 = list[t + 3];
+            sum0 = less_product(sum0, splat(share[j0]), load(matrix + (size_t)j0 * (size_t)ld + b));
+            sum1 = less_product(sum1, splat(share[j1]), load(matrix + (size_t)j1 * (size_t)ld + b));
+            sum2 = less_product(sum2, splat(share[j2]), load(matrix + (size_t)j2 * (size_t)ld + b));
+            sum3 = less_product(sum3, splat(share[j3]), load(matrix + (size_t)j3 * (size_t)ld + b));
+        }
+        for (; t < count; ++t) {
+            sum0 = less_product(sum0, splat(share[list[t]]), load(matrix + (size_t)list[t] * (size_t)ld + b));
+        }
+        store(out + b, add(add(sum0, sum1), add(sum2, sum3)));
+    }
+}
+
+/* Fill in what is below the diagonal blocks. */
+void swept_complete(const Swept *s, real *matrix)
+{
+    for (int i = LANES; i <= s->d; ++i) {
+        for (int j = 0; j < i / LANES * LANES; ++j) {
+            row_of(s, matrix, i)[j] = row_of(s, matrix, j)[i];
+        }
+    }
+}
+
+/* Keep row j at `u` and sweep it; 1/p. */
+static real sweep_row(const Swept *s, int j, real *u)
+{
+    real *const row = row_of(s, s->M, j);
+    const real inverse = 1 / row[j];
+    const vec8 scale = splat(MAGNITUDE(inverse));
+    for (int b = 0; b < s->ld; b += LANES) {
+        const vec8 value = load(row + b);
+        store(u + b, value);
+        store(row + b, mul(value, scale));
+    }
+    row[j] = -inverse;
+    return inverse;
+}
+
+/* Bring row i up to a sweep on j, given row j from before it at `u` and 1/p. */
+static void follow(const Swept *s, int i, int j, const real *u, real inverse)
+{
+    real *const row = row_of(s, s->M, i);
+    const real entry = u[i];
+    const vec8 factor = splat(-entry * inverse);
+    for (int b = 0; b < s->ld; b += LANES) {
+        store(row + b, plus_product(load(row + b), factor, load(u + b)));
+    }
+    row[j] = entry * MAGNITUDE(inverse);
+}
+
+/* Whether variable j, not swept so far, has a pivot above its rounding; it is what of G_jj the variables in F do not explain. */
+int swept_definite(const Swept *s, int j)
+{
+    const real all_of_it = row_of(s, s->G, j)[j] + s->rho[j];
+    return row_of(s, s->M, j)[j] > 5 * (real)s->d * REAL_EPSILON * all_of_it;
+}
+
+void swept_sweep(Swept *s, int j)
+{
+    const real inverse = sweep_row(s, j, s->u);
+    for (int i = 0; i <= s->d; ++i) {
+        if (i != j) {
+            follow(s, i, j, s->u, inverse);
+        }
+    }
+}
+
+/* Sweep M, not swept so far, on all of F; 0 where G_FF is not positive definite to rounding.
+ *
+ * Four at a time, M <- M - sum w w' with w the row of a pivot over its root: M is then read and written a quarter as often. The four
+ * rows follow each other sweep by sweep; the others, whose columns of the same numbers are these rows, only above the diagonal. */
+int swept_sweep_free(Swept *s)
+{
+    const int d = s->d, ld = s->ld, count = s->head->free_count;
+    real *const u0 = s->u, *const u1 = u0 + ld, *const u2 = u1 + ld, *const u3 = u2 + ld;
+    for (int t = 0; t < count; t += 4) {
+        const int four = count - t < 4 ? count - t : 4;
+        const int32_t *const chosen = s->list + t;
+        memset(u0, 0, 4 * (size_t)ld * sizeof(real));
+        for (int k = 0; k < four; ++k) {
+            for (int i = 0; i < chosen[k] / LANES * LANES; ++i) {
+                row_of(s, s->M, chosen[k])[i] = row_of(s, s->M, i)[chosen[k]];
+            }
+        }
+        for (int k = 0; k < four; ++k) {
+            real inverse;
+            if (!swept_definite(s, chosen[k])) {
+                return 0;
+            }
+            inverse = sweep_row(s, chosen[k], u0 + k * ld);
+            for (int r = 0; r < four; ++r) {
+                if (r != k) {
+                    follow(s, chosen[r], chosen[k], u0 + k * ld, inverse);
+                }
+            }
+            s->root[k] = ROOT(inverse);
+        }
+        for (int k = 0; k < four; ++k) {
+            real *const u = u0 + k * ld;
+            for (int b = 0; b < ld; b += LANES) {
+                store(u + b, mul(load(u + b), splat(s->root[k])));
+            }
+            for (int r = 0; r < four; ++r) {
+                u[chosen[r]] = 0;
+            }
+        }
+        for (int b = 0; b < ld; b += LANES) {
+            const vec8 w0 = load(u0 + b), w1 = load(u1 + b), w2 = load(u2 + b), w3 = load(u3 + b);
+            for (int i = 0; i < b + LANES && i <= d; ++i) {
+                real *const at = row_of(s, s->M, i) + b;
+                const vec8 value = less_product(less_product(load(at), w0, splat(u0[i])), w1, splat(u1[i]));
+                store(at, less_product(less_product(value, w2, splat(u2[i])), w3, splat(u3[i])));
+            }
+        }
+        for (int k = 0; k < four; ++k) {
+            for (int i = 0; i <= d && i < chosen[k] / LANES * LANES + LANES; ++i) {
+                row_of(s, s->M, i)[chosen[k]] = row_of(s, s->M, chosen[k])[i];
+            }
+        }
+    }
+    swept_complete(s, s->M);
+    return 1;
+}

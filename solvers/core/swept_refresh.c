@@ -1,0 +1,272 @@
+/* The swept Gram matrix (swept.h) made anew: on the set of free variables as it is, or from a cold exact solve.
+ *
+ * Rounding errors of M grow with the rows added to it (swept_rows.c says when they are not let grow further). G, to which rows are
+ * added and nothing else, has errors of its last bits only. So M is swept afresh from
+ *
+ *     G + diag(rho),    rho_j (z_j - c_j)^2/2 the proximal term about c, the z of now,
+ *
+ * and its last row m, which is z and the gradient, takes steps of iterative refinement from where it was:
+ *
+ *     m_A <- g_A,    m <- m - sum over j in F of g_j M[j, :],    g = q + (G + diag rho) z - diag(rho) c.
+ *
+ * What the data do not determine thus stays where it is. rho_j is `proximal` times G_jj, at most the mean diagonal of G, and that where
+ * G_jj = 0: a variable on a large scale must not hold those on a small one. Where G_FF is singular to rounding even so, or the
+ * exchanges afterwards do not end, M is made anew with rho_j at least FLOOR G_jj.
+ *
+ * If the exchanges do not end even so, swept_recover hands P and q, read back from G, to the cold exact solver (which knows when a
+ * problem is unbounded) and M is swept on its active set; so every start begins too. There a step of refinement is taken back where
+ * it leaves a larger residual than the cold answer has: the inverse of what is all but singular has no digit to refine with. What
+ * is left as an error is a problem that has no minimum: unbounded, or P indefinite.
+ *
+ * Sources: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, chapter 12 (iterative refinement); R. T. Rockafellar,
+ * SIAM J. Control Optim. 14 (1976) 877 (proximal point).
+ */
+#include "swept.h"
+
+#define FLOOR ((real)1e-11) /* of rho_j/G_jj where G_FF is singular */
+/* Refinement ends where a step gains less than SETTLED times the one before, or RESOLVED times the cost; G_FF counts as singular where
+ * that is still more than TOLERATED times the cost, or 1e-4 of what z = 0 costs. */
+#define SETTLED ((real)1e-3)
+#define RESOLVED ((real)1e-24)
+#define TOLERATED ((real)1e-14)
+#define SPENT 1e5        /* what `surprise` begins with where G_FF is singular: its inverse has few digits to lose */
+#ifdef CORE_FLOAT
+#define UNSEEN 1e-30F    /* rho_j where the data say nothing on variable j, whatever their scale */
+#else
+#define UNSEEN 1e-200
+#endif
+
+/* Multiply G so that the coming row enters with its own weight, and fill in its lower triangle. */
+static void unwind(Swept *s)
+{
+    const vec8 shrink = splat((real)(s->head->row_weight / (s->head->root_weight * s->head->root_weight)));
+    s->head->root_weight = sqrt(s->head->row_weight);
+    for (int i = 0; i <= s->d; ++i) {
+        real *const row = row_of(s, s->G, i);
+        for (int b = i / LANES * LANES; b < s->ld; b += LANES) {
+            store(row + b, mul(load(row + b), shrink));
+        }
+    }
+    swept_complete(s, s->G);
+}
+
+/* Sweep M on F from G + diag(rho) and q - rho c; the last row is left at z = c. OK or SINGULAR. */
+static int factorise(Swept *s, real floor)
+{
+    const int d = s->d;
+    real trace = 0;
+    s->head->since_refresh = 0;
+    s->head->surprise = floor > 0 ? SPENT : 1;
+    ++s->head->refreshes;
+    for (int j = 0; j < d; ++j) {
+        trace += row_of(s, s->G, j)[j];
+    }
+    memcpy(s->M, s->G, (size_t)(d + 1) * (size_t)s->ld * sizeof(real));
+    for (int j = 0; j < d; ++j) {
+        const real diagonal = row_of(s, s->G, j)[j], mean = trace / (real)d;
+        real rho = (real)s->head->proximal * (diagonal > 0 && diagonal < mean ? diagonal : mean);
+        if (floor > 0) {
+            rho = rho > floor * diagonal ? rho : floor * diagonal;
+            rho = rho > UNSEEN ? rho : UNSEEN;
+        }
+        s->rho[j] = rho;
+        row_of(s, s->M, j)[j] += rho;
+        row_of(s, s->M, j)[d] -= rho * s->centre[j];
+        last_row(s)[j] -= rho * s->centre[j];
+    }
+    if (!swept_sweep_free(s)) {
+        return SINGULAR;
+    }
+    for (int j = 0; j < d; ++j) {
+        if (s->free[j] > 0) {
+            last_row(s)[j] = row_of(s, s->M, j)[d] = -s->centre[j];
+        }
+    }
+    return OK;
+}
+
+/* g = q + (G + diag rho) z - diag(rho) c. */
+static void gradient(Swept *s)
+{
+    const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
+    for (int b = 0; b < s->ld; b += LANES) {
+        const vec8 offset = plus_product(load(s->centre + b), load(s->free + b), load(last + b));
+        store(s->g + b, less_product(load(q + b), load(s->rho + b), offset));
+    }
+    swept_subtract_free(s, s->G, last, s->g);
+}
+
+/* One step of iterative refinement of the last row of M by the residual from G; twice what it lowers the cost by. */
+static real refine(Swept *s)
+{
+    const int d = s->d;
+    real *const last = last_row(s), gain = 0;
+    gradient(s);
+    for (int b = 0; b < s->ld; b += LANES) {
+        const vec8 free = load(s->free + b);
+        store(last + b, plus_product(mul(free, load(last + b)), sub(splat(1), free), load(s->g + b)));
+    }
+    swept_subtract_free(s, s->M, s->g, last);
+    for (int j = 0; j < d; ++j) {
+        gain += s->free[j] * s->g[j] * (last[j] - row_of(s, s->M, j)[d]);
+        row_of(s, s->M, j)[d] = last[j];
+    }
+    return gain;
+}
+
+static real free_residual(const Swept *s)
+{
+    real largest = 0;
+    for (int t = 0; t < s->head->free_count; ++t) {
+        const real size = MAGNITUDE(s->g[s->list[t]]);
+        largest = size <= largest ? largest : size; /* NaN is large */
+    }
+    return largest;
+}
+
+/* Make M anew with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or CYCLING. */
+int swept_refresh(Swept *s)
+{
+    const real *const last = last_row(s);
+    int status = SINGULAR;
+    unwind(s);
+    for (int b = 0; b < s->ld; b += LANES) {
+        store(s->centre + b, sub(zeros(), load(last + b)));
+    }
+    for (int floored = 0; floored < 2; ++floored) {
+        int exchanges = -1;
+        for (int b = 0; b < s->ld; b += LANES) {
+            store(s->centre + b, mul(load(s->free + b), load(s->centre + b)));
+        }
+        status = factorise(s, floored ? FLOOR : 0);
+        while (status == OK && exchanges != s->head->exchanges) {
+            const real q_cost = row_of(s, s->G, s->d)[s->d];
+            real before, wrong = refine(s), enough, cost;
+            exchanges = s->head->exchanges;
+            for (int k = 0; k < 3; ++k) {
+                before = wrong;
+                wrong = refine(s);
+                enough = RESOLVED * MAGNITUDE(last[s->d]);
+                enough = enough > SETTLED * before ? enough : SETTLED * before;
+                if (!(wrong > enough)) {
+                    break;
+                }
+            }
+            cost = MAGNITUDE(last[s->d]) > (real)1e-4 * q_cost ? MAGNITUDE(last[s->d]) : (real)1e-4 * q_cost;
+            status = !floored && !(wrong <= TOLERATED * cost) ? SINGULAR : swept_exchange(s);
+        }
+        if (status == OK || status == CAPPED) {
+            return status;
+        }
+    }
+    return status;
+}
+
+/* Where the cold solver put variable j: the bound that z is measured from, and z if j is free. */
+static void place(Swept *s, int j)
+{
+    const real lb = s->lb[j], ub = s->ub[j];
+    const int side = s->cold.side[j], is_free = side == FREE && lb < ub;
+    const int lower = lb > -NO_BOUND, upper = ub < NO_BOUND, from_above = upper && (side == UPPER || !lower);
+    s->origin[j] = from_above ? ub : lower ? lb : 0;
+    s->sign[j] = from_above ? -1 : 1;
+    s->width[j] = lower && upper ? ub - lb : NO_BOUND;
+    s->free[j] = is_free ? 1 : 0;
+    s->side[j] = !((lower || upper) && lb < ub) ? 0 : is_free ? -1 : 1;
+    s->centre[j] = is_free ? s->sign[j] * (s->cold.answer[j] - s->origin[j]) : 0;
+}
+
+int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
+{
+    const int d = s->d;
+    int status = box_take_hessian(&s->cold, P);
+    real before;
+    status = status != OK ? status : box_take_linear(&s->cold, q);
+    if (status != OK) {
+        return status;
+    }
+    status = ENDLESS;
+    if (warm && box_start(&s->cold, s->answer) == OK) {
+        status = box_solve(&s->cold, 1);
+    }
+    if (status != OK && status != UNBOUNDED) {
+        status = box_solve(&s->cold, 0);
+    }
+    if (status != OK) {
+        return status;
+    }
+    for (int j = 0; j < d; ++j) {
+        place(s, j);
+    }
+    memset(s->M, 0, 2 * (size_t)s->ld * (size_t)s->ld * sizeof(real));
+    for (int i = 0; i < d; ++i) {
+        real *const row = row_of(s, s->G, i), shifted = q[i];
+        for (int j = 0; j < d; ++j) {
+            shifted += P[i * d + j] * s->origin[j];
+            row[j] = s->sign[i] * ((P[i * d + j] + P[j * d + i]) / 2) * s->sign[j];
+        }
+        row[d] = row_of(s, s->G, d)[i] = s->sign[i] * shifted;
+        constant += s->origin[i] * (q[i] + shifted);
+    }
+    row_of(s, s->G, d)[d] = constant;
+    s->head->root_weight = sqrt(s->head->row_weight);
+    swept_list_free(s);
+    if (factorise(s, 0) != OK) {
+        factorise(s, FLOOR);
+    }
+    refine(s);
+    before = free_residual(s);
+    gradient(s);
+    if (!(free_residual(s) <= before)) {
+        for (int t = 0; t < s->head->free_count; ++t) {
+            const int j = s->list[t];
+            last_row(s)[j] = row_of(s, s->M, j)[d] = -s->centre[j];
+        }
+        gradient(s);
+        for (int j = 0; j < d; ++j) {
+            if (!(s->free[j] > 0)) {
+                last_row(s)[j] = row_of(s, s->M, j)[d] = s->g[j];
+            }
+        }
+    }
+    return OK;
+}
+
+int swept_recover(Swept *s)
+{
+    const int d = s->d;
+    real constant;
+    unwind(s);
+    constant = row_of(s, s->G, d)[d];
+    for (int i = 0; i < d; ++i) {
+        const real *const row = row_of(s, s->G, i);
+        s->q[i] = s->sign[i] * row[d];
+        for (int j = 0; j < d; ++j) {
+            s->P[i * d + j] = s->sign[i] * row[j] * s->sign[j];
+            s->q[i] -= s->P[i * d + j] * s->origin[j];
+        }
+    }
+    for (int i = 0; i < d; ++i) {
+        constant -= s->origin[i] * (s->q[i] + s->sign[i] * row_of(s, s->G, i)[d]);
+    }
+    ++s->head->cold_starts;
+    return swept_begin(s, s->P, s->q, constant, 1);
+}
+
+real swept_error(Swept *s)
+{
+    const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
+    real worst = 0;
+    for (int i = 0; i < s->d; ++i) {
+        const real *const row = row_of(s, s->G, i);
+        real g = q[i] - s->rho[i] * (s->centre[i] + s->free[i] * last[i]), size = MAGNITUDE(q[i]), wrong;
+        for (int j = 0; j < s->d; ++j) {
+            const real entry = j / LANES < i / LANES ? row_of(s, s->G, j)[i] : row[j], term = entry * s->free[j] * last[j];
+            g -= term;
+            size += MAGNITUDE(term);
+        }
+        wrong = s->free[i] > 0 ? MAGNITUDE(g) : s->side[i] > 0 && g < 0 ? -g : g - g;
+        worst = wrong <= worst * size ? worst : wrong / size; /* NaN is wrong */
+    }
+    return worst;
+}
