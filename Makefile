@@ -14,7 +14,7 @@ help:                 ## list the targets
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := field,copyleft
-$(VENV)/.dev:   EXTRAS := field,copyleft,codegen,ecosystem,dask,formats,dev
+$(VENV)/.dev:   EXTRAS := field,copyleft,heavy,commercial,codegen,ecosystem,dask,formats,dev
 $(VENV)/.field $(VENV)/.dev: pyproject.toml constraints.txt
 	@if command -v uv >/dev/null 2>&1; then \
 	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \

@@ -46,6 +46,8 @@ BACKENDS: dict[str, Backend] = {
 }
 HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
 """For these qpsolvers solves a problem without constraints by SciPy instead."""
+FAILS_WITHOUT_ROWS = frozenset({"highs"})
+"""These get a row 0ᵀx ≤ ∞ where a problem has none (see :mod:`solvers.direct.highspy`)."""
 BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
 
@@ -73,18 +75,20 @@ class QpsolversSolver(LibrarySolver):
         rows = [None if part is None else self._own(part) if np.ndim(part) != 1 else np.array(part, dtype=np.float64)
                 for part in (problem.G, problem.h, problem.A, problem.b)]
         P, q = dense(problem)
-        self._problem = Problem(self._own(P), q, *rows, *sides)
+        self._problem = self._asked = Problem(self._own(P), q, *rows, *sides)
+        if self.name in FAILS_WITHOUT_ROWS and problem.G is None and problem.A is None:
+            self._asked = Problem(self._problem.P, q, csc_matrix((1, q.size)), np.array([np.inf]), None, None, *sides)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         if P is not None:
-            self._problem.P = self._own(P)
+            self._problem.P = self._asked.P = self._own(P)
         if q is not None:
-            self._problem.q = np.array(q, dtype=np.float64)
+            self._problem.q = self._asked.q = np.array(q, dtype=np.float64)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         start = warm_start if self.warm_startable else None
         try:
-            self._answer = qpsolvers.solve_problem(self._problem, self.name, initvals=start, **self.settings)
+            self._answer = qpsolvers.solve_problem(self._asked, self.name, initvals=start, **self.settings)
         except qpsolvers.ProblemError as error:
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
         except qpsolvers.SolverError as error:
@@ -102,7 +106,7 @@ class QpsolversSolver(LibrarySolver):
         if not a.found:
             return Solution(problem, found=False, extras=extras)
         x, y, z, z_box = (np.zeros(0) if part is None else np.array(part, dtype=np.float64)
-                          for part in (a.x, a.y, a.z, a.z_box))
+                          for part in (a.x, a.y, a.z if self._problem.G is not None else None, a.z_box))
         if z_box.size == 0:
             z_box = np.zeros(x.size)
         cost = float(0.5 * x @ (problem.P @ x) + problem.q @ x)
