@@ -2,9 +2,9 @@
 
     y_ref → compensator → x → actuator → y → data basis → solver → weights → inverse → compensator
 
-In cyclic operation (`cyclic_learning`) a synchronous Moore machine builds the data basis, keeps a part back, learns, and hands
-over; in continuous operation (`continuous_learning`, the paper's outlook) the exact optimum of a forgetting data basis is there
-after every sample. Both leave a compensator that works when the sensor does not: the drive is finite and inside its limits
+In cyclic operation (`cyclic_learning`) a synchronous Moore machine builds the data basis, learns, and hands over; in
+continuous operation (`continuous_learning`, the paper's outlook) the exact optimum of a forgetting data basis is there after
+every sample. Both leave a compensator that works when the sensor does not: the drive is finite and inside its limits
 whatever comes in, learning pauses at a fault and goes on by itself.
 """
 
@@ -49,8 +49,6 @@ class SelfLearningCompensator:
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the structure's range by default.
     mode : "cyclic" or "continuous"
-    hold_back : float
-        Share of the building phase that is kept back to judge new weights with.
     memory_s : float
         Time constant of forgetting in continuous mode.
     hand_over_s : float
@@ -63,8 +61,7 @@ class SelfLearningCompensator:
         Samples that an exact solve takes; measured by default.
     find_centre : bool, optional
         Whether a structure without a constant term gets one, since no range given beforehand has the centre of the actuator's
-        loop in its middle. Cyclic operation moves the structure to that centre with the first hand-over (`loop_centre`);
-        continuous operation keeps the constant. By default where the structure has none and no model is given.
+        loop in its middle. By default where the structure has none and no model is given.
     proximal : float
         Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of the
         variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
@@ -88,7 +85,7 @@ class SelfLearningCompensator:
 
     def __init__(self, structure: ModelStructure, reset_s: float = 0.1, build_s: float = 8.0, learn_s: float = 1.9,
                  solver: str = "projected_difference", x_limits: tuple[float, float] | None = None,
-                 mode: Mode = "cyclic", *, hold_back: float = 0.2, memory_s: float = 2.0, hand_over_s: float = 0.01,
+                 mode: Mode = "cyclic", *, memory_s: float = 2.0, hand_over_s: float = 0.01,
                  fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int | None = None,
                  find_centre: bool | None = None, proximal: float = 1e-6,
                  solver_options: Mapping[str, Any] | None = None, model: HysteresisCreepModel | None = None,
@@ -97,8 +94,8 @@ class SelfLearningCompensator:
             x_limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         if find_centre is None:
             find_centre = model is None and not structure.offset
-        self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, hold_back, memory_s, hand_over_s,
-                                         fade_s, rate_limit, samples_to_solve, find_centre, proximal, solver_options)
+        self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, memory_s, hand_over_s, fade_s,
+                                         rate_limit, samples_to_solve, find_centre, proximal, solver_options)
         if model is None:
             model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
         elif model.structure != structure:
@@ -109,7 +106,7 @@ class SelfLearningCompensator:
         self.log: Log = deque(maxlen=LOG_LENGTH)
         self._last_x: float | None = None
         self._learning: CyclicLearning | ContinuousLearning = (
-            CyclicLearning(self.compensator, self.settings, self.log, find_centre) if mode == "cyclic"
+            CyclicLearning(self.compensator, self.settings, self.log) if mode == "cyclic"
             else ContinuousLearning(self.compensator, self.settings, self.log))
 
     @property
@@ -134,7 +131,7 @@ class SelfLearningCompensator:
 
     @property
     def problem(self) -> IdentificationProblem | None:
-        """What the building phase has gathered, while it is held back for or learned from; None otherwise and in continuous mode."""
+        """What the last building phase has gathered, with what is recalled of the cycles before; None in continuous mode."""
         return self._learning.problem if isinstance(self._learning, CyclicLearning) else None
 
     @property

@@ -32,8 +32,6 @@ AMPLITUDE_UM = 16.0
 RANGE_UM = 2.0 * AMPLITUDE_UM
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
 COUPLING = ((1.0, 0.06), (-0.04, 1.0))
-HOLD_BACK = 0.2
-"""Share of the building phase that judges the new weights."""
 WANDER_S = 10.0
 """Length of the recording that the decoupling is estimated from."""
 
@@ -123,7 +121,7 @@ class Rig:
         """A learner for one axis, which stands at the low end of its drive."""
         limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         return SelfLearningCompensator(structure, self.reset_s, self.build_s, self.learn_s, self.solver, limits,
-                                       hold_back=HOLD_BACK, state=at_low_end(structure),
+                                       state=at_low_end(structure),
                                        samples_to_solve=self.samples_to_solve,
                                        solver_options={"lane": self.lane, "tier": self.tier})
 

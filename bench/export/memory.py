@@ -61,7 +61,7 @@ def axis_bytes(s: ModelStructure, precision: Precision, learning: bool, cyclic: 
 def _cyclic_learner(s: ModelStructure, real: Layout, block: int) -> Layout:
     d, lead, play = s.d, padded(s.d + 1, block), padded(s.n + 1, block)
     return struct(array(4, INTEGER), array(5, real), array(4, INTEGER), array(lead * (1 + 2 * (d + 1)), WIDE),
-                  array(4 + play * (3 if s.creep_rates else 1), real), array(lead * (d + 5) + d * (d + 2), WIDE), array(2, real))
+                  array(4 + play * (3 if s.creep_rates else 1), real), array(lead * (d + 5) + (d + 1) * (d + 2), WIDE), real)
 
 
 def _continuous_learner(s: ModelStructure, real: Layout, block: int) -> Layout:

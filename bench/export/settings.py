@@ -15,7 +15,7 @@ from bench.export.numbers import Precision
 from bench.rendering import c_identifier
 from piezo_model.identification_problem import UNDETERMINED
 from piezo_model.learning.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
-from piezo_model.learning.cyclic_learning import MIN_EXCITATION, NARROW, RECALL
+from piezo_model.learning.cyclic_learning import MIN_EXCITATION, NARROW, RECALL, SHRINKING, SMALLEST
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
 from solvers.kernels.swept_exchange import LIMIT
@@ -47,7 +47,7 @@ class ExportSettings:
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
-    reset_s, build_s, learn_s, hold_back, memory_s, hand_over_s, fade_s, proximal : float
+    reset_s, build_s, learn_s, memory_s, hand_over_s, fade_s, proximal : float
         As of ``SelfLearningCompensator``.
     name : str
         Prefix of files, functions and types.
@@ -66,7 +66,6 @@ class ExportSettings:
     reset_s: float = LearningSettings.reset_s
     build_s: float = LearningSettings.build_s
     learn_s: float = LearningSettings.learn_s
-    hold_back: float = LearningSettings.hold_back
     memory_s: float = LearningSettings.memory_s
     hand_over_s: float = LearningSettings.hand_over_s
     fade_s: float = LearningSettings.fade_s
@@ -80,8 +79,6 @@ class ExportSettings:
                 raise ExportError(f"{field} must be positive, not {value}")
         if not 0.0 <= self.proximal < 1.0:
             raise ExportError(f"proximal must be at least 0 and below 1, not {self.proximal}")
-        if not 0.0 < self.hold_back < 1.0:
-            raise ExportError(f"hold_back must be between 0 and 1, not {self.hold_back}")
         if self.x_limits is not None and any(map(math.isinf, self.x_limits)):
             raise ExportError(f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}")
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
@@ -112,10 +109,11 @@ class ExportSettings:
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s),
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "belief": BELIEF, "step_ratio": 0.5,
-            "undetermined": UNDETERMINED, "min_excitation": MIN_EXCITATION, "narrow": NARROW, "recall": RECALL,
+            "undetermined": UNDETERMINED, "min_excitation": MIN_EXCITATION, "recall": RECALL, "narrow": NARROW,
+            "shrinking": SHRINKING, "smallest": SMALLEST,
             "smoothing": 1.0 / samples(1.0), "trust": TRUST, "tolerance": TOLERANCE,
-            "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s * (1.0 - self.hold_back)),
-            "hold_samples": samples(self.build_s * self.hold_back), "learn_samples": samples(self.learn_s),
+            "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s),
+            "learn_samples": samples(self.learn_s),
             "interval": interval, "checkpoint_intervals": max(1, samples(CHECKPOINT_S) // interval),
             "half_window": samples(self.memory_s), "row_weight": 1.0 - forgetting, "root_growth": forgetting**-0.5,
             "refresh": REFRESH, "negligible": NEGLIGIBLE, "exchange_limit": LIMIT, "growth": GROWTH,

@@ -5,7 +5,7 @@ reset, building, learning. All else is equal, noise included. A row holds the tr
 of the paper's cycle length, the time to learn, and how exact and how old the weights are that were in use at its end.
 
     cost gap      exact, of the weights taken over against the certified optimum of the data that they were learned from
-    samples       from the last sample of the hold-back to the decision: what the solver took
+    samples       from the last sample of the building phase to the decision: what the solver took
     staleness     from the last sample that was learned from to the decision
 
 The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its tiers, and
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.experiment.rig import AXES, HOLD_BACK, RANGE_UM, Matrix, Rig, Vector
+from bench.experiment.rig import AXES, RANGE_UM, Matrix, Rig, Vector
 from bench.experiment.trial import straight
 from bench.processes.compiling import compile_solvers
 from bench.processes.isolation import warm_up
@@ -178,9 +178,8 @@ def judged(rig: Rig, decision: Decision) -> dict[str, float]:
     """Times and exact cost gap of weights that were taken over; nothing where they were not."""
     if not decision.taken or decision.problem is None:
         return {}
-    held_back = round(rig.build_s * HOLD_BACK / rig.sample_time)
-    learned = decision.sample - decision.held_until
-    return dict(zip(OF_A_DECISION, (learned, learned + held_back, cost_gap(decision.problem, decision.weights),
+    learned = decision.sample - decision.learned_until
+    return dict(zip(OF_A_DECISION, (learned, learned, cost_gap(decision.problem, decision.weights),
                                     decision.error_old, decision.error_new), strict=True))
 
 

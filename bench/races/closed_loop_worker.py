@@ -16,7 +16,6 @@ from bench.experiment.rig import Rig
 from bench.processes.worker import Outcome, Request, attempt
 from bench.races.task import Task
 from piezo_model import IdentificationProblem, SelfLearningCompensator
-from piezo_model.learning.events import Phase
 from piezo_model.stage.learning import SelfLearningStage
 from solvers.protocol import Solver
 from solvers.registry import add_file
@@ -42,15 +41,15 @@ class Decision:
         Those in use from then on.
     problem : IdentificationProblem or None
         What was to be solved; None where it did not come to that.
-    held_until : int
-        Sample up to which data were kept back to judge the new weights; the solver began there.
+    learned_until : int
+        Last sample that was learned from; the solver began there.
     """
 
     sample: int
     taken: bool
     weights: Vector
     problem: IdentificationProblem | None
-    held_until: int
+    learned_until: int
     error_old: float
     error_new: float
     message: str
@@ -111,11 +110,9 @@ class Watch:
 
     def __init__(self, learner: SelfLearningCompensator) -> None:
         self.learner, self.decisions, self.faults = learner, list[Decision](), 0
-        self._problem: IdentificationProblem | None = None
-        self._held_until = 0
 
     def look(self) -> None:
-        """Look once; to be done at least once while data are kept back."""
+        """Look once; to be done at least once a cycle."""
         learner = self.learner
         while learner.log:
             event = learner.log.popleft()
@@ -123,8 +120,4 @@ class Watch:
                 self.faults += 1
             else:
                 self.decisions.append(Decision(event.sample, event.what == "hand-over", learner.model.weights.copy(),
-                                               self._problem, self._held_until, event.error_old, event.error_new, event.message))
-            self._problem = None
-        if learner.phase is Phase.HOLD and self._problem is None:
-            self._problem = learner.problem
-            self._held_until = learner.samples + learner.samples_until_change()
+                                               learner.problem, event.learning_since, event.error_old, event.error_new, event.message))

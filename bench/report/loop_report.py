@@ -149,7 +149,7 @@ def plot(table: pd.DataFrame, path: Path) -> None:
             for axes, values in zip(panels, drawn, strict=True):
                 axes.plot(values, np.arange(len(order)), color=colour, marker=marker, ms=size, ls="", label=f"{problem} stage")
             panels[1].axvline(part.rms_percent.min(), color=colour, lw=0.8, ls=":")
-        names = ("relative cost gap in use", "RMS error, % of range", "staleness beyond\nthe hold-back, samples")
+        names = ("relative cost gap in use", "RMS error, % of range", "staleness, samples")
         for axes, name in zip(panels, names, strict=True):
             axes.set(xscale="log", xlabel=name)
         panels[0].set_yticks(range(len(order)), order)

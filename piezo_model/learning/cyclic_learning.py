@@ -1,26 +1,32 @@
 """Cyclic operation: the synchronous Moore machine of the paper round a compensator.
 
-    reset  →  build  →  hold  →  learn  →  reset, with the new weights if they pass
+    reset  →  build  →  learn  →  reset, with the new weights
 
 What is done with each sample stands in `cyclic_step`; here is what happens between two phases. The operators follow the
 actuator in every phase; ``reset`` clears P, q and c and never the states. A fault of the sensor sends the machine to ``reset``,
 where it stays until samples have been good for as long as that lasts.
 
-New weights are taken over only if
+Nothing is kept back: new weights are those of all the data, and data that came before have a part in them. With V the mean
+cost of this cycle's data, V_p that of the cycles before, and w the weights in use, what is solved and what is remembered are
 
-- the drive of the building phase went through at least MIN_EXCITATION of its range;
-- they are finite and the weights of a valid model;
-- they predict the held-back part at least as well as those in use.
+    (V + b V_p) / (1 + b),   b = RECALL · min(V(w) / V_p(w), V_p(w) / V(w))
 
-What the drive did not reach stays as it was, since the problem's reference are the weights in use. But small movements would lead
-what they hardly excite astray, a little in every cycle. So the data of the last wide cycle, with its weights w_a as their
-optimum, are part of the cost of a cycle that is much narrower, with a small weight: P + β P_a, q − β P_a w_a.
+the one with the w that learning begins with, the other, which takes the place of V_p, with those that it ends with. A cycle that covers other
+amplitudes or places than the last one does not undo it, but data at odds with each other, a sensor that was zeroed anew
+or a reference gone wild, are forgotten at once.
+
+A cycle whose drive covers less than NARROW of what V_p covers is not remembered, for small movements would lead astray what
+they hardly excite; but each of them takes a tenth off what V_p is said to cover, so no wide one is for ever.
+
+New weights are taken over if the drive of the building phase went through at least MIN_EXCITATION of its range, and if they
+are finite, make a valid model, and explain what they were learned from no worse than those in use: that is what a solver
+can have done wrong. What the drive did not reach stays as it was, since the problem's reference are the weights in use.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -30,34 +36,31 @@ from piezo_model.compensator import Compensator
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.learning import cyclic_step as step
-from piezo_model.learning.events import BUILD, FAULT, HOLD, LEARN, NONE, PHASES, RESET, Event, Log, Phase
-from piezo_model.learning.loop_centre import centred
+from piezo_model.learning.events import BUILD, FAULT, LEARN, NONE, PHASES, RESET, Event, Log, Phase
 from piezo_model.learning.phase import LearningPhase, no_steps
 from piezo_model.learning.sensor_guard import fresh_memory
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.model import HysteresisCreepModel, ModelError
 
 Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 MIN_EXCITATION = 0.02
 """Smallest share of the drive's range that new weights may come from."""
-NARROW, RECALL = 0.8, 1e-3
-"""A cycle is narrow if its drive covers less than NARROW times what the last wide one covered; RECALL is β."""
+SMALLEST = 1e-30
+"""Costs below are those of rounding."""
+RECALL = 0.3
+"""Part that the cycles before have in a problem, where their data agree with the new ones."""
+
+NARROW, SHRINKING = 0.8, 0.9
 
 
-@dataclass(frozen=True)
-class WideCycle:
-    """Data and weights of the last cycle that was not narrow."""
-
-    P: Matrix
-    weights: Vector
-    share: float
-
-    def added_to(self, problem: IdentificationProblem) -> IdentificationProblem:
-        """Return the problem with the data of the wide cycle, as far as they are known by its optimum, in its cost."""
-        P, w = RECALL * self.P, self.weights
-        return replace(problem, P=problem.P + P, q=problem.q - P @ w, c=problem.c + 0.5 * float(w @ P @ w))
+def recalled(now: IdentificationProblem, past: IdentificationProblem | None, weights: Vector) -> IdentificationProblem:
+    """Return (V + b V_p) / (1 + b) of the module; the cost of this cycle alone where there is no other."""
+    if past is None:
+        return now
+    new, old = max(now.cost(weights), SMALLEST), max(past.cost(weights), SMALLEST)
+    b = RECALL * min(new / old, old / new)
+    return replace(now, P=(now.P + b * past.P) / (1.0 + b), q=(now.q + b * past.q) / (1.0 + b), c=(now.c + b * past.c) / (1.0 + b))
 
 
 class CyclicLearning:
@@ -69,19 +72,18 @@ class CyclicLearning:
         Whose model it changes.
     settings : LearningSettings
     log : deque of Event
-    find_centre : bool
-        Whether the structure moves to its loop's centre with the first hand-over, which takes a model with a constant.
     """
 
-    def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log, find_centre: bool) -> None:
-        self._compensator, self._settings, self._log, self._find_centre = compensator, settings, log, find_centre
-        seconds = (settings.reset_s, settings.build_s * (1.0 - settings.hold_back), settings.build_s * settings.hold_back,
-                   settings.learn_s)
+    def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:
+        self._compensator, self._settings, self._log = compensator, settings, log
+        seconds = (settings.reset_s, settings.build_s, settings.learn_s)
         self._lasts = [max(1, round(value / compensator.model.structure.sample_time)) for value in seconds]
         self.guard, self.counts = fresh_memory(), np.zeros(step.VERDICTS + 4, dtype=np.int64)
         self.counts[step.RESET_LASTS] = self._lasts[RESET]
         self._basis = DataBasis(compensator.model.structure, compensator.state)
-        self._wide: WideCycle | None = None
+        self._past: IdentificationProblem | None = None
+        self._problem: IdentificationProblem | None = None
+        self._past_share, self._learns_since = 0.0, 0
         self._enter(RESET)
 
     @property
@@ -91,7 +93,7 @@ class CyclicLearning:
 
     @property
     def problem(self) -> IdentificationProblem | None:
-        """What the building phase has gathered, from its end to that of the learning phase."""
+        """What the last building phase has gathered, with what is recalled of the cycles before."""
         return self._problem
 
     def samples_until_change(self) -> int:
@@ -116,7 +118,7 @@ class CyclicLearning:
         return x
 
     def _note(self, what: Any, message: str, old: float = np.nan, new: float = np.nan) -> None:
-        self._log.append(Event(int(self.counts[step.SAMPLE]), what, message, old, new))
+        self._log.append(Event(int(self.counts[step.SAMPLE]), what, message, old, new, self._learns_since))
 
     def _follow(self, signal: int) -> None:
         """Do what the end of a phase, or a fault, brings."""
@@ -130,18 +132,14 @@ class CyclicLearning:
             self._enter(BUILD)
         elif phase == BUILD:
             self._end_of_build()
-        elif phase == HOLD:
-            self._begin_to_learn()
         else:
             self._hand_over()
             self._enter(RESET)
 
     def _enter(self, phase: int, lasts: int = 0) -> None:
         self.counts[step.PHASE], self.counts[step.LEFT] = phase, lasts or self._lasts[phase]
-        if phase in (RESET, HOLD):
-            self._basis.clear()
         if phase == RESET:
-            self._problem: IdentificationProblem | None = None
+            self._basis.clear()
             self._learning: LearningPhase | None = None
         self._gather_arrays()
 
@@ -150,71 +148,60 @@ class CyclicLearning:
         self._arrays = step.CyclicArrays(self._basis.arrays, self._compensator.limits, self.guard, self.counts, solver)
 
     def _end_of_build(self) -> None:
-        share = _share(self._basis.excitation)
+        self._learns_since = int(self.counts[step.SAMPLE])
+        share, weights = _share(self._basis.excitation), self._compensator.model.weights
         if share < MIN_EXCITATION:
             self._refuse(f"the drive went through {100 * share:.1f} % of its range only, and {100 * MIN_EXCITATION:g} % are needed")
             self._enter(RESET)
             return
-        self._problem = self._basis.problem(self._compensator.model.weights, proximal=self._settings.proximal,
-                                            min_slope=MIN_SLOPE)
-        self._enter(HOLD)
-
-    def _is_narrow(self, problem: IdentificationProblem) -> bool:
-        return self._wide is not None and _share(problem.excitation) < NARROW * self._wide.share
-
-    def _with_recall(self, problem: IdentificationProblem) -> IdentificationProblem:
-        return self._wide.added_to(problem) if self._wide is not None and self._is_narrow(problem) else problem
-
-    def _begin_to_learn(self) -> None:
-        assert self._problem is not None
+        self._problem = recalled(self._this_cycle(), self._past, weights)
         try:
-            self._learning = LearningPhase(self._settings.solver, self._with_recall(self._problem), self._compensator.model.weights,
-                                           self._settings.samples_to_solve, self._settings.solver_options)
+            self._learning = LearningPhase(self._settings.solver, self._problem, weights, self._settings.samples_to_solve,
+                                           self._settings.solver_options)
         except Exception as error:  # whatever a library does, the drive goes on
             self._refuse(f"the solver {self._settings.solver} failed: {error}")
             self._enter(RESET)
             return
         self._enter(LEARN, self._learning.ready_after)
 
+    def _this_cycle(self) -> IdentificationProblem:
+        return self._basis.problem(self._compensator.model.weights, proximal=self._settings.proximal, min_slope=MIN_SLOPE)
+
     def _refuse(self, why: str, old: float = np.nan, new: float = np.nan) -> None:
         self.counts[step.REFUSALS] += 1
         self._note("refused", why, old, new)
 
     def _hand_over(self) -> None:
-        """Take new weights over if they pass; the data basis holds what was kept back."""
+        """Take new weights over if they pass."""
         assert self._learning is not None
         assert self._problem is not None
-        weights, held = self._learning.weights, self._basis.problem(proximal=0.0)
+        weights, problem = self._learning.weights, self._problem
         if not np.all(np.isfinite(weights)):
             self._refuse(f"the solver {self._settings.solver} found no finite weights")
             return
-        old, new = (float(np.sqrt(max(2.0 * held.cost(w), 0.0))) for w in (self._compensator.model.weights, weights))
+        old, new = (float(np.sqrt(max(2.0 * problem.cost(w), 0.0))) for w in (self._compensator.model.weights, weights))
         if new > old:
-            self._refuse("the new weights predict held-back data worse than the old ones", old, new)
+            self._refuse("the new weights explain the data worse than the old ones", old, new)
             return
         try:
-            model = HysteresisCreepModel.from_weights(held.structure, weights)
-            model = centred(model) if self._find_centre else model
+            model = HysteresisCreepModel.from_weights(problem.structure, weights)
         except ModelError as error:
             self._refuse(f"the new weights are no valid model: {error}", old, new)
             return
         self._compensator.change_model(model, self._settings.fade_s)
         self.counts[step.HAND_OVERS] += 1
         self._note("hand-over", "new weights", old, new)
-        if not self._is_narrow(self._problem):
-            self._wide = WideCycle(self._problem.P, weights, _share(self._problem.excitation))
-        if self._find_centre:
-            self._find_centre, self._wide = False, None
-            self._basis = DataBasis(model.structure, self._basis.state)
-            self.guard[:] = fresh_memory()
+        share = _share(problem.excitation)
+        if share < NARROW * self._past_share:
+            self._past_share *= SHRINKING
+        else:
+            self._past, self._past_share = recalled(self._this_cycle(), self._past, weights), share
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied."""
-        problem = None if self._problem is None else {
-            "P": self._problem.P, "q": self._problem.q, "c": self._problem.c, "reference": np.asarray(self._problem.reference),
-            "excitation": asdict(self._problem.excitation)}
         return {"counts": self.counts.copy(), "guard": self.guard.copy(), "basis": self._basis.memory(),
-                "find_centre": self._find_centre, "problem": problem, "wide": None if self._wide is None else asdict(self._wide),
+                "problem": _saved(self._problem), "past": _saved(self._past), "past_share": self._past_share,
+                "learns_since": self._learns_since,
                 "answer": None if self._learning is None else self._learning.answer.copy()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
@@ -222,19 +209,22 @@ class CyclicLearning:
         structure = self._compensator.model.structure
         for name in ("counts", "guard"):
             getattr(self, name)[:] = memory[name]
-        self._find_centre = bool(memory["find_centre"])
         self._basis = DataBasis(structure, self._compensator.state)
         self._basis.restore(memory["basis"])
-        saved, answer = memory["problem"], memory["answer"]
-        self._problem = None if saved is None else IdentificationProblem(
-            structure, saved["P"], saved["q"], saved["c"], _excitation(saved["excitation"]), saved["reference"],
-            self._settings.proximal, MIN_SLOPE)
-        self._wide = None if memory["wide"] is None else WideCycle(**memory["wide"])
-        self._learning = None
+        self._problem, self._past = (self._restored(memory[name]) for name in ("problem", "past"))
+        self._past_share, self._learns_since = float(memory["past_share"]), int(memory["learns_since"])
+        answer, self._learning = memory["answer"], None
         if answer is not None and self._problem is not None:
-            self._learning = LearningPhase(self._settings.solver, self._with_recall(self._problem), self._compensator.model.weights,
+            self._learning = LearningPhase(self._settings.solver, self._problem, self._compensator.model.weights,
                                            options=self._settings.solver_options, answer=answer)
         self._gather_arrays()
+
+    def _restored(self, saved: Mapping[str, Any] | None) -> IdentificationProblem | None:
+        if saved is None:
+            return None
+        values = {name: tuple(value) if isinstance(value, list) else value for name, value in saved["excitation"].items()}
+        return IdentificationProblem(self._compensator.model.structure, saved["P"], saved["q"], saved["c"], Excitation(**values),
+                                     saved["reference"], self._settings.proximal, MIN_SLOPE)
 
 
 def _share(excitation: Excitation) -> float:
@@ -242,9 +232,9 @@ def _share(excitation: Excitation) -> float:
     return 0.5 * (excitation.x_max - excitation.x_min)
 
 
-def _excitation(data: Mapping[str, Any]) -> Excitation:
-    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in data.items()}
-    return Excitation(**values)
+def _saved(problem: IdentificationProblem | None) -> dict[str, Any] | None:
+    return None if problem is None else {"P": problem.P, "q": problem.q, "c": problem.c, "reference": np.asarray(problem.reference),
+                                         "excitation": asdict(problem.excitation)}
 
 
 def with_constant(model: HysteresisCreepModel) -> HysteresisCreepModel:

@@ -3,7 +3,6 @@
     phase    with each sample                                                       over after
     reset    only the operator states move on                                       so many good samples without a fault
     build    counted into the data basis                                            so many good samples
-    hold     counted into a second one                                              so many good samples
     learn    one step w ← Proj(w − η (P w + q)), where the solver is one of steps   so many samples
 
 The kernels come back at the end of a phase and at a fault while samples are counted; what follows is decided in
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from piezo_model.compensator import DriveLimits, drive_step
 from piezo_model.data_basis import BasisArrays, count_step
 from piezo_model.inverse_model import InverseArrays
-from piezo_model.learning.events import BUILD, FAULT, HOLD, LEARN, NONE, OVER, RESET
+from piezo_model.learning.events import BUILD, FAULT, LEARN, NONE, OVER, RESET
 from piezo_model.learning.sensor_guard import GOOD, MISSING, judge_step
 from piezo_model.model import advance
 from solvers.compiled import inlined, kernel
@@ -65,7 +64,7 @@ def cyclic_step(c: CyclicArrays, x: float, y: float) -> int:
     c.counts[VERDICTS + verdict] += 1
     c.counts[SAMPLE] += 1
     phase, signal = c.counts[PHASE], NONE
-    if (phase == BUILD or phase == HOLD) and verdict == GOOD:  # noqa: SIM109 (compiled)
+    if phase == BUILD and verdict == GOOD:
         count_step(c.basis, unit_x, unit_y)
     else:
         advance(c.basis.regressors.operators, unit_x, c.basis.play, c.basis.creep)

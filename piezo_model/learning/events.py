@@ -17,12 +17,11 @@ class Phase(StrEnum):
 
     RESET = "reset"
     BUILD = "build"
-    HOLD = "hold"
     LEARN = "learn"
 
 
 PHASES = tuple(Phase)
-RESET, BUILD, HOLD, LEARN = range(4)
+RESET, BUILD, LEARN = range(3)
 """The same as numbers, for compiled code."""
 
 
@@ -53,8 +52,10 @@ class Event:
     what: Literal["hand-over", "refused", "sensor"]
     message: str
     error_old: float = math.nan
-    """RMS error (5) of the weights in use on the held-back data, unit amplitudes."""
+    """RMS error (5) of the weights in use on the data that were learned from, unit amplitudes."""
     error_new: float = math.nan
+    learning_since: int = 0
+    """When the solver began."""
 
 
 Log = deque[Event]

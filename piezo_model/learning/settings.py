@@ -25,7 +25,6 @@ class LearningSettings:
     solver: str = "projected_difference"
     x_limits: tuple[float, float] | None = None
     mode: Mode = "cyclic"
-    hold_back: float = 0.2
     memory_s: float = 2.0
     hand_over_s: float = 0.01
     fade_s: float = 0.002
@@ -42,8 +41,6 @@ class LearningSettings:
             value = getattr(self, name)
             if not (isinstance(value, int | float) and 0.0 < value < float("inf")):
                 raise ValueError(f"{name} must be a positive number of seconds, not {value!r}")
-        if not (isinstance(self.hold_back, int | float) and 0.0 < self.hold_back < 1.0):
-            raise ValueError(f"hold_back must be between 0 and 1, not {self.hold_back!r}")
         if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
             raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
         steps = self.samples_to_solve

@@ -242,7 +242,7 @@ int main() {
     }
 }
 """
-RESET, BUILD, LEARN = 0, 1, 3
+RESET, BUILD, LEARN = 0, 1, 2
 
 
 @pytest.mark.parametrize(("solver", "parts"), [

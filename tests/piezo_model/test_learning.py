@@ -1,21 +1,15 @@
-"""A learning phase with any solver, and the centre of the loop."""
+"""A learning phase with any solver, and the settings."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from learning_loops import sensor, structure_for
-from random_models import Case, cases, drive
 
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.learning.loop_centre import centred, loop_centre
 from piezo_model.learning.phase import LearningPhase
 from piezo_model.learning.settings import LearningSettings
-from piezo_model.model import HysteresisCreepModel
 from piezo_model.signals import decaying_triangle
-from piezo_model.structure import ModelStructure
 from solvers.kernels.projected_step import run
 
 
@@ -71,34 +65,6 @@ def test_options_reach_the_solver(problem: IdentificationProblem) -> None:
         LearningPhase("projected_difference", problem, problem.structure.straight_line, options={"step_ratio": 3.0})
 
 
-# The centre of the loop
-
-
-@settings(max_examples=40)
-@given(cases())
-def test_a_centred_model_has_its_centre_in_the_middle_of_its_range_and_keeps_its_hysteresis(case: Case) -> None:
-    s = case.structure
-    with_offset = replace(case.model, structure=replace(s, offset=True))
-    if abs(loop_centre(with_offset) - s.y_centre) > 0.9 * s.y_scale:
-        return  # a centre at the end of the range leaves nothing on one side of it
-    new = centred(with_offset)
-    assert not new.structure.offset
-    assert loop_centre(new) == pytest.approx(new.structure.y_centre, rel=1e-12)
-    assert new.structure.y_centre == pytest.approx(loop_centre(with_offset))
-    low, high = new.structure.y_centre - new.structure.y_scale, new.structure.y_centre + new.structure.y_scale
-    assert low <= s.y_centre - s.y_scale + 1e-9 * s.y_scale
-    assert high >= s.y_centre + s.y_scale - 1e-9 * s.y_scale
-    np.testing.assert_array_equal(new.w_H, case.model.w_H)
-    np.testing.assert_array_equal(new.w_K, case.model.w_K)
-
-
-def test_centring_a_model_that_is_straight_between_its_thresholds_changes_nothing_that_it_does() -> None:
-    s = ModelStructure.equidistant(n=3, m=0, x_range=(0, 10), y_range=(0, 5), creep_rates=(10.0,), sample_time=1e-3, offset=True)
-    model = HysteresisCreepModel.from_weights(s, [0.1, 0.2, 0.1, 1.4, 0.01, 0.02, 0.0, 0.01, 0.3])
-    x = s.x_centre + s.x_scale * drive(np.random.default_rng(0), 300)
-    np.testing.assert_allclose(centred(model).simulate(x), model.simulate(x), rtol=0, atol=1e-12)
-
-
 # Settings
 
 
@@ -106,7 +72,6 @@ def test_centring_a_model_that_is_straight_between_its_thresholds_changes_nothin
     ({"mode": "sideways"}, "mode must be one of cyclic, continuous, not 'sideways'"),
     ({"build_s": 0.0}, "build_s must be a positive number of seconds, not 0.0"),
     ({"learn_s": float("nan")}, "learn_s must be a positive number of seconds, not nan"),
-    ({"hold_back": 1.0}, "hold_back must be between 0 and 1, not 1.0"),
     ({"proximal": -1.0}, "proximal must be at least 0 and below 1, not -1.0"),
     ({"samples_to_solve": 0}, "samples_to_solve must be a whole number of at least 1, not 0"),
     ({"solver": "nobody"}, "there is no solver 'nobody'"),
