@@ -222,7 +222,8 @@ class CyclicLearning:
     def _restored(self, saved: Mapping[str, Any] | None) -> IdentificationProblem | None:
         if saved is None:
             return None
-        values = {name: tuple(value) if isinstance(value, list) else value for name, value in saved["excitation"].items()}
+        values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
+                                  for name, value in saved["excitation"].items()}
         return IdentificationProblem(self._compensator.model.structure, saved["P"], saved["q"], saved["c"], Excitation(**values),
                                      saved["reference"], self._settings.proximal, MIN_SLOPE)
 
