@@ -221,20 +221,19 @@ class ClockCheck:
         return round(digits) == 0 or drifts or int(np.count_nonzero(odd)) > max(3, 0.05 * steps.size)
 
     def _refuse_backwards(self, window: Vector, start: int) -> None:
-        back = np.flatnonzero(np.diff(window) < 0)
-        if back.size:
-            at = int(back[0]) + 1
+        back = window[1:] < window[:-1]
+        if back.any():
+            at = int(np.argmax(back)) + 1
             raise RecordingError(f"{self.label} runs backwards in {self.where(start + at)}: "
                                  f"{self._seconds(window[at])} follows {self._seconds(window[at - 1])}")
 
     def _refuse_irregular(self, window: Vector, start: int, stride: int) -> None:
         period, steps = self._period, window[stride:] - window[:-stride]
-        excess = steps - stride * period
         allowed = self.resolution + stride * (self.tolerance * period + self._period_error)
-        wrong = np.flatnonzero(np.abs(excess) > allowed)
-        if not wrong.size:
+        if not steps.size or max(float(steps.max()) - stride * period, stride * period - float(steps.min())) <= allowed:
             return
-        at = int(wrong[0])
+        excess = steps - stride * period
+        at = int(np.argmax(np.abs(excess) > allowed))
         place = self.where(start + at + stride)
         if steps[at] == 0:
             sentence = f"stands still in {place}, at {self._seconds(window[at])}"

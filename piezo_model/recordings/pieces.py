@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -58,14 +59,16 @@ def matrix_of(batch: pa.RecordBatch) -> Matrix:
     """
     rows = np.empty((batch.num_columns, batch.num_rows))
     for row, column in zip(rows, batch.columns, strict=True):
-        per_second = 1.0
         if pa.types.is_temporal(column.type):
-            per_second = PER_SECOND[column.type.unit]
-            column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
-        row[:] = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        if per_second != 1.0:
-            row /= per_second
+            row[:] = _numbers(column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()))
+            row /= PER_SECOND[column.type.unit]
+        else:
+            row[:] = _numbers(column.cast(pa.float64()) if pa.types.is_decimal(column.type) else column)
     return rows
+
+
+def _numbers(column: pa.Array) -> NDArray[Any]:
+    return np.asarray(column.to_numpy(zero_copy_only=False))
 
 
 def first_line(error: Exception) -> str:
