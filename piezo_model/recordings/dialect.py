@@ -110,8 +110,8 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | No
     if score <= 0:
         return None
     kinds = _kinds(dialect, [dialect.split(lines[k]) for k in rows])
-    start = next(k for k in rows if _fits(dialect, lines[k], width, kinds))
-    start = _with_damaged_rows(dialect, lines, start, width, first)
+    fitting = next((k for k in rows if _fits(dialect, lines[k], width, kinds)), rows[0])
+    start = _with_damaged_rows(dialect, lines, fitting, width, first)
     return _headed(lines, dialect, width, start, kinds, header)
 
 

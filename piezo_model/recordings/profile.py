@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_model.recordings.checks import ABSURD
 from piezo_model.recordings.pieces import Matrix
 from piezo_model.recordings.tables import Table
 
@@ -49,7 +50,7 @@ def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
     low, high = np.full(len(at), np.inf), np.full(len(at), -np.inf)
     least, most, total, rows = low.copy(), high.copy(), np.zeros(len(at)), 0
     last: Matrix = np.empty((len(at), 0))
-    for piece in table.pieces(at):
+    for piece in map(_sane, table.pieces(at)):
         low, high = np.fmin(low, np.fmin.reduce(piece, axis=1)), np.fmax(high, np.fmax.reduce(piece, axis=1))
         steps = np.diff(np.concatenate([last, piece], axis=1), axis=1)
         if steps.size:
@@ -68,7 +69,7 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], s
     area = covariance = 0.0
     total, low, high, rows = np.zeros(2), np.full(2, np.inf), np.full(2, -np.inf), 0
     variation, bends = np.zeros(2), np.zeros(2)
-    for piece in table.pieces(pair):
+    for piece in map(_sane, table.pieces(pair)):
         first = piece[:, :1].copy() if first is None else first
         window = np.concatenate([last, piece], axis=1) - first
         a, b = window
@@ -91,3 +92,8 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], s
     if noise.max() > LEAST_NOISE_RATIO * noise.min():
         return (pair if noise[0] < noise[1] else pair[::-1]), "because the output is the noisier one"
     return None
+
+
+def _sane(piece: Matrix) -> Matrix:
+    """NaN in place of what nothing measures, which would overflow in sums."""
+    return np.where(np.abs(piece) < ABSURD, piece, np.nan)

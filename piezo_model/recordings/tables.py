@@ -13,6 +13,7 @@ import importlib
 import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -142,11 +143,24 @@ class ChannelTable:
                                  + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items()))
         for start in range(0, max(lengths.values()), CHANNEL_ROWS):
             stop = min(start + CHANNEL_ROWS, max(lengths.values()))
-            yield np.stack([np.asarray(channel.read(start, stop), dtype=np.float64) for channel in chosen])
+            with parsed(self.path, self.form):
+                piece = np.stack([np.asarray(channel.read(start, stop), dtype=np.float64) for channel in chosen])
+            yield piece
 
     def where(self, row: int) -> str:
         """Data row, for a row counted from 0."""
         return f"data row {row + 1}"
+
+
+@contextmanager
+def parsed(path: Path, form: str) -> Iterator[None]:
+    """Say in a sentence that a file is damaged, whatever the library that parses the format makes of it."""
+    try:
+        yield
+    except (RecordingError, ModuleNotFoundError, FileNotFoundError, PermissionError):
+        raise
+    except Exception as error:
+        raise RecordingError(f"{path}: is a damaged {form.partition(',')[0]} file: {first_line(error)}") from None
 
 
 def in_memory(path: Path, form: str, arrays: Mapping[str, NDArray], units: Mapping[str, str] | None = None,

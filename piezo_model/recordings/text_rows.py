@@ -70,6 +70,10 @@ class TextRows:
                 if self._is_row(line):
                     yield number, line
 
+    def decoded(self, cells: list[bytes | None]) -> list[str | None]:
+        """Text of cells as :meth:`blocks` gives them."""
+        return [None if cell is None else cell.decode(self._bytes_encoding, errors="replace") for cell in cells]
+
     def _is_row(self, line: str) -> bool:
         return bool(line.strip()) and not COMMENT.match(line) and line.strip() not in self.repeated
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError, first_line
+from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.sampling_remark import sample_time_of
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, parsed
 
 NAME = "an HDF5 file"
 ORDER = 30
@@ -58,14 +58,11 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
     import h5py
 
     datasets: list[Any] = []
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
-            datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
-            stated = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
-            channels = [Channel(column, read) for item in datasets for column, read in _columns(path, item, stated)]
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
-        raise RecordingError(f"{path}: is a damaged HDF5 file: {first_line(error)}") from None
+    with parsed(path, "HDF5"), h5py.File(path, "r") as file:
+        file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
+        datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
+        stated = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
+        channels = [Channel(column, read) for item in datasets for column, read in _columns(path, item, stated)]
     if not channels:
         raise RecordingError(f"{path}: is an HDF5 file without a column of numbers")
     return ChannelTable(path, "HDF5", channels)

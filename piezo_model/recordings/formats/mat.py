@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.sampling_remark import sample_time_of
-from piezo_model.recordings.tables import ChannelTable, Reading, in_memory
+from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
 
 NAME = "a MATLAB file"
 ORDER = 25
@@ -38,10 +37,8 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         read = pymatreader.read_mat
     else:
         read = _read_classic
-    try:
+    with parsed(path, "MATLAB"):
         variables = read(str(path))
-    except (OSError, ValueError, TypeError, KeyError, NotImplementedError, EOFError) as error:
-        raise RecordingError(f"{path}: is a damaged MATLAB file: {first_line(error)}") from None
     units: dict[str, str] = {}
     found = {name: array for name, array in _arrays("", variables, units) if name is not None}
     stated = {period for name, array in found.items() if array.size == 1 and array.dtype.kind in "iuf"

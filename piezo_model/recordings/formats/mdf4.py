@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError, first_line
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
+from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, Reading, parsed
 
 NAME = "an MDF file"
 ORDER = 70
@@ -40,23 +40,19 @@ class Slice:
 def open_table(path: Path, reading: Reading) -> ChannelTable:
     """List the channels of numbers."""
     from asammdf import MDF
-    from asammdf.blocks.utils import MdfException
 
     channels: list[Channel] = []
-    try:
-        with MDF(path) as file:
-            groups = [k for k, group in enumerate(file.groups) if group.channel_group.cycles_nr > 1]
-            for k in groups:
-                rows = file.groups[k].channel_group.cycles_nr
-                for at, channel in enumerate(file.groups[k].channels):
-                    probe = file.get(group=k, index=at, record_offset=0, record_count=1)
-                    if probe.samples.dtype.kind in "iufb" and probe.samples.ndim == 1:
-                        name = channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}"
-                        channels.append(Channel(Column.of_path(name, probe.unit or "", rows, None,
-                                                               "flag" if probe.samples.dtype.kind == "b" else "number",
-                                                               nested=len(groups) > 1), Slice(path, k, at)))
-    except (MdfException, OSError, ValueError, KeyError) as error:
-        raise RecordingError(f"{path}: is a damaged MDF file: {first_line(error)}") from None
+    with parsed(path, "MDF"), MDF(path) as file:
+        groups = [k for k, group in enumerate(file.groups) if group.channel_group.cycles_nr > 1]
+        for k in groups:
+            rows = file.groups[k].channel_group.cycles_nr
+            for at, channel in enumerate(file.groups[k].channels):
+                probe = file.get(group=k, index=at, record_offset=0, record_count=1)
+                if probe.samples.dtype.kind in "iufb" and probe.samples.ndim == 1:
+                    name = channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}"
+                    kind: Kind = "flag" if probe.samples.dtype.kind == "b" else "number"
+                    channels.append(Channel(Column.of_path(name, probe.unit or "", rows, None, kind, nested=len(groups) > 1),
+                                            Slice(path, k, at)))
     if not channels:
         raise RecordingError(f"{path}: is an MDF file without a channel of numbers")
     return ChannelTable(path, "MDF", channels)

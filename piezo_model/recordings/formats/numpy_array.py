@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.sampling_remark import sample_time_of
-from piezo_model.recordings.tables import ChannelTable, Reading, in_memory
+from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
 
 NAME = "a NumPy file"
 ORDER = 40
@@ -24,14 +23,12 @@ def recognises(path: Path, head: bytes) -> bool:
 
 def open_table(path: Path, reading: Reading) -> ChannelTable:
     """Open an array of rows and columns, a structured array, or an archive of them."""
-    try:
+    with parsed(path, "NumPy"):
         if zipfile.is_zipfile(path):
             with np.load(path, allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
         else:
             arrays = {"": np.load(path, mmap_mode="r", allow_pickle=False)}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise RecordingError(f"{path}: is a damaged NumPy file: {first_line(error)}") from None
     stated = {period for name, array in arrays.items() if array.size == 1 and array.dtype.kind in "iuf"
               and (period := sample_time_of(name, float(array.ravel()[0]))) is not None}
     return in_memory(path, "NumPy", arrays, sample_time=stated.pop() if len(stated) == 1 else None)

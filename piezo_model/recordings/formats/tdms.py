@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError, first_line
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, Reading
+from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, Reading, parsed
 
 NAME = "a TDMS file"
 ORDER = 60
@@ -44,15 +45,14 @@ class Slice:
 def open_table(path: Path, reading: Reading) -> ChannelTable:
     """List the channels."""
     from nptdms import TdmsFile
+    from nptdms.log import log_manager
 
-    try:
-        with TdmsFile.open(path) as file:
-            listed = [channel for group in file.groups() for channel in group.channels()]
-            single = len(file.groups()) == 1
-            channels = [Channel(_column(channel, single), Slice(path, channel.group_name, channel.name))
-                        for channel in listed if len(channel) > 1]
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise RecordingError(f"{path}: is a damaged TDMS file: {first_line(error)}") from None
+    log_manager.set_level(logging.ERROR)  # that a file was cut off shows in its rows
+    with parsed(path, "TDMS"), TdmsFile.open(path) as file:
+        listed = [channel for group in file.groups() for channel in group.channels()]
+        single = len(file.groups()) == 1
+        channels = [Channel(_column(channel, single), Slice(path, channel.group_name, channel.name))
+                    for channel in listed if len(channel) > 1]
     if not channels:
         raise RecordingError(f"{path}: is a TDMS file without a channel of numbers")
     return ChannelTable(path, "TDMS", channels)

@@ -55,13 +55,13 @@ class TextTable:
             "read_options": arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LONGEST_LINE),
             "parse_options": arrow_csv.ParseOptions(delimiter="\t" if dialect.separator == " " else dialect.separator),
             "convert_options": arrow_csv.ConvertOptions(
-                column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
+                column_types={keys[k]: pa.binary() if k in clocks else pa.float64() for k in at},
                 include_columns=[keys[k] for k in at], null_values=NULLS, strings_can_be_null=True,
                 decimal_point=dialect.decimal, check_utf8=False)}
         try:
             for block in self.rows.blocks():
                 for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
-                    yield np.stack([clocks[k].seconds(column.to_pylist()) if k in clocks
+                    yield np.stack([clocks[k].seconds(self.rows.decoded(column.to_pylist())) if k in clocks
                                     else column.to_numpy(zero_copy_only=False)
                                     for k, column in zip(at, batch.columns, strict=True)])
         except (pa.ArrowException, OSError, ClockError) as error:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from piezo_model.recordings.dialect import Dialect, Layout, layout_of
-from piezo_model.recordings.pieces import RecordingError, first_line
+from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, array_slice
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, array_slice, parsed
 
 NAME = "an Excel workbook"
 ORDER = 50
@@ -32,20 +32,14 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
     """Read a sheet as the table of a text is read: header, units and first row are found alike."""
     import openpyxl
 
-    try:
-        with path.open("rb") as file, warnings.catch_warnings():  # by its name openpyxl would judge the suffix
-            warnings.simplefilter("ignore")  # styles and extensions that openpyxl does not know
-            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-            names = [sheet.title for sheet in book.worksheets]
-            if reading.sheet is not None and reading.sheet not in names:
-                raise RecordingError(f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}")
-            sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names
-                      if reading.sheet in (None, name)}
-            book.close()
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise RecordingError(f"{path}: is a damaged Excel workbook: {first_line(error)}") from None
+    # Opened here: by a name openpyxl would judge the suffix. It warns of styles and extensions that it does not know.
+    with parsed(path, "Excel"), path.open("rb") as file, warnings.catch_warnings(action="ignore"):
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True)
+        names = [sheet.title for sheet in book.worksheets]
+        if reading.sheet is not None and reading.sheet not in names:
+            raise RecordingError(f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}")
+        sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names if reading.sheet in (None, name)}
+        book.close()
     tables = {name: found for name, rows in sheets.items() if (found := _layout(rows, reading))}
     if not tables:
         raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
