@@ -26,8 +26,8 @@ from piezo_model.learning.events import Phase
 from piezo_model.learning.sensor_guard import SensorGuard
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import multi_sine
+from solvers.descent import limit
 from solvers.kernel.recursive_active_set import RecursiveActiveSet
-from solvers.kernels.projected_step import limit
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

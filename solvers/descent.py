@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.cone import EMPTY, Cone
 from solvers.core import NOT_FINITE, OK, REASONS, block, face
 from solvers.protocol import Matrix, Vector
+
+Block = NDArray[np.uint8]
 
 
 class Descent:
@@ -37,8 +43,8 @@ class Descent:
     >>> import numpy as np
     >>> d = Descent(np.zeros(1), np.ones(1), "example")
     >>> d.take(np.array([[2.0]]), np.array([-1.0]), 0.25, scaled=False)
-    >>> d.start(None); d.run(2), d.w.tolist(), d.eta
-    (2, [0.375], 0.25)
+    >>> d.start(None), d.run(2), d.w.tolist(), d.eta
+    (0, 2, [0.375], 0.25)
     """
 
     def __init__(self, lb: Vector, ub: Vector, name: str) -> None:
@@ -58,13 +64,14 @@ class Descent:
             raise ValueError(f"{self._name}: {which} must be finite")
         self._accept(status)
 
-    def start(self, x: Vector | None) -> None:
-        """Begin at x (d,), clipped; at 0 for None."""
-        face.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
+    def start(self, x: Vector | None, cone: Block | None = None) -> int:
+        """Begin at the projection of x (d,), of 0 for None, onto the box and the state of a :class:`~solvers.cone.Cone`; a status."""
+        status: int = face.descent_start(self.state, cone, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
+        return status
 
-    def run(self, steps: int, threshold: float = -1.0) -> int:
+    def run(self, steps: int, threshold: float = -1.0, cone: Block | None = None) -> int:
         """Take plain steps; returns how many. It ends where one moves w by ``threshold`` or less (2-norm), looked at every 16."""
-        taken: int = face.projected_steps(self.state, steps, threshold)
+        taken: int = face.projected_steps(self.state, cone, steps, threshold)
         return taken
 
     def answer(self) -> Vector:
@@ -90,3 +97,46 @@ class Descent:
     def _accept(self, status: int) -> None:
         if status != OK:
             raise ValueError(f"{self._name}: {REASONS[status]}")
+
+
+def limit(P: Matrix) -> float:
+    """The step below which the recursion converges for every q and every convex set: 2/λ_max(P); inf for P = 0.
+
+    Raises
+    ------
+    ValueError
+        P is not finite, not symmetric, or indefinite beyond rounding.
+
+    Examples
+    --------
+    >>> limit(np.diag([1.0, 4.0]))
+    0.5
+    """
+    d = P.shape[0]
+    descent = Descent(np.full(d, -np.inf), np.full(d, np.inf), "limit")
+    descent.take(np.ascontiguousarray(P, dtype=np.float64), None, 1.0, scaled=False)
+    return descent.eta if np.any(P) else np.inf
+
+
+def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: float, steps: Sequence[int],
+               G: Matrix | None = None, h: Vector | None = None) -> Matrix:
+    """The iterates w(k) at the step counts k of ``steps`` (ascending), shape (len(steps), d).
+
+    Examples
+    --------
+    >>> trajectory(np.eye(1), -np.ones(1), np.zeros(1), np.full(1, np.inf), np.zeros(1), 0.5, (1, 2, 3)).ravel().tolist()
+    [0.5, 0.75, 0.875]
+    """
+    cone, descent = Cone(G, h, lb, ub), Descent(lb, ub, "trajectory")
+    descent.take(np.ascontiguousarray(P), np.ascontiguousarray(q), eta / limit(P), scaled=False)
+    descent.lower[:], descent.upper[:] = cone.lo, cone.hi
+    if descent.start(w0, cone.state) != OK:
+        raise ValueError(EMPTY)
+    found, done = np.empty((len(steps), q.size)), 0
+    for i, k in enumerate(steps):
+        if k < done:
+            raise ValueError(f"step counts must ascend, and {k} comes after {done}")
+        descent.run(k - done, cone=cone.state)
+        done = k
+        found[i] = descent.w
+    return found

@@ -21,7 +21,9 @@ from piezo_model.identification_problem import Form, IdentificationProblem
 from piezo_model.learning.cyclic_step import SteppedSolver
 from solvers.kernel.projected_difference import ProjectedDifference
 from solvers.kernels.cone_projection import Cone
+from solvers.kernels.projected_engine import ProjectedEngine
 from solvers.kernels.projected_step import Recursion
+from solvers.protocol import Solver
 
 Vector = NDArray[np.float64]
 
@@ -56,13 +58,16 @@ class LearningPhase:
                  options: Mapping[str, Any] | None = None, answer: Vector | None = None) -> None:
         self.problem = problem
         self._form: Form = problem.form()
-        self._engine = solvers.get(solver, **{"tier": "high", **(options or {})})
+        engine = solvers.get(solver, **{"tier": "high", **(options or {})})
+        self._engine: Solver | ProjectedEngine = engine
+        if isinstance(engine, ProjectedDifference):
+            self._engine = ProjectedEngine(**engine.settings)
         self._engine.setup(self._form.qp)
         start = np.maximum(self._form.variables(weights), self._form.qp.lb)
         self.ready_after = 0
         """Samples after which the answer is there; 0 for one that gets better with each."""
         self.arrays = no_steps()
-        if isinstance(self._engine, ProjectedDifference):
+        if isinstance(self._engine, ProjectedEngine):
             self._engine.begin(start if answer is None else answer)
             self.arrays = stepped(self._engine.recursion, problem.structure.d)
             return
@@ -78,7 +83,7 @@ class LearningPhase:
     @property
     def answer(self) -> Vector:
         """Where it stands, (d,), in the variables of the form."""
-        return self._engine.answer() if isinstance(self._engine, ProjectedDifference) else self._answer
+        return self._engine.answer() if isinstance(self._engine, ProjectedEngine) else self._answer
 
     @property
     def weights(self) -> Vector:

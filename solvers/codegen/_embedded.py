@@ -27,6 +27,7 @@ from solvers.direct._box import refuse_crossing
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Unsupported, Vector, only_box
 from solvers.rows import Program
 
+CORE = HERE.parent / "core"
 TOLERANCE: Mapping[Tier, Mapping[str, Any]] = MappingProxyType(
     {tier: {"tolerance": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
 """The tiers of solvers that take one tolerance, absolute and relative."""
@@ -130,6 +131,7 @@ class Embedded(Solver):
     def _key(self, shape: Shape) -> list[bytes]:
         """What the built library depends on: all texts that it is made of and the version that makes it."""
         files = {Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")}
+        files |= set(CORE.glob("*.[ch]")) if issubclass(type(self), OurOwn) else set()
         files |= {HERE / "embedded.h", HERE / "timed_loop.c", *HERE.glob(f"{self.name}.c")}
         texts = [path.read_bytes() for path in sorted(files)]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
@@ -144,13 +146,21 @@ class Embedded(Solver):
 
 
 class OurOwn(Embedded):
-    """A solver of this project in C: a file of this folder of its own name."""
+    """A solver of this project: the files of ``solvers/core`` that it needs, and one of this folder that binds them."""
 
     licence = "MIT"
     distribution = "piezobench"
+    core: ClassVar[tuple[str, ...]]
+    """Names of C files."""
+
+    @abstractmethod
+    def memory(self, d: int) -> int:
+        """Bytes of the state of a problem of d variables."""
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        return Sources((HERE / f"{self.name}.c",))
+        options = (f"-I{CORE}", f"-DMEMORY_BYTES={self.memory(shape.d)}", f"-DCORE_VARIABLES={shape.d}", "-ffp-contract=off",
+                   "-fno-math-errno", "-fno-trapping-math")
+        return Sources((HERE / f"{self.name}.c", *(CORE / f"{name}.c" for name in self.core)), options)
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:

@@ -2,9 +2,8 @@
 
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    η = step_ratio · 2/λ_max(P)
 
-The recursion of :mod:`solvers.kernels.projected_step` for bounds, written as a firmware would have it. λ_max comes from the
-power method, which is part of ``update`` and stops at 1e-6 of its value, from below; so η is larger than asked for by about
-that. Timed in ``solve``: ``steps`` steps from 0, or from ``warm_start``.
+The files that Python races, ``solvers/core/descent.h``, in static memory: λ_max, which is part of ``update``, comes from the same lines.
+Timed in ``solve``: ``steps`` steps from 0, or from ``warm_start``.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from solvers.codegen._embedded import OurOwn
+from solvers.core import face
 
 
 class ProjectedDifference(OurOwn):
@@ -23,3 +23,7 @@ class ProjectedDifference(OurOwn):
     iteration_setting = "steps"
     parameters = MappingProxyType({"steps": 15200.0, "step_ratio": 0.5})
     variants = tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
+    core = ("descent", "eigenvalue")
+
+    def memory(self, d: int) -> int:  # noqa: D102
+        return int(face.descent_bytes(d))

@@ -32,8 +32,8 @@ static void gradient_compensated(Box *s)
         vec8 high = load(s->q + b), low = zeros();
         for (int j = 0; j < s->d; ++j) {
             const vec8 m = load(s->P + (size_t)j * (size_t)s->ld + b), t = splat(s->x[j]), product = mul(m, t);
-            const vec8 total = add(high, product), part = sub(total, high);
-            const vec8 of_sum = add(sub(high, sub(total, part)), sub(product, part));
+            const vec8 total = add(high, product), added = sub(total, high);
+            const vec8 of_sum = add(sub(high, sub(total, added)), sub(product, added));
             const vec8 m_wide = mul(splitter, m), m1 = sub(m_wide, sub(m_wide, m)), m2 = sub(m, m1);
             const vec8 t_wide = mul(splitter, t), t1 = sub(t_wide, sub(t_wide, t)), t2 = sub(t, t1);
             const vec8 of_product = add(add(add(sub(mul(m1, t1), product), mul(m1, t2)), mul(m2, t1)), mul(m2, t2));

@@ -3,8 +3,8 @@
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    0 < η < 2/λ_max(P)
 
 minimises ½ wᵀP w + qᵀw over a convex set that is easy to project onto. Source, proof and arithmetic stand in
-:mod:`solvers.kernels.projected_step`. In slope coordinates the set is a box and the projection clips; in weight coordinates it
-is a polyhedral cone and the projection is exact too (:mod:`solvers.kernels.cone_projection`). The two ways have one answer
+``solvers/core/descent.c``. In slope coordinates the set is a box and the projection clips; in weight coordinates it
+is a polyhedral cone and the projection is exact too (``solvers/core/cone.c``). The two ways have one answer
 and different paths. The paper runs 15 200 steps: one per sampling period of 125 µs for 1.9 s.
 """
 
@@ -14,10 +14,12 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-from solvers.kernels.cone_projection import Cone
-from solvers.kernels.projected_step import Recursion, limit
+from solvers.cone import EMPTY, Cone
+from solvers.core import OK, REASONS, face
+from solvers.descent import Descent
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box, dense
 
 
@@ -84,87 +86,78 @@ class ProjectedDifference(Solver):
         self._lb, self._ub = box(problem)
         self._G = None if problem.G is None else np.asarray(problem.G.toarray() if hasattr(problem.G, "toarray") else problem.G)
         self._h = None if problem.h is None else np.asarray(problem.h, np.float64)
-        self._taken = 0
         self._P, self._q = dense(problem)
-        self._recursion: Recursion | None = None
+        self._descent = Descent(self._lb, self._ub, self.name)
+        self._cone: Cone | None = None
         self.update(self._P, self._q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Take new P (a new step follows from it) or q; raises ValueError as ``setup`` does."""
-        if q is not None:
-            if not np.isfinite(q).all():
-                raise ValueError(f"{self.name}: q must be finite")
-            np.copyto(self._q, q)
         scaling = bool(self.settings.get("diagonal_scaling", False))
         if P is not None:
             np.copyto(self._P, P)
-            diagonal = self._P.diagonal()
-            self._D = np.where(diagonal > 0, diagonal, 1.0) ** -0.5 if scaling else np.ones(self._q.size)
-            scaled = self._P * self._D * self._D[:, None]
-            eta = self._ratio * limit(scaled)
-            self._eta = eta if np.isfinite(eta) else 1.0
-            if self._recursion is None or scaling:
-                self._cone = Cone(None if self._G is None else self._G * self._D, self._h, self._lb / self._D,
-                                  self._ub / self._D)
-                self._recursion = Recursion(self._q.size, self._cone)
-            self._recursion.set_data(scaled, self._q * self._D, self._eta)
-        elif self._recursion is not None:
-            self._recursion.set_data(None, self._q * self._D, self._eta)
+        if q is not None:
+            np.copyto(self._q, q)
+        self._descent.take(None if P is None else self._P, None if q is None else self._q, self._ratio, scaling)
+        D = self._descent.D
+        if self._cone is None or (P is not None and scaling):
+            self._cone = Cone(None if self._G is None else self._G * D, self._h, self._lb / D, self._ub / D)
+        self._descent.lower[:], self._descent.upper[:] = self._cone.lo, self._cone.hi
         self._threshold = -1.0
         if self._tolerance is not None:
-            self._threshold = float(self._tolerance) * self._eta * float(np.linalg.norm(self._q * self._D))
+            self._threshold = float(self._tolerance) * self._descent.eta * float(np.linalg.norm(self._q * D))
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is the projection of ``warm_start``, or of 0."""
-        recursion = self._recursion
-        assert recursion is not None, "setup comes first"
-        recursion.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
-        self._taken = recursion.run(self._steps, self._threshold)
-        return self._unscaled()
+        self.begin(warm_start)
+        self.advance(self._steps)
+        return self.answer()
 
-    @property
-    def recursion(self) -> Recursion:
-        """The recursion itself, for compiled loops that take its steps."""
-        assert self._recursion is not None, "setup comes first"
-        return self._recursion
-
-    def begin(self, start: Vector) -> None:
-        """Put the recursion at ``start`` (d,), to be moved on by ``advance`` as the machine runs."""
-        self.recursion.start(start / self._D)
+    def begin(self, start: Vector | None) -> None:
+        """Put the recursion at the projection of ``start`` (d,), to be moved on by ``advance`` as the machine runs."""
+        if self._descent.start(start, self._rows) != OK:
+            raise ValueError(EMPTY)
 
     def advance(self, steps: int) -> None:
         """Take so many steps from where the recursion stands."""
-        self.recursion.run(steps)
+        self._descent.run(steps, self._threshold, self._rows)
 
     def answer(self) -> Vector:
-        """Return the iterate (d,) where the recursion stands."""
-        return self._unscaled()
+        """Return the iterate (d,) where the recursion stands, clipped, since scaling back can leave a bound by one bit."""
+        if self._rows is None and self._G is None:
+            return self._descent.answer()
+        return np.minimum(np.maximum(self._descent.w * self._descent.D, self._lb), self._ub)
+
+    @property
+    def _rows(self) -> NDArray[np.uint8] | None:
+        assert self._cone is not None, "setup comes first"
+        return self._cone.state
 
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are not compiled."""
-        assert self._recursion is not None, "setup comes first"
-        self._recursion.start(np.zeros(self._q.size) if warm_start is None else warm_start / self._D)
-        return None, self._recursion.time(count, self._steps, self._threshold)
+        nanoseconds = np.empty(count, dtype=np.int64)
+        start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
+        face.time_projected(self._descent.state, self._rows, start, self._steps, self._threshold, nanoseconds)
+        return None, nanoseconds
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but the data."""
-        assert self._recursion is not None, "setup comes first"
         if self.settings.get("diagonal_scaling", False) or self._tolerance is not None:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        return self._recursion.follow(self._P, self._q, np.ascontiguousarray(rows, dtype=np.float64), forgetting,
-                                      self._ratio, self._steps)
+        rows = np.ascontiguousarray(rows, dtype=np.float64)
+        answers, nanoseconds = np.empty((rows.shape[0], self._q.size)), np.empty(rows.shape[0], dtype=np.int64)
+        status = face.projected_follow(self._descent.state, self._rows, self._P, self._q, rows, forgetting, self._ratio, self._steps,
+                                       answers, nanoseconds)
+        if status != OK:
+            raise ValueError(f"{self.name}: {REASONS[status]}")
+        return answers, nanoseconds
 
     def solution(self) -> Solution:
         """Return the last iterate with the duals of its last projection; ``extras`` say steps and step size."""
-        assert self._recursion is not None, "setup comes first"
-        w, x = self._recursion.w.copy(), self._unscaled()
+        assert self._cone is not None, "setup comes first"
+        descent, x = self._descent, self.answer()
         gradient = self._P @ x + self._q
         problem = Problem(self._P, self._q, self._G, self._h, lb=self._lb, ub=self._ub)
-        z, z_box = self._cone.multipliers(w, gradient * self._D, self._eta)
-        return Solution(problem, found=bool(np.isfinite(x).all()), x=x, y=np.zeros(0), z=z, z_box=z_box / self._D,
-                        obj=float(0.5 * x @ (gradient + self._q)), extras={"steps": self._taken, "eta": self._eta})
-
-    def _unscaled(self) -> Vector:
-        """The last iterate in the caller's variables; scaling back can leave a bound by one bit, clipping undoes that."""
-        assert self._recursion is not None, "setup comes first"
-        return np.minimum(np.maximum(self._recursion.w * self._D, self._lb), self._ub)
+        z, z_box = self._cone.multipliers(descent.w, gradient * descent.D, descent.eta)
+        return Solution(problem, found=bool(np.isfinite(x).all()), x=x, y=np.zeros(0), z=z, z_box=z_box / descent.D,
+                        obj=float(0.5 * x @ (gradient + self._q)), extras={"steps": descent.taken, "eta": descent.eta})

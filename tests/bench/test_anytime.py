@@ -23,7 +23,7 @@ from bench.store import Run
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
 from solvers.certificate import certify, exact_cost_gap
-from solvers.kernels.projected_step import trajectory
+from solvers.descent import trajectory
 
 LIMITED = [entry for entry in solvers.available()
            if entry.lane is Lane.DIRECT and entry.load().iteration_setting not in (None, "steps")]

@@ -128,10 +128,10 @@ def test_a_state_copied_byte_by_byte_goes_on_with_the_same_bits():
     one = block(face.descent_bytes(9))
     face.descent_setup(one, np.zeros(9), np.full(9, np.inf))
     face.descent_take(one, A.T @ A, rng.normal(size=9), 0.5, 1)
-    face.projected_steps(one, 10, -1.0)
+    face.projected_steps(one, None, 10, -1.0)
     other = block(one.size)
     other[:] = np.frombuffer(one.tobytes(), np.uint8)
     for state in (one, other):
-        face.projected_steps(state, 25, -1.0)
+        face.projected_steps(state, None, 25, -1.0)
         face.descent_answer(state)
     assert (one == other).all()

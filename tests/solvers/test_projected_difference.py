@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
-from solvers import Unsupported, get
+from solvers import Unsupported, descent, get
+from solvers.cone import Cone
+from solvers.descent import limit, trajectory
 from solvers.kernel import projected_difference as module
-from solvers.kernels import projected_step
-from solvers.kernels.cone_projection import Cone
-from solvers.kernels.projected_step import limit, trajectory
 
 INF = np.inf
 seeds = st.integers(0, 2**32 - 1)
@@ -286,7 +285,7 @@ def test_many_solves_allocate_nothing_that_stays():
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("source", [module, projected_step])
+@pytest.mark.parametrize("source", [module, descent])
 def test_the_examples_in_the_docstrings_run(source):
     result = doctest.testmod(source)
     assert result.attempted > 0
