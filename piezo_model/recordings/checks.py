@@ -22,16 +22,13 @@ import numpy as np
 
 from piezo_model.recordings.pieces import RecordingError, Vector, limited, rechunk
 from piezo_model.recordings.tables import Table
+from piezo_model.recordings.time_rounding import Rounding, printed_digit
 
 CHUNK = 65536
 TIME_TOLERANCE = 0.01
 """Share of the sampling period by which an interval may differ from it."""
 ABSURD = 1e30
 """Size from which a value is none: instruments write 9.9e37 for an overload."""
-MOST_DECIMALS = 15
-FEW = 8
-SINGLE_GRID = 0.1
-"""Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is 0.5."""
 
 Where = Callable[[int], str]
 
@@ -198,7 +195,7 @@ class ClockCheck:
         mean = float(times[-1] - times[0]) / (n - 1)
         if mean == 0:
             raise RecordingError(f"{self.label} stands still from {self.where(0)} on, at {self._seconds(times[0])}")
-        digit, self._rounding = _printed_digit(times)
+        digit, self._rounding = printed_digit(times)
         if not self._rounding_shows(times, mean, digit):
             digit = self._rounding.at(times)
         self.resolution = digit
@@ -248,62 +245,6 @@ class ClockCheck:
 
     def _seconds(self, value: float) -> str:
         return f"{value * self.seconds:.9g} s"
-
-
-@dataclass(frozen=True)
-class Rounding:
-    """How times were rounded beside a fixed number of decimals: to a share, or to significant digits as by ``%g``."""
-
-    share: float
-    digits: int | None = None
-
-    def at(self, times: Vector) -> float:
-        """Rounding of the largest of these times."""
-        largest = float(np.abs(times).max())
-        if self.digits is None or not largest:
-            return self.share * largest
-        return float(10.0**(math.floor(math.log10(largest)) + 1 - self.digits))
-
-
-def _printed_digit(times: Vector) -> tuple[float, Rounding]:
-    """Last decimal digit that all times are printed with, and the rounding that grows with them."""
-    rounding = Rounding(float(np.finfo(np.float32 if _single(times) else np.float64).eps))
-    decimals = _decimals(times, rounding)
-    decimals = _decimals(times, rounding)
-    digits = _significant_digits(times, rounding, decimals)
-    if digits is not None:
-        rounding = Rounding(rounding.share, digits)
-    return rounding.at(times) if decimals is None or digits is not None else 10.0**-decimals, rounding
-
-
-def _significant_digits(times: Vector, rounding: Rounding, decimals: int | None) -> int | None:
-    """Digits that ``%g`` printed, or None: it shows in that times below the last power of ten have more decimals."""
-    size = np.abs(times)
-    early = size < 10.0**math.floor(math.log10(max(float(size.max()), 1e-300)))
-    fewer = _decimals(times[~early], rounding)
-    if fewer is None or fewer == decimals or min(np.count_nonzero(early), np.count_nonzero(~early)) < FEW:
-        return None
-    more = np.abs(np.round(times[early], fewer) - times[early]) > 4 * rounding.at(times)
-    return fewer + 1 + math.floor(math.log10(float(size.max()))) if np.count_nonzero(more) > more.size / 2 else None
-
-
-def _decimals(times: Vector, rounding: Rounding) -> int | None:
-    """Fewest decimals that write all times, or None where rounding of another kind hides it."""
-    floor = rounding.at(times)
-    for decimals in range(MOST_DECIMALS + 1):
-        if 10.0**-decimals <= 16 * floor:  # every number would look rounded to it
-            return None
-        if (np.abs(np.round(times, decimals) - times) <= 4 * floor).all():
-            return decimals
-    return None
-
-
-def _single(times: Vector) -> bool:
-    """Whether times are of single precision, be it printed in decimals: they lie on its grid far better than by chance."""
-    some = times[times != 0.0]
-    grid = np.float32(some)
-    near = np.abs(grid - some) < SINGLE_GRID * np.spacing(np.abs(grid))
-    return bool(near.all()) and np.unique(grid).size == np.unique(some).size
 
 
 def _shortest(value: float, uncertainty: float) -> float:
