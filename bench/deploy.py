@@ -27,12 +27,13 @@ from numpy.typing import NDArray
 
 from bench.problems.protocol import RaceProblem
 from bench.races import null_solver
-from bench.races.rows import PERIOD_US
-from bench.races.stream import KIND as STREAM_KIND
-from bench.races.stream import STREAM
-from bench.report import stream_figures
-from bench.store import ONESHOT, Run, RunError
+from bench.races.oneshot.rows import ONESHOT
+from bench.races.stream import figures as stream_figures
+from bench.races.stream.race import KIND as STREAM_KIND
+from bench.races.stream.race import STREAM
+from bench.store import Run, RunError
 from bench.timing.percentiles import Percentile, percentile, rate_bound
+from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
 from solvers import Lane, find

@@ -17,8 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 import solvers
-from bench.cli.console import console, print_table
 from bench.problems import find
+from bench.report.console import console, print_table
 from bench.worst_case import HEADINGS, worst_case_figures
 from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.continuous_learning import PROXIMAL, prior

@@ -82,9 +82,9 @@ def xml_templates(package: str) -> jinja2.Environment:
     return _templates(package, autoescape=True, finalize=xml)
 
 
-def markdown_templates(package: str) -> jinja2.Environment:
-    """Templates of Markdown; its filter is ``plain``."""
-    environment = _templates(package)
+def markdown_templates(package: str, *shared: str) -> jinja2.Environment:
+    """Templates of Markdown, which may build on those of shared packages; its filter is ``plain``."""
+    environment = _templates(package, *shared)
     environment.filters["plain"] = markdown
     return environment
 
@@ -96,8 +96,9 @@ def c_templates(package: str) -> jinja2.Environment:
     return environment
 
 
-def _templates(package: str, **options: Any) -> jinja2.Environment:
-    return jinja2.Environment(loader=jinja2.PackageLoader(package), trim_blocks=True, lstrip_blocks=True,
+def _templates(*packages: str, **options: Any) -> jinja2.Environment:
+    loader = jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages])
+    return jinja2.Environment(loader=loader, trim_blocks=True, lstrip_blocks=True,
                               undefined=jinja2.StrictUndefined, **options)
 
 

@@ -29,20 +29,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.passed.row import Row
+from bench.passed.task import Task
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
-from bench.races.rows import over_repeats
-from bench.races.task import Task
 from piezo_model.atomic_file import replacing, write_text
-
-COLUMNS = ("problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "start", "settings", "status", "message",
-           "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap", "weight_error",
-           "model_error_percent", "model_error_um", "noise_um", "setup_us", "update_us", "solve_us_p50", "solve_us_p50_low",
-           "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples",
-           "repeats", "solve_us_spread", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us",
-           "iterations", "mutates_input", "repeatable", "preemptions")
-"""Columns of ``rows.parquet``, in order."""
-
 
 VERSION = 1
 """Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are misread."""
@@ -56,12 +47,8 @@ class Schema:
     columns: tuple[str, ...]
     order: tuple[str, ...]
     """Columns by which the rows are sorted."""
-    gathered: Callable[[list[dict[str, Any]]], list[dict[str, Any]]] = list
+    gathered: Callable[[list[Row]], list[Row]] = list
     """What becomes of the rows of all tasks."""
-
-
-ONESHOT = Schema("rows.parquet", COLUMNS, ("problem_set", "problem", "scaling", "solver", "lane", "tier", "start",
-                                           "settings"), over_repeats)
 
 
 class RunError(ValueError):
@@ -170,7 +157,7 @@ class Run:
         with replacing(self._task_path(task)) as temporary, temporary.open("wb") as file:
             np.savez(file, row=np.array(json.dumps(row)), **times)
 
-    def task(self, task: Task) -> tuple[dict[str, Any], dict[str, Any]]:
+    def task(self, task: Task) -> tuple[Row, dict[str, Any]]:
         """Row and raw times of a task that is done."""
         with np.load(self._task_path(task), allow_pickle=False) as data:
             return json.loads(str(data["row"])), {what: data[what] for what in data.files if what != "row"}
@@ -188,11 +175,11 @@ class Run:
         return [json.loads(path.read_text(encoding="utf-8"))
                 for path in sorted((self.path / "tasks").glob("[!.]*.json"))]
 
-    def is_finished(self, schema: Schema = ONESHOT) -> bool:
+    def is_finished(self, schema: Schema) -> bool:
         """Whether the tables were written."""
         return (self.path / schema.file).is_file() and not (self.path / "tasks").exists()
 
-    def finish(self, schema: Schema = ONESHOT) -> None:
+    def finish(self, schema: Schema) -> None:
         """Gather the tasks into tables; the single files go only after the tables are whole, and all at once."""
         rows, times = [], []
         for path in sorted((self.path / "tasks").glob("[!.]*.npz")):  # an interrupted write leaves a hidden file
@@ -210,7 +197,7 @@ class Run:
             table.to_parquet(temporary, index=False)
         shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
 
-    def rows(self, schema: Schema = ONESHOT) -> pd.DataFrame:
+    def rows(self, schema: Schema) -> pd.DataFrame:
         """Return the table of a finished run."""
         return self._table(schema.file, schema.columns)
 

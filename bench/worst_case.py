@@ -1,6 +1,6 @@
 """The worst of a million consecutive samples of the recursive solver in compiled code, beside a step that does nothing.
 
-The rows of a stream over a drifting actuator (:mod:`bench.races.stream_problem`) are taken back to back, there and back again,
+The rows of a stream over a drifting actuator (:mod:`bench.races.stream.stream_problem`) are taken back to back, there and back again,
 with a clock round each. A machine that is no real-time system stops any loop for milliseconds now and then, in proportion to the
 time that the loop runs. So the null step lasts as long as the solver's median step, waiting for the clock and doing nothing
 else: what it takes longer is the machine's floor, over the same time.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import solvers
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
-from bench.races.stream_problem import make
+from bench.races.stream.stream_problem import make
 from bench.timing.schedule import PERIOD_NS
 from solvers.nanoclock import monotonic_ns
 

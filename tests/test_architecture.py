@@ -1,39 +1,95 @@
-"""The three floors: imports point down only, bench -> piezo_model -> solvers."""
+"""The floors of the house and the levels inside ``bench``: imports point down only."""
 
 import ast
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = ("solvers", "piezo_model", "bench")
-FILES = [path for floor in FLOORS for path in sorted((ROOT / floor).rglob("*.py"))]
+LEVELS = (
+    {"passed"},                                                         # Task, Request, Outcome, Row
+    {"timing"},
+    {"processes"},
+    {"problem_files"},
+    {"problems", "rig"},
+    {"store"},
+    {"rendering"},
+    {"report"},                                                         # what all reports are made of
+    {"races"},                                                          # what the rooms share
+    {"a room"},                                                         # one kind of race, and nothing of another one
+    {"comparison", "deploy", "experiment", "export", "worst_case"},
+    {"cli", "perf"},
+)
+"""From the bottom up; a part imports itself and what lies below, nothing beside it."""
 
 
-def imported(path: Path) -> set[str]:
-    """Top-level packages that a file imports anywhere."""
-    found = set()
+def imported(path: Path) -> Iterator[str]:
+    """Dotted names that a file imports anywhere."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name.partition(".")[0] for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            found.add(node.module.partition(".")[0])
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def files(root: Path, floor: str) -> list[Path]:
+    return sorted((root / floor).rglob("*.py"))
+
+
+def climbing(root: Path) -> list[str]:
+    """Imports of a floor above."""
+    return [f"{path.relative_to(root)} imports {name}" for level, floor in enumerate(FLOORS) for path in files(root, floor)
+            for name in imported(path) if name.partition(".")[0] in FLOORS[level + 1:]]
+
+
+def looking_up(root: Path) -> list[str]:
+    """Imports inside ``bench`` that do not point down."""
+    def part(name: str) -> tuple[int, str]:
+        _, first, *rest = *name.split("."), ""
+        room = first == "races" and (root / "bench" / "races" / rest[0]).is_dir() and rest[0] != ""
+        return next(i for i, parts in enumerate(LEVELS) if ("a room" if room else first) in parts), rest[0] if room else first
+
+    found = []
+    for path in files(root, "bench"):
+        place = path.relative_to(root).with_suffix("").parts
+        if place[1:] in (("__init__",), ("__main__",)):
+            continue
+        level, own = part(".".join(place))
+        found += [f"{path.relative_to(root)} imports {name}" for name in imported(path) if name.startswith("bench.")
+                  and part(name)[1] != own and part(name)[0] >= level]
     return found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_file_imports_nothing_from_a_floor_above(path: Path) -> None:
-    floor = FLOORS.index(path.relative_to(ROOT).parts[0])
-    assert not imported(path) & set(FLOORS[floor + 1:])
+def test_no_file_imports_from_a_floor_above() -> None:
+    assert climbing(ROOT) == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_file_opens_by_saying_what_it_is(path: Path) -> None:
-    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+def test_nothing_inside_the_bench_looks_up() -> None:
+    assert looking_up(ROOT) == []
+
+
+def test_every_file_opens_by_saying_what_it_is() -> None:
+    assert [path for floor in FLOORS for path in files(ROOT, floor)
+            if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))] == []
+
+
+def test_an_import_that_points_up_or_into_another_room_is_found(tmp_path: Path) -> None:
+    for name, line in {"solvers/a.py": "import piezo_model.b", "piezo_model/b.py": "from bench import store",
+                       "bench/store.py": "from bench.races import kind", "bench/races/kind.py": "def f():\n import bench.races.one.race",
+                       "bench/races/one/race.py": "from bench.races.two.race import x", "bench/deploy.py": "import bench.export.fmu",
+                       "bench/races/two/race.py": "from bench.races.kind import Kind\nfrom bench.passed import task"}.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(line)
+    assert climbing(tmp_path) == ["solvers/a.py imports piezo_model.b", "piezo_model/b.py imports bench.store"]
+    assert looking_up(tmp_path) == [
+        "bench/deploy.py imports bench.export.fmu", "bench/races/kind.py imports bench.races.one.race",
+        "bench/races/one/race.py imports bench.races.two.race.x", "bench/store.py imports bench.races.kind"]
 
 
 def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:

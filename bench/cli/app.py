@@ -73,9 +73,9 @@ def _listed() -> None:
 def _user_errors() -> tuple[type[Exception], ...]:
     """What a user can put right; imported once something has been raised."""
     from bench.export.settings import ExportError
+    from bench.passed.race_error import RaceError
     from bench.problem_files import ProblemFileError
     from bench.problems import ProblemSetError
-    from bench.races.race import RaceError
     from bench.store import RunError
     from piezo_model import IdentificationError, ModelError, StructureError
     from piezo_model.recordings import RecordingError

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
+from bench.comparison import page as pages
 from bench.comparison.compare import compare_runs
 from bench.deploy import Rule, decide, deployment
-from bench.report import comparison as pages
+from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.store import Run
 from piezo_model import HysteresisCreepModel
 from solvers import Lane

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import AsJson, console, print_json, progress_bar
-from bench.experiment.rig import Rig
+from bench.report.console import AsJson, console, print_json, progress_bar
+from bench.rig.rig import Rig
 from solvers import find
 
 FOLDER = Path("results/experiment")

@@ -10,10 +10,10 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.console import AsJson, console, errors, plain_json, print_json, print_table
 from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
 from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import StepCost, step_cost
+from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel, ModelError
 from piezo_model.deployment import FORMAT, Deployment

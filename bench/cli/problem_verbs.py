@@ -11,9 +11,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.console import AsJson, console, print_json, print_table, progress_bar, records
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, make
+from bench.report.console import AsJson, console, print_json, print_table, progress_bar, records
 from solvers.certificate import Certificate, NotCertified, verify
 
 

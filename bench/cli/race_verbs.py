@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from bench.cli.console import AsJson, console, errors, print_json, print_table, progress_bar, records
+from bench.passed.progress import Progress
 from bench.processes.engine import Backend, Workers
-from bench.processes.isolation import Child
-from bench.races.kinds import KINDS, kind_of
-from bench.races.race import Progress
-from bench.races.settings import LANES
-from bench.report import figures, html, markdown
+from bench.processes.solver_child import SolverChild
+from bench.races.registry import DEFAULT, kind_of, kinds
+from bench.report.console import AsJson, console, errors, print_json, print_table, progress_bar, records
 from bench.store import Run, RunError
-from bench.timing.clock import Effort
 from solvers import Lane, Tier, entries
 
 RESULTS = Path("results")
@@ -31,19 +31,33 @@ class Scale(StrEnum):
     raw = "raw"
 
 
-class RaceName(StrEnum):
-    """Kinds of race, as an option."""
-
-    oneshot = "oneshot"
-    anytime = "anytime"
-    stream = "stream"
-    loop = "loop"
+def own_options() -> dict[str, Any]:
+    """The options that kinds of race declare in their settings, by name."""
+    return {field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata}
 
 
+def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
+    """The verb with a choice of kinds of race, and their own options in place of ``**own``."""
+    names = list(kinds())
+    *some, last = (f"{kind.summary} ({name})" for name, kind in kinds().items())
+    what = (", ".join(some) + f", or {last}.").capitalize()
+    choice = StrEnum("RaceName", {name: name for name in names})  # type: ignore[misc]
+    annotations = {**inspect.get_annotations(verb, eval_str=True), "kind": Annotated[choice, typer.Option("--race", help=what)]}
+    del annotations["own"]
+    parameters = inspect.signature(verb).parameters
+    shown = [parameter.replace(annotation=annotations[name]) for name, parameter in parameters.items() if name != "own"]
+    for name, field in own_options().items():
+        annotations[name] = Annotated[int | None, typer.Option(
+            min=field.metadata["least"], help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.")]
+        shown.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotations[name]))
+    verb.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+    verb.__annotations__ = annotations
+    return verb
+
+
+@with_options_of_kinds
 def race_verb(
-    kind: Annotated[RaceName, typer.Option("--race", help="Full solves (oneshot), accuracy within a time (anytime), "
-                                                          "sample by sample at 8 kHz (stream), or learning in the loop "
-                                                          "with a stage (loop).")] = RaceName.oneshot,
+    kind: str = DEFAULT,
     problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set; may be given again. A stream and a "
                                                                          "loop have their own problems.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
@@ -66,8 +80,6 @@ def race_verb(
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.01,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Megabytes that a solver may allocate.")] = 2048,
-    samples: Annotated[int | None, typer.Option(min=1, help="Samples of a stream; 30000 by default.")] = None,
-    rounds: Annotated[int, typer.Option(min=0, help="Turns of each solver in shuffled rounds with the others.")] = 10,
     repeats: Annotated[int, typer.Option(min=1, help="Fresh processes for each solver.")] = 1,
     workers: Annotated[int, typer.Option(min=1, help="Processes that race at once, each on a core of its own.")] = 1,
     backend: Annotated[Backend, typer.Option(help="Where the workers are.")] = Backend.LOCAL,
@@ -75,28 +87,31 @@ def race_verb(
     out: Annotated[Path, typer.Option(help="Folder of the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of this run; the time by default.")] = None,
     as_json: AsJson = False,
+    **own: int | None,
 ) -> None:
     """Race solvers: who is right, and how fast.
 
     Every answer is judged against an optimum that is proven in exact arithmetic. The run is a folder with a report.
     """
+    race = kinds()[kind]
+    if (problem_set or recording or folder) and race.own_problems:
+        raise typer.BadParameter(f"a {kind} has its own problem", param_hint="--set")
+    chosen: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+    for option in chosen.keys() - {field.name for field in fields(race.settings)}:
+        owners = [name for name, other in kinds().items() if option in {field.name for field in fields(other.settings)}]
+        raise typer.BadParameter(f"only a {' or '.join(owners)} has {option}; ask for --race {owners[0]}",
+                                 param_hint=f"--{option.replace('_', '-')}")
     names, solver_files = _names_and_files(solver or [])
-    streams, oneshot = kind is RaceName.stream, kind is RaceName.oneshot
-    if samples is not None and not streams:
-        raise typer.BadParameter("only a stream has samples; ask for --race stream", param_hint="--samples")
-    if (problem_set or recording or folder) and kind in (RaceName.stream, RaceName.loop):
-        raise typer.BadParameter(f"a {kind.value} has its own problem", param_hint="--set")
     files = {**{name: path and str(path.resolve()) for name, path in (("recording", recording), ("folder", folder))},
              "time": time, "input": input, "output": output}
-    chosen_sets = problem_set or [name for name, option in FILE_OF.items() if files[option]] or ["paper"]
-    race = KINDS[kind.value]
+    sets = problem_set or [name for name, option in FILE_OF.items() if files[option]]
+    lists: dict[str, Any] = {"problem_sets": sets, "lanes": lane, "tiers": tier,
+                             "scalings": [choice.value for choice in scaling or ()]}
     settings = race.settings(
-        tuple(chosen_sets), names, tuple(lane or LANES),
-        tuple(tier or ((Tier.DEFAULT, Tier.HIGH) if oneshot or kind is RaceName.loop else (Tier.HIGH,))),
-        tuple(choice.value for choice in scaling or Scale), limit, seed,
-        Effort(budget_s=budget) if oneshot else Effort(budget_s=budget, fewest=1), time_limit, memory, solver_files, rounds,
-        repeats, set_options={name: text for name, text in files.items() if text},
-        **({"samples": samples} if samples else {}))
+        solvers=names, solver_files=solver_files, limit=limit, seed=seed, time_limit_s=time_limit, memory_mb=memory,
+        effort=replace(race.settings().effort, budget_s=budget), repeats=repeats,
+        set_options={name: text for name, text in files.items() if text},
+        **{name: tuple(asked) for name, asked in lists.items() if asked}, **chosen)
     spread = Workers(workers, backend, scheduler)
     race.check(spread)
     _finish(race.start(out, settings, name), spread, as_json)
@@ -131,7 +146,7 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
 
 def solvers_verb(as_json: AsJson = False) -> None:
     """List every solver in every lane, or why it is absent."""
-    children = [Child(entry) for entry in entries()]
+    children = [SolverChild(entry) for entry in entries()]
     rows = []
     with progress_bar() as progress:
         for done, child in enumerate(children):
@@ -153,7 +168,7 @@ def _written(run: Run, progress: Progress) -> Path:
     progress("writing the report", 0, 2)
     report = kind_of(run).write(run)
     progress("writing the page", 1, 2)
-    html.write(run)
+    kind_of(run).write_page(run)
     return report
 
 
@@ -177,48 +192,18 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
 
 
 def _show(run: Run, report: Path, as_json: bool) -> None:
-    """Verdict first, then the table, then where the rest is."""
-    said = kind_of(run).report
+    """Verdict first, then the tables, then where the rest is."""
+    found = kind_of(run).report(run)
     if as_json:
-        print_json({"run": run.path, "report": report, "page": report.with_suffix(".html"), **_document(run)})
+        print_json({"run": run.path, "report": report, "page": report.with_suffix(".html"), **found.document})
         return
-    if said is None:
-        _show_oneshot(run)
-    else:
-        found = said(run)
-        for sentence in found.sentences:
-            console.print(sentence)
-        for shown in found.tables:
-            console.print(f"\n{shown.title}:")
-            print_table(shown.headings, shown.rows, left=shown.left)
+    for sentence in found.sentences:
+        console.print(sentence)
+    for shown in found.tables:
+        console.print(f"\n{shown.title}:")
+        print_table(shown.headings, shown.rows, left=shown.left)
     if absent := run.settings.get("absent"):
         console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
     for warning in run.settings.get("conditions", {}).get("warnings", []):
         console.print(f"\n{warning}")
     console.print(f"\nPage: {report.with_suffix('.html')}\nReport: {report}")
-
-
-def _document(run: Run) -> dict[str, Any]:
-    """Verdict and tables for machines: figures of the one-shot race as numbers, cells of the others as shown."""
-    said = kind_of(run).report
-    if said is None:
-        rows = run.rows()
-        return {"verdict": figures.verdict(rows).sentences, "rows": figures.summary(rows).to_dict("records")}
-    found = said(run)
-    return {"verdict": found.sentences,
-            "tables": [{"title": shown.title, "rows": records(shown.headings, shown.rows)} for shown in found.tables]}
-
-
-def _show_oneshot(run: Run) -> None:
-    rows = run.rows()
-    table = figures.summary(rows)
-    for sentence in figures.verdict(rows).sentences:
-        console.print(sentence)
-    for (problem_set, scaling), part in table[table.status != figures.FLOOR].groupby(["problem_set", "scaling"], sort=False):
-        best = part.sort_values("tier", key=lambda tiers: tiers != "high").drop_duplicates(
-            ["solver", "lane", "start", "settings"])
-        console.print(f"\n{problem_set}, {scaling} data, the most exact tier of each:")
-        headings = {key: text for key, text in markdown.HEADINGS.items()
-                    if key not in ("worst_primal_residual", "worst_dual_residual", "solve_us_max")}
-        print_table(list(headings.values()), [[markdown.cell(row, key) for key in headings]
-                    for _, row in best.sort_values(["all_right", "total_us"], ascending=[False, True]).iterrows()], left=4)

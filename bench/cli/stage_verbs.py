@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
 from bench.report import recording_page
+from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.order_selection import select_order

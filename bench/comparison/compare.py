@@ -20,7 +20,8 @@ from scipy.stats import t as student
 
 from bench.comparison.matched import FEWEST, LEVEL, NAMES, WITNESSES, Comparison, compare, effects_of
 from bench.comparison.paired import benjamini_hochberg
-from bench.store import ONESHOT, Run, RunError
+from bench.races.oneshot.rows import ONESHOT
+from bench.store import Run, RunError
 from solvers import Status
 
 GAP_FACTOR = 10.0

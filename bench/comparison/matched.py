@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.cli.console import console, print_table
 from bench.comparison.paired import Effect, Vector, benjamini_hochberg, effect, holm, log_ratios, noise_band, p_values
+from bench.races.oneshot.rows import ONESHOT
+from bench.report.console import console, print_table
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
 
@@ -61,7 +62,7 @@ class Comparison:
 
 def effects_of(a: Run, b: Run, what: str = "interleaved_solve", seed: int = 0) -> pd.DataFrame:
     """Names and effect of every task that both runs have times of."""
-    rows, samples = a.rows().set_index("task"), [_samples(run, what) for run in (a, b)]
+    rows, samples = a.rows(ONESHOT).set_index("task"), [_samples(run, what) for run in (a, b)]
     generator, found = np.random.default_rng(seed), []
     for task in sorted(samples[0].keys() & samples[1].keys()):
         first, second = (each[task] for each in samples)

@@ -16,8 +16,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.experiment.hindsight import ROUNDS, SOLVER, floor
-from bench.experiment.rig import CREEP_RATES, LEVELS, Rig, Vector, at_low_end
 from bench.experiment.style import CONTINUOUS, HINDSIGHT, LEARNED, OTHER, REFERENCE, STRAIGHT, Exhibit
+from bench.rig.rig import CREEP_RATES, LEVELS, Rig, Vector, at_low_end
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
 from piezo_model.signals import staircase

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
-from bench.experiment.rig import Matrix, Vector, at_low_end
 from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit
-from bench.experiment.trial import Trial
+from bench.rig.rig import Matrix, Vector, at_low_end
+from bench.rig.trial import Trial
 from piezo_model import DataBasis, IdentificationProblem
 
 STEPS = 400

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.experiment.rig import AXES
 from bench.experiment.style import HINDSIGHT, LEARNED, OTHER, STRAIGHT, Exhibit
-from bench.experiment.trial import Trial, learned, learned_once
+from bench.rig.rig import AXES
+from bench.rig.trial import Trial, learned, learned_once
 
 DRIFT_PER_CYCLE = 5e-3
 """Change of the actuators' gain in one cycle."""

@@ -18,10 +18,10 @@ from bench.experiment import (
     page,
     push_pull,
     staircases,
-    trial,
 )
-from bench.experiment.rig import AXES, Rig
 from bench.experiment.style import Exhibit
+from bench.rig import trial
+from bench.rig.rig import AXES, Rig
 from piezo_model.atomic_file import write_text
 
 PAGE = "experiment.md"

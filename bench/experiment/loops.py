@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.experiment.rig import AMPLITUDE_UM, AXES, RANGE_UM
 from bench.experiment.style import LEARNED, REFERENCE, STRAIGHT, Exhibit
-from bench.experiment.trial import Trial
+from bench.rig.rig import AMPLITUDE_UM, AXES, RANGE_UM
+from bench.rig.trial import Trial
 
 THINNING = 8
 BINS = 64

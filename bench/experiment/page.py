@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.experiment.rig import AXES, LEVELS, RANGE_UM, Rig
 from bench.experiment.style import Exhibit
-from bench.experiment.trial import Trial
+from bench.rig.rig import AXES, LEVELS, RANGE_UM, Rig
+from bench.rig.trial import Trial
 
 
 def verdict(straight: Trial, hindsight: Trial, learned: Trial) -> str:

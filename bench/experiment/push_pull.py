@@ -17,9 +17,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.experiment.cycles import per_cycle
-from bench.experiment.rig import Actuators, Rig
 from bench.experiment.style import LEARNED, STRAIGHT, Exhibit
-from bench.experiment.trial import learned
+from bench.rig.rig import Actuators, Rig
+from bench.rig.trial import learned
 
 KINDS = {"curved": Actuators("dense_prandtl_ishlinskii", (("saturation", 0.0), ("asymmetry", -0.1))),
          "curved and saturating": Actuators("dense_prandtl_ishlinskii"),

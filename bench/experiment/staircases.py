@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.experiment.rig import AXES, RANGE_UM, percent
 from bench.experiment.style import HINDSIGHT, LEARNED, REFERENCE, STRAIGHT, Exhibit, legend_above
-from bench.experiment.trial import Trial
+from bench.rig.rig import AXES, RANGE_UM, percent
+from bench.rig.trial import Trial
 
 THINNING = 8
 """One sample in so many is drawn and stored: 1 kHz."""

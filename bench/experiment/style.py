@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.report.plots import COLOURS
+from bench.report.charts import COLOURS
+from bench.report.svg import HINDSIGHT, LEARNED, STRAIGHT, look
 from piezo_model.atomic_file import replacing
 
+__all__ = ["CONTINUOUS", "HINDSIGHT", "LEARNED", "OTHER", "PALE", "REFERENCE", "STRAIGHT", "Exhibit", "legend_above"]
+
 REFERENCE = "#000000"
-STRAIGHT, LEARNED, HINDSIGHT, OTHER = COLOURS["kernel"], COLOURS["direct"], COLOURS["qpsolvers"], COLOURS["cvxpy"]
+OTHER = COLOURS["cvxpy"]
 CONTINUOUS = "#56b4e9"
 """One colour for one thing in every figure, of Okabe and Ito's palette."""
 PALE = "#d9d9d9"
 WIDTH_IN = 9.0
-LOOK: dict[Any, Any] = {"svg.hashsalt": "piezobench", "svg.fonttype": "none", "font.size": 9.0, "axes.titlesize": 10.0,
-        "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-        "grid.alpha": 0.3, "legend.fontsize": 8.0, "legend.frameon": False, "lines.linewidth": 1.2}
-
-
-def look() -> AbstractContextManager[None]:
-    """The look, for as long as it lasts; the same numbers draw the same SVG."""
-    return mpl.rc_context(LOOK)
-
 
 @dataclass(frozen=True)
 class Exhibit:

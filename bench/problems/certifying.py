@@ -6,11 +6,8 @@ can be ended. Nobody promises that a foreign program is convex, feasible, bounde
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 import warnings
 from collections.abc import Callable
-from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,6 +17,7 @@ from qpsolvers import Problem
 from qpsolvers.exceptions import QPError
 from scipy.sparse import csc_matrix
 
+from bench.processes.child import START_LIMIT_S, Child, LateError, LostError
 from solvers.certificate import Certificate, NotCertified, certify
 
 Vector = NDArray[np.float64]
@@ -29,24 +27,22 @@ LARGEST = 4_000_000
 """Elements of the dense optimality system that a proof starts with; each becomes an integer of many digits."""
 STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
 """Solvers that are asked for a start, the first that is installed; the proof does not depend on it."""
-GRACE_S = 3.0
 
 
-class Prover:
-    """A process that calls functions for us, each within the time limit; another one starts after it was ended.
+class Prover(Child):
+    """A process that looks for proofs, each within the time limit; another one starts after it was ended.
 
     Parameters
     ----------
     limit_s : float
-        Seconds for one call.
+        Seconds for one proof.
     """
 
     def __init__(self, limit_s: float) -> None:
+        super().__init__()
         self.limit_s = limit_s
-        self._process: Any = None
-        self._connection: Connection | None = None
 
-    def call(self, function: Callable[..., T], *arguments: Any) -> T:
+    def prove(self, function: Callable[..., T], *arguments: Any) -> T:
         """Call a function of a module.
 
         Raises
@@ -54,63 +50,31 @@ class Prover:
         NotCertified
             As the function raises it, or because the time is over or the process died.
         """
-        connection = self._connection or self._start()
         try:
-            connection.recv()  # that it is ready: to import everything is no part of a proof
-            connection.send((function, arguments))
-            if not connection.poll(self.limit_s):
-                self.close()
-                raise NotCertified(f"no proof within {self.limit_s:g} s")
-            found = connection.recv()
-        except (EOFError, OSError):
-            self._process.join(GRACE_S)
-            status = self._process.exitcode
-            self.close()
-            raise NotCertified(f"the process that looked for a proof ended with status {status}") from None
-        if isinstance(found, Exception):
-            raise NotCertified(str(found))
-        return found  # type: ignore[no-any-return]
-
-    def _start(self) -> Connection:
-        context = multiprocessing.get_context("forkserver")
-        connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, self.limit_s), daemon=True)
-        self._process.start()
-        other.close()
-        self._connection = connection
-        return connection
-
-    def close(self) -> None:
-        """End the process, if there is one."""
-        if self._connection is not None:
-            self._process.kill()
-            self._process.join()
-            self._connection.close()
-            self._connection = None
-
-    def __enter__(self) -> Prover:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
+            if not self.is_running:
+                self.call(START_LIMIT_S, _imported)  # which is no part of a proof
+            found = self.call(self.limit_s, _attempt, function, arguments)
+        except LateError:
+            raise NotCertified(f"no proof within {self.limit_s:g} s") from None
+        except LostError as error:
+            raise NotCertified(f"the process that looked for a proof ended with {error}") from None
+        if isinstance(found, NotCertified):
+            raise found
+        return found
 
 
-def _serve(connection: Connection, limit_s: float) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to deal with
-    while True:
-        connection.send("ready")
-        try:
-            function, arguments = connection.recv()
-        except EOFError:
-            return
-        signal.setitimer(signal.ITIMER_REAL, limit_s + GRACE_S)  # should the parent be gone by then
-        try:
-            connection.send(function(*arguments))
-        except (NotCertified, ValueError) as error:  # ValueError: NaN or a shape, in the program's data
-            connection.send(NotCertified(str(error)))
-        except MemoryError:
-            connection.send(NotCertified("the proof needs more memory than there is"))
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+def _imported() -> None:
+    """To find this in a process takes importing everything."""
+
+
+def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:
+    """What a function returns, or why there is no proof."""
+    try:
+        return function(*arguments)
+    except (NotCertified, ValueError) as error:  # ValueError: NaN or a shape, in the program's data
+        return NotCertified(str(error))
+    except MemoryError:
+        return NotCertified("the proof needs more memory than there is")
 
 
 def both_proofs(raw: Problem, scaled: Problem, unit: Vector) -> tuple[Certificate, Certificate]:

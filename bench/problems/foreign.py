@@ -69,13 +69,13 @@ class Foreign(ProblemSet):
             if "meta" not in arrays:
                 return None
         problem = RaceProblem.load(path)
-        prover.call(replay, problem)
+        prover.prove(replay, problem)
         return replace(problem, set_name=self.name, name=name)
 
     def _certified(self, path: Path, name: str, prover: Prover) -> RaceProblem:
         program = read(path)
         scaled = equilibrated(program.qp)
-        raw_proof, proof = prover.call(both_proofs, program.qp, scaled.qp, scaled.unit)
+        raw_proof, proof = prover.prove(both_proofs, program.qp, scaled.qp, scaled.unit)
         return RaceProblem(self.name, name, {
             "scaled": CertifiedForm(scaled.qp, scaled.cost * program.constant, csc_matrix(diags(scaled.unit)), proof,
                                     cost_unit=scaled.cost),

@@ -1,1 +1,1 @@
-"""Solvers in processes of their own, with limits, and the engine that spreads work over cores."""
+"""Work in processes of their own, with limits: solvers, proofs, the sentinel, and whole parts of a race on several cores."""

@@ -1,6 +1,6 @@
-"""Units of a race on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
+"""Parts of a race on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
 
-Each worker times on a core of its own (see `cores`) and keeps its solvers' processes from unit to unit. It writes its rows
+Each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It writes its rows
 itself, so a cluster's workers must reach the run's folder under the same path.
 """
 
@@ -10,26 +10,34 @@ import multiprocessing
 import os
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
 from joblib.externals.loky import get_reusable_executor
 
+from bench.passed.race_error import RaceError
+from bench.processes.child import warm_up
 from bench.processes.compiling import compile_solvers
-from bench.processes.isolation import warm_up
-from bench.races.line_up import LineUp
-from bench.races.settings import RaceError, RaceSettings
-from bench.races.task import Task
-from bench.races.unit import Unit, do
+from bench.processes.line_up import Limits, LineUp
 from bench.timing import cores
 from solvers.registry import Entry
 
 IDLE_S = 10
-"""A local worker ends when it has waited so long for a unit."""
+"""A local worker ends when it has waited so long for a part."""
+
+
+class Part(Protocol):
+    """What one worker does in one go; it can be sent anywhere."""
+
+    def do(self, line_up: LineUp, tell: Callable[[Any], None]) -> None:
+        """Do it; ``tell`` is told of each task before it starts."""
+
+
+P = TypeVar("P", bound=Part)
 
 
 class Backend(StrEnum):
@@ -71,10 +79,10 @@ class Workers:
         return self.backend is Backend.LOCAL and self.count == 1
 
 
-def spread(units: Sequence[Unit], entries: Sequence[Entry], settings: RaceSettings, workers: Workers) -> Iterator[Unit]:
-    """Do units on several workers; yields them as they get done, in any order."""
+def spread(parts: Sequence[P], entries: Sequence[Entry], limits: Limits, workers: Workers) -> Iterator[P]:
+    """Do parts on several workers; yields them as they get done, in any order."""
     parent = os.getpid() if workers.backend is Backend.LOCAL else None
-    jobs = (delayed(work)(unit, tuple(entries), settings, parent) for unit in units)
+    jobs = (delayed(work)(part, tuple(entries), limits, parent) for part in parts)
     with _backend(workers) as count:
         yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch="all", return_as="generator_unordered")(jobs)
 
@@ -136,27 +144,27 @@ _waiting: list[tuple[LineUp, cores.Core]] = []
 _lock = threading.Lock()
 
 
-def work(unit: Unit, entries: tuple[Entry, ...], settings: RaceSettings, parent: int | None) -> Unit:
-    """Do one unit with the line-up that waits here, or with a new one on a free core."""
-    def stop_with_parent(task: Task) -> None:
+def work(part: P, entries: tuple[Entry, ...], limits: Limits, parent: int | None) -> P:
+    """Do one part with the line-up that waits here, or with a new one on a free core."""
+    def stop_with_parent(task: Any) -> None:
         if parent is not None and os.getppid() != parent:  # it was killed, and nobody is to time on after that
             os._exit(1)
 
-    line_up, core = _taken(entries, settings)
+    line_up, core = _taken(entries, limits)
     try:
         with core.pinned():
-            do(unit, line_up, stop_with_parent)
+            part.do(line_up, stop_with_parent)
     except BaseException:
         _close([(line_up, core)])
         raise
     with _lock:
         _waiting.append((line_up, core))
-    return unit
+    return part
 
 
-def _taken(entries: tuple[Entry, ...], settings: RaceSettings) -> tuple[LineUp, cores.Core]:
+def _taken(entries: tuple[Entry, ...], limits: Limits) -> tuple[LineUp, cores.Core]:
     with _lock:
-        of_others = [pair for pair in _waiting if (pair[0].entries, pair[0].settings) != (entries, settings)]
+        of_others = [pair for pair in _waiting if (pair[0].entries, pair[0].limits) != (entries, limits)]
         ours = [pair for pair in _waiting if pair not in of_others]
         taken = ours.pop() if ours else None
         _waiting[:] = ours
@@ -167,7 +175,7 @@ def _taken(entries: tuple[Entry, ...], settings: RaceSettings) -> tuple[LineUp, 
     _permit_children()
     warm_up()
     compile_solvers(entries)
-    return LineUp(entries, settings, core.number), core
+    return LineUp(entries, limits, core.number), core
 
 
 def _permit_children() -> None:

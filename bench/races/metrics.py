@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Solution
 
+from bench.passed.outcome import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.processes.worker import Outcome
 from piezo_model.identification_problem import Scaling
 from solvers import Status, Tier
 from solvers.certificate import exact_cost_gap

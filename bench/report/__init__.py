@@ -1,1 +1,1 @@
-"""Reports: figures are computed in `figures` and rendered elsewhere."""
+"""What all reports are made of: words and tables for the terminal and Markdown, plots, and pages that stand alone."""

@@ -1,4 +1,4 @@
-"""Interactive plots from the tables of `plot_data` and its neighbours, as Vega-Lite specifications.
+"""What interactive plots of tables are made of, as Vega-Lite specifications.
 
 Made with Altair and drawn by Vega, both of the University of Washington's Interactive Data Lab and in use since 2013. Its
 bundle of 0.9 MB comes offline in the package vl-convert-python (the one of plotly is 4.6 MB), a plot is a small declarative
@@ -16,10 +16,14 @@ import numpy as np
 import pandas as pd
 import vl_convert
 
-from bench.races.rows import PERIOD_US
-from bench.report.plot_data import FULL_SOLVE, PAPERS_PACE, STAGES
-from bench.report.plots import COLOURS, FLOOR
+from bench.timing.schedule import PERIOD_US
 
+COLOURS = {"kernel": "#d55e00", "direct": "#0072b2", "qpsolvers": "#009e73", "cvxpy": "#cc79a7", "codegen": "#e69f00"}
+"""Okabe and Ito's palette, which colour-blind readers can tell apart."""
+LEAST_GAP = 1e-17
+"""Cost gaps below this are drawn at it."""
+NAMED = 4
+"""Lines of a plot with many that carry their names."""
 INK = "currentColor"
 MACHINE = "the machine"
 """Stands among the lanes for the solver that does nothing."""
@@ -31,7 +35,6 @@ PALETTE = ["#1f86c7", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
 HEIGHT = 380
 ROW = 20
 """Height of one bar, pixels."""
-MOST_BARS = 24
 CONFIG: dict[str, Any] = {
     "background": "transparent", "font": "system-ui, sans-serif", "view": {"stroke": None},
     "axis": {"labelColor": INK, "titleColor": INK, "domainColor": INK, "tickColor": INK, "gridColor": INK,
@@ -84,6 +87,12 @@ def lane_scale(table: pd.DataFrame, values: Mapping[str, Any]) -> alt.Scale:
     """What stands for the lanes that a table holds."""
     lanes = [lane for lane in LANES if (table.lane == lane).any()]
     return alt.Scale(domain=lanes, range=[values[lane] for lane in lanes])
+
+
+def together(parts: list[pd.DataFrame]) -> pd.DataFrame:
+    """The parts under each other, the first of which may have the columns alone."""
+    whole = [part for part in parts if len(part)]
+    return pd.concat(whole, ignore_index=True) if whole else parts[0]
 
 
 def duration(us: float) -> str:
@@ -143,36 +152,6 @@ def names_beside(base: alt.Chart, name: str = "solver") -> list[alt.Chart]:
             base.mark_text(align="right", dx=-7, dy=-6).encode(text=text("left"))]
 
 
-def accuracy(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """The picture of the project: worst cost gap against time, with the sampling period as a line."""
-    table = table.assign(drawn=np.maximum(table.worst_cost_gap, FLOOR), period=PERIOD_US)
-    solved = table[table.pace == FULL_SOLVE]
-    table["named"] = pd.Series(named(solved, "total_us", "drawn"), index=solved.index).reindex(table.index, fill_value="")
-    paced = table[table.pace == PAPERS_PACE]
-    table["first"] = table.total_us == paced.groupby(["view", "solver"]).total_us.transform("min").reindex(table.index)
-    source, lane = data(table), alt.selection_point(fields=["lane"], bind="legend")
-    tips = [alt.Tooltip(f"{name}:N") for name in ("solver", "lane", "tier", "settings")] + [
-        alt.Tooltip("worst_cost_gap:Q", format=".1e", title="worst cost gap"),
-        alt.Tooltip("total_us:Q", format=".3~g", title="update and solve, µs"), alt.Tooltip("right:Q"),
-        alt.Tooltip("problems:Q")]
-    base = alt.Chart(source).encode(
-        x=alt.X(**log("total_us", "update and solve, µs", table.total_us)),
-        y=alt.Y(**log("drawn", "worst relative cost gap to the certified optimum", table.drawn, power_of_ten=True)))
-    points = base.transform_filter(f"datum.pace == '{FULL_SOLVE}'").mark_point(filled=True, size=70).encode(
-        color=alt.Color("lane:N", scale=lane_scale(table, LANES)),
-        shape=alt.Shape("lane:N", scale=lane_scale(table, SHAPES)), tooltip=tips,
-        opacity=alt.condition(lane, alt.value(0.9), alt.value(0.08))).add_params(lane)
-    steps = base.transform_filter(f"datum.pace == '{PAPERS_PACE}'").mark_line(
-        strokeWidth=1.5, point={"size": 25, "color": PALETTE[5]}, color=PALETTE[5]).encode(
-        detail="solver:N", order="total_us:Q", tooltip=tips)
-    paces = base.transform_filter("datum.first").mark_text(align="left", dx=8, dy=4).encode(text="label:N").transform_calculate(
-        label=f"datum.solver + ', {PAPERS_PACE}'")
-    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(period):Q")
-    word = alt.Chart(source).mark_text(align="right", dx=-4, baseline="top").encode(
-        x="min(period):Q", y=alt.value(2), text=alt.value(f"sampling period, {PERIOD_US:g} µs"))
-    return [finished(alt.layer(rule, word, *([steps, paces] if len(paced) else []), points, *names_beside(base)), views(table), 460)]
-
-
 def lines(table: pd.DataFrame, x: alt.X, y: alt.Y, tips: Sequence[alt.Tooltip], labels: str, log_y: bool,
           step: bool = False, deadline: bool = False) -> list[alt.TopLevelMixin]:
     """One line a solver lane; that under the pointer is strong and named, and those marked ``front`` have names."""
@@ -210,89 +189,3 @@ def spread_labels(table: pd.DataFrame, column: str, log_scale: bool, apart: floa
             at = min(float(values[index]), at - step)
             table.loc[index, "label_at"] = 10.0**at if log_scale else at
     return table
-
-
-def performance_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """ρ(τ) of each solver lane."""
-    return lines(table, alt.X(**log("factor", "τ: times as long as the fastest", table.factor)),
-                 alt.Y("share:Q", title="ρ(τ): share of the problems answered right", axis=alt.Axis(format="%", tickCount=5),
-                       scale=alt.Scale(domain=[0, 1])),
-                 [alt.Tooltip("name:N"), alt.Tooltip("factor:Q", format=".3~g"), alt.Tooltip("share:Q", format=".0%")],
-                 "share", log_y=False, step=True)
-
-
-def sizes(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Time against the number of unknowns."""
-    x = alt.X("d:Q", scale=alt.Scale(type="log", nice=False, padding=8), title="unknowns d",
-              axis=alt.Axis(values=sorted(set(table.d.tolist())), labelOverlap=True, format="d"))
-    return lines(table.sort_values("d"), x,
-                 alt.Y(**log("time_us", "time for one answer, µs (update and solve)", table.time_us)),
-                 [alt.Tooltip("name:N"), alt.Tooltip("d:Q"), alt.Tooltip("time_us:Q", format=".3~g", title="µs"),
-                  alt.Tooltip("problems:Q")], "time_us", log_y=True, deadline=True)
-
-
-def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Stacked shares of an answer's time, one plot a lane; set-up, paid once, is added on request."""
-    charts = []
-    for lane in [lane for lane in LANES if (table.lane == lane).any()]:
-        part = table[table.lane == lane]
-        shown = part[part.groupby("view").update_and_solve_us.rank(method="dense") <= MOST_BARS]
-        shown = shown.assign(at=shown.stage.map(STAGES.index), label=[
-            f"{solver}, {duration(us)}" for solver, us in zip(shown.solver, shown.update_and_solve_us, strict=True)])
-        with_setup = alt.param(name="with_setup", value=False, bind=alt.binding_checkbox(name="with the set-up, paid once "))
-        bars = alt.Chart(data(shown)).transform_filter(f"with_setup || datum.stage != '{STAGES[0]}'").mark_bar().encode(
-            y=alt.Y("label:N", title=None, axis=alt.Axis(labelLimit=220), sort=alt.EncodingSortField(
-                "update_and_solve_us", op="min")),
-            x=alt.X("us:Q", stack="normalize", title=f"share of time, lane {lane}",
-                    axis=alt.Axis(format="%", tickCount=5)),
-            color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2", "#e69f00"]),
-                            legend=alt.Legend(columns=2)),
-            order="at:O", tooltip=[alt.Tooltip("name:N"), alt.Tooltip("stage:N"), alt.Tooltip("us:Q", format=".3~g")])
-        count = int(shown.groupby("view").name.nunique().max())
-        charts.append(finished(bars.add_params(with_setup), views(shown), 30 + ROW * count))
-    return charts
-
-
-def deadline_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Share of samples answered within k periods."""
-    return lines(table, alt.X(**log("periods", f"k: periods of {PERIOD_US:g} µs after the due time", table.periods)),
-                 alt.Y("share:Q", title="share of samples answered within k periods", axis=alt.Axis(format="%", tickCount=5),
-                       scale=alt.Scale(domain=[0, 1])),
-                 [alt.Tooltip("name:N"), alt.Tooltip("periods:Q"), alt.Tooltip("share:Q", format=".3%")], "share",
-                 log_y=False, step=True)
-
-
-def latency_tails(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Response time against percentile, with the deadline."""
-    tick = "'p' + format(100 * (1 - 1 / datum.value), '.6~f')"
-    x = alt.X("one_in:Q", scale=alt.Scale(type="log", nice=False, padding=8), title="percentile of the samples",
-              axis=alt.Axis(values=[2, 10, 100, 1_000, 10_000, 100_000, 1_000_000], labelExpr=tick))
-    return lines(table, x, alt.Y(**log("us", "response time, µs", table.us)),
-                 [alt.Tooltip("name:N"), alt.Tooltip("us:Q", format=".3~g", title="µs"), alt.Tooltip("one_in:Q", format=".3~s")],
-                 "us", log_y=True, deadline=True)
-
-
-def anytime(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Gap within a budget of sampling periods."""
-    table = table.assign(drawn=np.maximum(table.median_gap, FLOOR))
-    return lines(table, alt.X(**log("budget", f"sampling periods of {PERIOD_US:g} µs", table.budget)),
-                 alt.Y(**log("drawn", "relative cost gap within them, median over the problems", table.drawn, power_of_ten=True)),
-                 [alt.Tooltip("name:N"), alt.Tooltip("budget:Q"), alt.Tooltip("median_gap:Q", format=".1e"),
-                  alt.Tooltip("worst_gap:Q", format=".1e")], "drawn", log_y=True, step=True)
-
-
-def closed_loop(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Tracking error against cost gap, by stage."""
-    table = table.assign(drawn=np.maximum(table.cost_gap, FLOOR), view="", front=False)
-    table["named"] = named(table, "drawn", "rms_percent", "name")
-    source = data(table)
-    base = alt.Chart(source).encode(
-        x=alt.X(**log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True)),
-        y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
-    stage = alt.Color("problem:N", scale=alt.Scale(range=PALETTE[:2]))
-    points = base.mark_point(filled=True, size=70, opacity=0.9).encode(
-        color=stage, shape="problem:N", tooltip=[
-            alt.Tooltip("name:N"), alt.Tooltip("problem:N", title="stage"), alt.Tooltip("cost_gap:Q", format=".1e"),
-            alt.Tooltip("rms_percent:Q", format=".3~g"), alt.Tooltip("learn_samples:Q", format=".3~s")])
-    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="median(straight_rms_percent):Q")
-    return [finished(alt.layer(rule, points, *names_beside(base, "name")), None)]

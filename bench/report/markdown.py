@@ -1,42 +1,63 @@
-"""The report of a run as Markdown, and its summary as CSV."""
+"""What a run says and shows, and that as Markdown with its summary as CSV beside it."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from bench.rendering import markdown, markdown_templates
-from bench.report import figures, plot_data, plots
+from bench.rendering import markdown_templates
 from bench.store import Run
 from piezo_model.atomic_file import replacing, write_text
 
-HEADINGS = {"solver": "solver", "lane": "lane", "tier": "tier", "start": "start", "settings": "settings", "right": "right",
-            "worst_cost_gap": "worst cost gap", "worst_primal_residual": "primal residual",
-            "worst_dual_residual": "dual residual", "worst_weight_error": "weight error",
-            "model_error_percent": "model error, %", "setup_us": "setup, µs", "update_us": "update, µs",
-            "solve_us_p50": "solve p50, µs", "solve_us_p99": "p99", "solve_us_max": "max",
-            "interleaved_us_p50": "interleaved p50", "periods": "periods",
-            "status": "status"}
+SHARED = "bench.report"
+"""Has the template that those of the kinds of race build on."""
 
 
-def cell(row: pd.Series, column: str) -> str:
-    """One cell of the table as Markdown."""
-    return markdown(text(row, column))
+@dataclass(frozen=True)
+class Table:
+    """A table with its cells as text."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    left: int
+    """Columns of names, aligned to the left."""
+
+    @property
+    def records(self) -> list[dict[str, str]]:
+        """Rows by their headings."""
+        return [dict(zip(self.headings, row, strict=True)) for row in self.rows]
 
 
-def text(row: pd.Series, column: str) -> str:
-    """One cell of the table as plain text."""
-    value = row[column]
-    if column == "right":
-        return "–" if row.status == figures.FLOOR else f"{row.right}/{row.problems}"
-    if column == "settings":
-        return settings_label(str(value))
-    if isinstance(value, float):
-        if pd.isna(value):
-            return "–"
-        return f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
-    return str(value)
+@dataclass(frozen=True)
+class Report:
+    """What is said and shown of a run: the verdict first, then tables."""
+
+    sentences: Sequence[str]
+    tables: Sequence[Table]
+    figures: Sequence[Mapping[Any, Any]] | None = None
+    """For machines, in place of the tables."""
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Everything for machines."""
+        shown = ({"rows": self.figures} if self.figures is not None else
+                 {"tables": [{"title": table.title, "rows": table.records} for table in self.tables]})
+        return {"verdict": self.sentences, **shown}
+
+
+def write(run: Run, package: str, summary: pd.DataFrame, **content: Any) -> Path:
+    """Write ``summary.csv`` and ``report.md`` from the template of a package; returns the report's path."""
+    with replacing(run.path / "summary.csv") as temporary:
+        summary.to_csv(temporary, index=False)
+    write_text(run.path / "report.md", markdown_templates(package, SHARED).get_template("report.md.jinja").render(
+        name=run.path.name, settings=run.settings, **content))
+    return run.path / "report.md"
 
 
 def settings_label(text: str) -> str:
@@ -44,24 +65,16 @@ def settings_label(text: str) -> str:
     return text.strip("{}").replace('"', "").replace(":", "")
 
 
-def render(run: Run) -> str:
-    """The report's text."""
-    rows = run.rows()
-    table = figures.summary(rows)
-    return markdown_templates("bench.report").get_template("report.md.jinja").render(
-        name=run.path.name, settings=run.settings, sentences=figures.verdict(rows).sentences, headings=HEADINGS,
-        parts=[(*names, [row for _, row in part.iterrows()])
-               for names, part in table.groupby(["problem_set", "scaling"], sort=False)],
-        problems=rows.drop_duplicates(["problem_set", "problem"])[["problem_set", "problem", "d"]].values.tolist(),
-        failures=figures.failures(rows), cell=cell, sizes=plot_data.time_by_size(rows).to_dict("records"))
+def number(value: float) -> str:
+    """Three digits, and no powers of ten in what is thousands of microseconds."""
+    return "–" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
 
 
-def write(run: Run) -> Path:
-    """Write ``report.md``, ``summary.csv`` and the plots (with several sizes ``sizes.svg`` too) into the run's folder; the report's path."""
-    with replacing(run.path / "summary.csv") as temporary:
-        figures.summary(run.rows()).to_csv(temporary, index=False)
-    plots.accuracy_against_time(run.rows(), run.path / "accuracy.svg")
-    if len(by_size := plot_data.time_by_size(run.rows())):
-        plots.time_against_size(by_size, run.path / "sizes.svg")
-    write_text(run.path / "report.md", render(run))
-    return run.path / "report.md"
+def gap(value: float) -> str:
+    """A relative cost gap."""
+    return "–" if not math.isfinite(value) else f"{value:.1e}"
+
+
+def texts(rows: Iterable[Iterable[Any]]) -> list[list[str]]:
+    """Cells as text."""
+    return [[str(cell) for cell in row] for row in rows]

@@ -26,6 +26,8 @@ Nanoseconds = NDArray[np.int64]
 Index = NDArray[np.int64]
 
 PERIOD_NS = 125_000
+PERIOD_US = PERIOD_NS / 1e3
+"""The paper's sampling period."""
 SPIN_NS = 300_000
 LEAD_NS = 2_000_000
 """From the call to the first due time."""

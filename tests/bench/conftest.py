@@ -9,6 +9,7 @@ from browser import Browser
 from command_line import CommandLine, Finished
 
 from bench.processes.compiling import compile_solvers
+from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from solvers import entries
 
@@ -44,7 +45,7 @@ def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race
     call = piezobench("race", *SMALL, "--out", out, "--name", name, *words)
     assert call.status == 0, call.stderr
     run = Run.open(out / name)
-    return Race(run, run.rows(), call)
+    return Race(run, run.rows(ONESHOT), call)
 
 
 @pytest.fixture(scope="session")

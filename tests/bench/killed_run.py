@@ -19,18 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.races.task import Task
-from bench.store import COLUMNS, Run, RunError, Schema
+from bench.passed.task import Task
+from bench.races.oneshot.rows import ONESHOT
+from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane, Tier
 
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, Tier.HIGH) for i in range(2)]
 
-PLAIN = Schema("rows.parquet", COLUMNS, ("problem",))
+PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 
 
 def row(task: Task) -> dict[str, Any]:
     """A row that differs from task to task."""
-    return {"task": task.key, **{name: name for name in COLUMNS}, "problem": task.problem, "d": 18}
+    return {"task": task.key, **{name: name for name in ONESHOT.columns}, "problem": task.problem, "d": 18}
 
 
 def carry_on(folder: Path) -> None:
@@ -39,7 +40,7 @@ def carry_on(folder: Path) -> None:
         run = Run.open(folder / "run")
     except RunError:
         run = Run.create(folder, {"race": "none"}, "run")
-    if not run.is_finished():
+    if not run.is_finished(PLAIN):
         run.note_field({"daqp": "1"}, {})
         for task in TASKS:
             if not run.is_done(task):
@@ -50,7 +51,7 @@ def carry_on(folder: Path) -> None:
 def look(folder: Path) -> None:
     """Say what a run holds."""
     run = Run(folder / "run")
-    tasks = run.rows().task.tolist()
+    tasks = run.rows(PLAIN).task.tolist()
     print(json.dumps({"tasks": tasks, "settings": run.settings, "visible": sorted(
         str(path.relative_to(run.path)) for path in run.path.rglob("[!.]*") if ".tasks" not in path.parts)}), flush=True)
 

@@ -12,13 +12,14 @@ from command_line import CommandLine, wait_until_gone
 from qpsolvers import Problem
 
 import solvers
-from bench.races import anytime
-from bench.races.anytime import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
-from bench.races.anytime_worker import AnytimeRequest, Curve
-from bench.races.kinds import KINDS
-from bench.races.task import Task
-from bench.report import anytime_figures, race_reports
-from bench.report.anytime_figures import FITS, PAPER
+from bench.passed.progress import silent
+from bench.passed.task import Task
+from bench.races.anytime import figures as anytime_figures
+from bench.races.anytime import report
+from bench.races.anytime.figures import FITS, PAPER
+from bench.races.anytime.race import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
+from bench.races.anytime.worker import AnytimeRequest, Curve
+from bench.races.registry import kinds
 from bench.store import Run
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
@@ -90,10 +91,6 @@ class Raced:
         return self.rows[(self.rows.solver == solver) & (self.rows.lane == lane) & (self.rows.repeat == repeat)]
 
 
-def silent(what: str, done: int, total: int) -> None:
-    """Nobody looks."""
-
-
 MINE = '''
 import numpy as np
 from solvers.protocol import Lane, Solver, box_solution
@@ -116,8 +113,8 @@ def raced(tmp_path_factory: pytest.TempPathFactory) -> Raced:
     settings = AnytimeSettings(solvers=("daqp", "osqp", "piqp", "projected_difference", "recursive_active_set"),
                                lanes=(Lane.KERNEL, Lane.DIRECT), scalings=("scaled",), limit=1, effort=Effort(0.001, 1, 20),
                                longest_s=0.02, repeats=2, solver_files=(str(folder / "raises.py"),))
-    run = KINDS["anytime"].start(folder, settings, "run")
-    anytime.carry_on(run, silent)
+    run = kinds()["anytime"].start(folder, settings, "run")
+    kinds()["anytime"].carry_on(run, silent)
     return Raced(run, run.rows(ANYTIME))
 
 
@@ -245,7 +242,7 @@ def test_the_verdict_compares_the_papers_pace_with_what_fits() -> None:
 
 
 def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced) -> None:
-    path = race_reports.write_anytime(raced.run)
+    path = report.write(raced.run)
     text = path.read_text(encoding="utf-8")
     assert "solver lanes reach a relative cost gap" in text.split("![")[0]
     for solver, lane, pace in (("daqp", "direct", FITS), ("osqp", "direct", FITS), ("projected_difference", "kernel", PAPER),
@@ -253,7 +250,7 @@ def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced) 
         assert f"| {solver} | {lane} | high | {pace} |" in text
     assert "| raises | direct | high | scaled |" in text
     before = {name: (raced.run.path / name).read_bytes() for name in ("report.md", "anytime.svg", "summary.csv")}
-    race_reports.write_anytime(raced.run)
+    report.write(raced.run)
     assert {name: (raced.run.path / name).read_bytes() for name in before} == before
 
 

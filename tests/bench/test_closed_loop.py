@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.processes.worker import Outcome
-from bench.races import closed_loop, race
-from bench.races.closed_loop import DRIFTING, LOOP, PAPER, STILL, LoopSettings
-from bench.races.closed_loop_worker import drive
-from bench.races.kinds import KINDS, kind_of
-from bench.races.settings import RaceError
-from bench.races.task import Task
+from bench.passed.outcome import Outcome
+from bench.passed.progress import silent
+from bench.passed.race_error import RaceError
+from bench.passed.task import Task
+from bench.races.loop import race as closed_loop
+from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopSettings
+from bench.races.loop.worker import drive
+from bench.races.registry import kind_of, kinds
 from bench.store import Run
 from solvers import Lane, Tier
 
@@ -23,21 +24,17 @@ SETTINGS = LoopSettings(solvers=("box_active_set", "daqp", PAPER, "scipy_nnls"),
 STEPS_1, STEPS_1000 = '{"steps": 1}', '{"steps": 1000}'
 
 
-def silent(what: str, done: int, total: int) -> None:
-    """Progress that nobody looks at."""
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A race that was interrupted in its middle and resumed."""
-    started = race.start(tmp_path_factory.mktemp("loop"), SETTINGS, "loop", closed_loop.KIND)
+    started = kinds()["loop"].start(tmp_path_factory.mktemp("loop"), SETTINGS, "loop")
 
     def interrupt(what: str, done: int, total: int) -> None:
         if done == 3:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        closed_loop.carry_on(started, interrupt)
+        kinds()["loop"].carry_on(started, interrupt)
     assert len(list((started.path / "tasks").glob("*.npz"))) == 3
     before = {path.name: path.stat().st_mtime_ns for path in (started.path / "tasks").glob("*.npz")}
     seen: dict[str, int] = {}
@@ -45,7 +42,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     def look(what: str, done: int, total: int) -> None:
         seen.update({path.name: path.stat().st_mtime_ns for path in (started.path / "tasks").glob("*.npz")})
 
-    closed_loop.carry_on(started, look)
+    kinds()["loop"].carry_on(started, look)
     assert {name: seen[name] for name in before} == before
     return started
 
@@ -130,7 +127,7 @@ def test_a_process_that_fails_gives_one_row_that_says_how() -> None:
 
 
 def test_the_report_answers_whether_accuracy_matters(run: Run) -> None:
-    assert kind_of(run) is KINDS["loop"]
+    assert kind_of(run) is kinds()["loop"]
     path = kind_of(run).write(run)
     text = path.read_text(encoding="utf-8")
     assert "On the still stage the least error is" in text
@@ -154,8 +151,8 @@ class Mine(Theirs):
 def test_a_solver_file_of_ones_own_races_in_the_loop(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OWN)
     settings = replace(SETTINGS, solvers=("daqp",), lanes=(Lane.DIRECT,), windows=1, solver_files=(str(tmp_path / "mine.py"),))
-    started = race.start(tmp_path, settings, "own", closed_loop.KIND)
-    closed_loop.carry_on(started, silent)
+    started = kinds()["loop"].start(tmp_path, settings, "own")
+    kinds()["loop"].carry_on(started, silent)
     rows = started.rows(LOOP)
     mine, theirs = (rows[(rows.solver == name) & (rows.problem == STILL)] for name in ("mine", "daqp"))
     assert (mine.status == "ok").all()

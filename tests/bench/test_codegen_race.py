@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from command_line import CommandLine
 
+from bench.races.oneshot.rows import ONESHOT
 from bench.races.settings import RaceSettings
 from bench.store import Run
 from solvers import Lane
@@ -15,7 +16,7 @@ def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine,
                       "--scaling", "scaled", "--budget", 0.002, "--rounds", 3, "--out", tmp_path, "--name", "run")
     assert done.status == 0, done.stderr
     run = Run.open(tmp_path / "run")
-    rows = run.rows()
+    rows = run.rows(ONESHOT)
     rows = rows[rows.lane == "codegen"].set_index("solver")
     assert set(rows.index) == {"box_active_set", "osqp"}
     assert rows.status["box_active_set"] == "ok"

@@ -13,8 +13,8 @@ from browser import Browser, screenshots
 from command_line import CommandLine
 from conftest import Race
 
+from bench.comparison import page as comparison
 from bench.comparison.compare import compare_runs
-from bench.report import comparison
 from bench.store import Run, RunError
 from solvers import Status
 

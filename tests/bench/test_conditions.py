@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from conftest import Race
 
-from bench.report import figures
-from bench.timing import cores, machine, sentinel
+from bench.processes import sentinel
+from bench.races.oneshot import figures
+from bench.timing import cores, machine
 
 HOLD = "from bench.timing import cores; core = cores.claim(); print(core.number, flush=True); input()"
 

@@ -10,14 +10,12 @@ from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, THIRD, Race
 
 from bench import problems
-from bench.races import race
-from bench.races.race import RaceSettings
+from bench.passed.progress import silent
+from bench.races.oneshot.settings import OneshotSettings
+from bench.races.run_problems import problems_of
+from bench.races.settings import settings_of
 from bench.store import Run, RunError
 from piezo_model.atomic_file import write_text
-
-
-def nothing(what: str, done: int, total: int) -> None:
-    """No progress."""
 
 
 def unfinished(clean_race: Race, tmp_path: Path) -> Run:
@@ -32,13 +30,13 @@ def unfinished(clean_race: Race, tmp_path: Path) -> Run:
 def test_a_resumed_run_makes_no_problem_that_is_kept(clean_race: Race, tmp_path: Path,
                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     run = unfinished(clean_race, tmp_path)
-    settings = race.settings_of(run, RaceSettings)
+    settings = settings_of(run, OneshotSettings)
 
     def made(self: problems.ProblemSet) -> None:
         raise AssertionError("a problem that is kept is made again")
 
     monkeypatch.setattr(problems.find("paper"), "problems", made)
-    (loaded,) = race.problems_of(run, settings, nothing)
+    (loaded,) = problems_of(run, settings, silent)
     assert [loaded.name] == run.settings["problems"]["paper"]
 
 
@@ -46,7 +44,7 @@ def test_a_problem_whose_file_has_gone_is_made_again(clean_race: Race, tmp_path:
     run = unfinished(clean_race, tmp_path)
     (path,) = (run.path / "problems").iterdir()
     path.unlink()
-    (loaded,) = race.problems_of(run, race.settings_of(run, RaceSettings), nothing)
+    (loaded,) = problems_of(run, settings_of(run, OneshotSettings), silent)
     assert path.is_file()
     assert [loaded.name] == run.settings["problems"]["paper"]
 

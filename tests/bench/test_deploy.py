@@ -13,6 +13,7 @@ from conftest import Race
 
 from bench import deploy
 from bench.deploy import Rule
+from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
 from piezo_model import ModelError, SelfLearningCompensator, plants
 from piezo_model.deployment import Deployment
@@ -151,7 +152,7 @@ def test_lanes_that_nobody_raced_in_leave_nobody(run: Run) -> None:
 
 def test_a_problem_can_be_named_and_an_unknown_one_is_refused(run: Run) -> None:
     decision = deploy.decide(run, Rule(deadline_us=1e6))
-    names = ["/".join(name) for name in run.rows()[["problem_set", "problem"]].drop_duplicates().to_numpy()]
+    names = ["/".join(name) for name in run.rows(ONESHOT)[["problem_set", "problem"]].drop_duplicates().to_numpy()]
     for name in names:
         assert deploy.deployment(decision, problem=name).evidence["certificate"]["problem_of_run"] == name
     with pytest.raises(RunError, match="has no problem 'paper/none'; there are "):

@@ -9,7 +9,7 @@ import pytest
 from command_line import CommandLine, Finished
 
 from bench.experiment import boundary, trial
-from bench.experiment.rig import AMPLITUDE_UM, Rig
+from bench.rig.rig import AMPLITUDE_UM, Rig
 
 FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles", "actuators", "push_pull", "fig1_operators", "fig2_boundary")
 

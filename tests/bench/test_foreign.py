@@ -13,15 +13,16 @@ from program_files import INF, Drawn, draw, write_mat, write_qps
 from qpsolvers import Problem
 from scipy.io import savemat
 
+from bench.passed.outcome import Outcome
+from bench.passed.task import Task
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
-from bench.processes.isolation import Child
-from bench.processes.worker import Outcome
+from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge
-from bench.races.task import Task
+from bench.races.oneshot.worker import OneShot
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier, find
 from solvers.certificate import verify
@@ -419,10 +420,10 @@ def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
         foreign: tuple[dict[str, RaceProblem], dict[str, str]], solver: str, status: str) -> None:
     lane = Lane.DIRECT if solver == "box_active_set" else Lane.QPSOLVERS
     problem = foreign[0]["other"]
-    with Child(find(solver, lane)) as child:
+    with SolverChild(find(solver, lane)) as child:
         for scaling in SCALINGS:
             task = Task("foreign", problem.name, scaling, solver, lane, Tier.HIGH)
-            outcome = child.run(task, problem.forms[scaling].qp, Effort(0.0, 1, 1))
+            outcome = child.ask(OneShot.of(task, problem.forms[scaling].qp, Effort(0.0, 1, 1)))
             assert str(judge(problem, scaling, Tier.HIGH, outcome).status) == status, outcome.message
             assert not outcome.mutated
 

@@ -12,12 +12,13 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.processes.isolation import Child, entry_of_file
+from bench.passed.task import Task
+from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races import null_solver
-from bench.races.rows import over_repeats
-from bench.races.task import Task
-from bench.races.turns import take_turns
-from bench.report import markdown
+from bench.races.oneshot import report
+from bench.races.oneshot.rows import over_repeats
+from bench.races.oneshot.turns import take_turns
+from bench.races.oneshot.worker import OneShot
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Status, Tier, find
@@ -95,7 +96,7 @@ def test_a_tail_is_there_where_the_sample_supports_it_and_a_dash_elsewhere(clean
             assert np.isnan(row.solve_us_p99_high)
         else:
             assert (row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high) == (wanted.low, wanted.value, wanted.high)
-    assert markdown.cell(pd.Series({"solve_us_p99": np.nan, "status": "ok"}), "solve_us_p99") == "–"
+    assert report.cell(pd.Series({"solve_us_p99": np.nan, "status": "ok"}), "solve_us_p99") == "–"
 
 
 def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_leaves_the_others(tmp_path: Path) -> None:
@@ -106,7 +107,7 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
-        children = {(entry.name, str(entry.lane)): Child(entry, time_limit_s=5.0) for entry in map(entry_of_file, files)}
+        children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(entry_of_file, files)}
         tasks = [Task("none", "none", "scaled", name, Lane(lane), Tier.HIGH) for name, lane in children]
         times = take_turns(tasks, children, unit, None, 12, seed)
         orders.append((tmp_path / "order").read_text())
@@ -122,8 +123,8 @@ def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(nam
     entry = find(name, lane)
     task = Task("none", "none", "scaled", entry.name, entry.lane, Tier.HIGH, start="warm")
     best = np.array([0.0, 2.0])
-    with Child(entry) as child:
-        outcome = child.run(task, QP, Effort(0.0, 7, 7), best)
+    with SolverChild(entry) as child:
+        outcome = child.ask(OneShot.of(task, QP, Effort(0.0, 7, 7), best))
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated

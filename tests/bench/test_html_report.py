@@ -11,9 +11,11 @@ from browser import WIDTHS, Browser, screenshots
 from command_line import CommandLine
 from conftest import Race
 
-from bench.races import closed_loop, race
-from bench.races.closed_loop import LoopSettings
-from bench.report import charts, figures, html, plot_data
+from bench.passed.progress import silent
+from bench.races.loop.race import LoopSettings
+from bench.races.oneshot import figures, plot_data
+from bench.races.registry import kind_of, kinds
+from bench.report import charts
 from bench.store import Run
 from solvers import Status, Tier
 
@@ -57,9 +59,9 @@ def other_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactor
         call = piezobench("race", "--race", name, *few, *words, "--name", name)
         assert call.status == 0, call.stderr
     short = LoopSettings(solvers=("box_active_set",), tiers=(Tier.HIGH,), quick=True, windows=2)
-    loop = race.start(out, short, "loop", closed_loop.KIND)
-    closed_loop.carry_on(loop, lambda what, done, total: None)
-    html.write(loop)
+    loop = kinds()["loop"].start(out, short, "loop")
+    kinds()["loop"].carry_on(loop, silent)
+    kinds()["loop"].write_page(loop)
     return {name: out / name / "report.html" for name in (*calls, "loop")}
 
 
@@ -188,7 +190,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     noted["machine"]["warnings"] = [EVIL]
     noted["field"] = {EVIL: EVIL}
     (folder / "run.json").write_text(json.dumps(noted))
-    browser.open(html.write(run))
+    browser.open(kind_of(run).write_page(run))
     assert browser.console() == []
     assert browser.run("return document.title") == f"One-shot race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
@@ -204,7 +206,7 @@ def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: 
     rows[numbers] = np.nan
     rows["status"], rows["message"] = str(Status.CRASHED), "gone"
     rows.to_parquet(folder / "rows.parquet")
-    browser.open(html.write(Run.open(folder)))
+    browser.open(kinds()["oneshot"].write_page(Run.open(folder)))
     assert browser.console() == []
     assert browser.plots() == []
     assert set(column(browser, "status")) <= {"crashed", "floor"}
@@ -215,7 +217,7 @@ def test_a_picture_of_an_experiment_in_the_run_is_on_its_page(browser: Browser, 
     shutil.copytree(wide_race.run.path, folder)
     (folder / "experiment").mkdir()
     (folder / "experiment" / "fig_4.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="40" height="30"/>')
-    browser.open(html.write(Run.open(folder)))
+    browser.open(kinds()["oneshot"].write_page(Run.open(folder)))
     assert browser.console() == []
     assert browser.run("return document.querySelector('img.picture').naturalWidth") == 40
 

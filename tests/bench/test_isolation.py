@@ -13,9 +13,12 @@ from command_line import CommandLine, wait_until_gone
 from conftest import Race
 from qpsolvers import Problem
 
-from bench.processes.isolation import Child, entry_of_file
-from bench.races.race import RaceError, RaceSettings, entries_of
-from bench.races.task import Task
+from bench.passed.race_error import RaceError
+from bench.passed.task import Task
+from bench.processes.solver_child import SolverChild, entry_of_file
+from bench.races.field import entries_of
+from bench.races.oneshot.worker import OneShot
+from bench.races.settings import RaceSettings
 from bench.timing.clock import Effort
 from solvers import Status, Tier
 
@@ -137,10 +140,10 @@ def test_a_name_that_is_taken_or_no_file_name_is_refused(tmp_path: Path, name: s
 
 def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
     entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]))
-    with Child(entry) as child:
+    with SolverChild(entry) as child:
         before = child.describe()
         assert before.absent == ""
         task = Task("none", "none", "scaled", entry.name, entry.lane, Tier.DEFAULT)
-        lost = child.run(task, Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)), Effort())
+        lost = child.ask(OneShot.of(task, Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)), Effort()))
         assert lost.failure == Status.CRASHED
         assert child.describe() == before

@@ -8,8 +8,8 @@ import qpsolvers
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
+from bench.passed.outcome import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.processes.worker import Outcome
 from bench.races.metrics import TOLERANCE, Judgement, judge
 from solvers import Status, Tier
 from solvers.certificate import certify

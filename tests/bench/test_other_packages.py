@@ -8,6 +8,7 @@ from pathlib import Path
 import faulty_solvers
 import pytest
 
+from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +41,7 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
     assert call.returncode == 0, call.stderr
     run = Run(tmp_path / "run")
     assert run.settings["field"] == {"tiny (direct)": "1.2.3"}
-    assert run.rows().set_index("solver").status["tiny"] == "ok"
+    assert run.rows(ONESHOT).set_index("solver").status["tiny"] == "ok"
 
 
 def listed(target: Path, code: str) -> str:

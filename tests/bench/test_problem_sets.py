@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
+from bench.passed.outcome import Outcome
 from bench.problems import ProblemSetError, RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
-from bench.processes.worker import Outcome
 from bench.races.metrics import judge
 from piezo_model import plants
 from piezo_model.recordings import write_table

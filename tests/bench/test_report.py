@@ -10,7 +10,8 @@ from conftest import Race
 from faulty_solvers import MARKUP
 
 from bench import rendering
-from bench.report import figures, markdown
+from bench.races.oneshot import figures
+from bench.races.oneshot import report as oneshot
 from bench.store import Run
 from solvers import Status
 
@@ -79,7 +80,7 @@ def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
     names = ("report.md", "summary.csv", "accuracy.svg")
     before = [(clean_race.run.path / name).read_bytes() for name in names]
-    markdown.write(clean_race.run)
+    oneshot.write(clean_race.run)
     assert [(clean_race.run.path / name).read_bytes() for name in names] == before
 
 
@@ -87,7 +88,7 @@ def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path:
     run = Run.create(tmp_path, faulty_race.run.settings, "run")
     lost = faulty_race.rows[faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")]
     lost.to_parquet(run.path / "rows.parquet")
-    assert "0 of 2 solver lanes answer every problem right" in markdown.write(run).read_text()
+    assert "0 of 2 solver lanes answer every problem right" in oneshot.write(run).read_text()
 
 
 @pytest.mark.parametrize("text", [MARKUP, "a\r\nb", "|", "\\|", "`|`", "<!--", "&#124;", "~~x~~ *y*"])

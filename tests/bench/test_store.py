@@ -17,6 +17,7 @@ import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, TASKS, THIRD, Race
 
+from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
 
 KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
@@ -40,7 +41,7 @@ def test_a_race_killed_at_random_moments_ends_as_an_unbroken_one(piezobench: Com
             call = piezobench.start("resume", run.path)
         else:
             call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
-        while call.running() and not run.is_finished() and len(list((run.path / "tasks").glob("[!.]*"))) < after:
+        while call.running() and not run.is_finished(ONESHOT) and len(list((run.path / "tasks").glob("[!.]*"))) < after:
             time.sleep(0.002)
         time.sleep(chance.choice([0.0, chance.uniform(0.0, 0.05), chance.uniform(0.0, 1.0)]))
         call.kill()
@@ -48,7 +49,7 @@ def test_a_race_killed_at_random_moments_ends_as_an_unbroken_one(piezobench: Com
         wait_until_gone(call)
     last = piezobench("resume", run.path)
     assert last.status == 0, last.stderr
-    assert_same(run.rows(), clean_race)
+    assert_same(run.rows(ONESHOT), clean_race)
     for name in ("report.md", "summary.csv"):
         assert (run.path / name).is_file()
 
@@ -84,18 +85,18 @@ def test_a_full_disk_is_one_sentence_and_the_race_carries_on_when_there_is_room(
     assert f"piezobench resume {run.path}" in call.refusal
     assert not [path for path in run.path.rglob("*") if path.is_file() and path.name.startswith(".")]
     with pytest.raises(RunError, match="was not finished"):
-        run.rows()
+        run.rows(ONESHOT)
     if full:
         subprocess.run(["mount", "-o", "remount,size=10m", str(small_disk)], check=True)
     assert piezobench("resume", run.path).status == 0
-    assert_same(run.rows(), clean_race)
+    assert_same(run.rows(ONESHOT), clean_race)
 
 
 def test_two_processes_are_kept_from_one_run(clean_race: Race, piezobench: CommandLine, tmp_path: Path) -> None:
     run = Run.create(tmp_path, clean_race.run.settings, "run")
     with run.alone():
         assert "another process is at work on this run" in piezobench("resume", run.path).refusal
-        assert not run.is_finished()
+        assert not run.is_finished(ONESHOT)
     with run.alone():
         pass
 
@@ -128,10 +129,10 @@ def test_tables_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path,
     table = (clean_race.run.path / "rows.parquet").read_bytes()
     (run.path / "rows.parquet").write_bytes(table[:len(table) // 2])
     with pytest.raises(RunError, match=r"rows\.parquet: cannot be read"):
-        run.rows()
+        run.rows(ONESHOT)
     clean_race.rows.drop(columns="status").to_parquet(run.path / "rows.parquet")
     with pytest.raises(RunError, match=r"rows\.parquet: has no column 'status'"):
-        run.rows()
+        run.rows(ONESHOT)
 
 
 def test_raw_times_of_every_task_are_kept(clean_race: Race) -> None:

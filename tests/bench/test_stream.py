@@ -17,15 +17,19 @@ from command_line import CommandLine, wait_until_gone
 from qpsolvers import Problem, Solution
 
 import solvers
+from bench.passed.progress import silent
+from bench.passed.task import Task
 from bench.problems.simulation import Experiment
-from bench.races import stream, stream_worker
-from bench.races.kinds import KINDS, kind_of
-from bench.races.staleness import Judge
-from bench.races.stream import STREAM, StreamSettings
-from bench.races.stream_problem import StreamProblem, make, regressor_rows
-from bench.races.stream_worker import StreamRequest
-from bench.races.task import Task
-from bench.report import race_reports, stream_figures
+from bench.races.registry import kind_of, kinds
+from bench.races.settings import settings_of
+from bench.races.stream import figures as stream_figures
+from bench.races.stream import race as stream
+from bench.races.stream import report
+from bench.races.stream import worker as stream_worker
+from bench.races.stream.race import STREAM, StreamSettings
+from bench.races.stream.staleness import Judge
+from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
+from bench.races.stream.worker import StreamRequest
 from bench.store import Run, RunError
 from bench.timing import latency_histogram
 from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
@@ -329,10 +333,6 @@ class Streamed:
         return Timeline(int(row.samples), self.ns(row, "sample"), self.ns(row, "data"), began, began, began + service)
 
 
-def silent(what: str, done: int, total: int) -> None:
-    """Nobody looks."""
-
-
 @pytest.fixture(scope="module")
 def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
     folder = tmp_path_factory.mktemp("stream")
@@ -342,8 +342,8 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
         solvers=("daqp", "box_active_set", "recursive_active_set", "accelerated_projection"),
         lanes=(Lane.KERNEL, Lane.DIRECT), samples=SAMPLES, kernel_samples=KERNEL, give_up=GIVE_UP, certified=12, repeats=2,
         solver_files=tuple(str(folder / f"{name}.py") for name in FAULTS))
-    run = KINDS["stream"].start(folder, settings, "run")
-    stream.carry_on(run, silent)
+    run = kinds()["stream"].start(folder, settings, "run")
+    kinds()["stream"].carry_on(run, silent)
     return Streamed(run, run.rows(STREAM), run.times(), StreamProblem.load(next((run.path / "problems").glob("*.npz"))))
 
 
@@ -561,7 +561,7 @@ def test_a_tail_that_reaches_into_the_floor_is_marked_and_an_unsupported_one_ref
     assert lines["at_floor_p50"].to_dict() == {"null": True, "near": False, "far": False}
     assert lines["at_floor_p99.9"].to_dict() == {"null": True, "near": True, "far": False}
     assert np.isnan(lines["response_p99.99_us"].to_numpy()).all()
-    responses = race_reports.stream_report_of(table, {"samples": 5000, "give_up": 0}).tables[0]
+    responses = report.report_of(table, {"samples": 5000, "give_up": 0}).tables[0]
     cells = {row[0]: row[4:8] for row in responses.rows}
     assert cells["near"][2].endswith("≈ floor")
     assert not cells["far"][2].endswith("≈ floor")
@@ -569,7 +569,7 @@ def test_a_tail_that_reaches_into_the_floor_is_marked_and_an_unsupported_one_ref
 
 
 def test_the_report_begins_with_the_verdict_and_holds_every_lane(streamed: Streamed) -> None:
-    path = race_reports.write_stream(streamed.run)
+    path = report.write(streamed.run)
     text = path.read_text(encoding="utf-8")
     assert "solver lanes keep the schedule of 8 kHz" in text.split("![")[0]
     assert "The machine itself, a null solver on the same schedule, misses" in text.split("![")[0]
@@ -584,9 +584,9 @@ def test_the_report_begins_with_the_verdict_and_holds_every_lane(streamed: Strea
 
 
 def test_writing_the_report_again_writes_the_same(streamed: Streamed) -> None:
-    race_reports.write_stream(streamed.run)
+    report.write(streamed.run)
     before = {name: (streamed.run.path / name).read_bytes() for name in ("report.md", "latency.svg", "summary.csv")}
-    race_reports.write_stream(streamed.run)
+    report.write(streamed.run)
     assert {name: (streamed.run.path / name).read_bytes() for name in before} == before
 
 
@@ -636,6 +636,6 @@ def test_a_run_of_an_unknown_race_is_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_settings_come_back_from_a_run_as_they_were(streamed: Streamed) -> None:
-    settings = stream.settings_of(streamed.run, StreamSettings)
+    settings = settings_of(streamed.run, StreamSettings)
     assert (settings.samples, settings.give_up, settings.tiers) == (SAMPLES, GIVE_UP, (Tier.HIGH,))
     assert isinstance(settings.experiment, Experiment)

@@ -1,0 +1,52 @@
+"""What comes back from a solver's process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.protocol import Nanoseconds
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class Outcome:
+    """What came back from a child.
+
+    Attributes
+    ----------
+    failure : str
+        "", "unsupported", "adapter_failed" or "out_of_memory".
+    message : str
+        The sentence that goes with a failure.
+    found : bool
+        What the solver itself says.
+    x, y, z, z_box : array
+        Answer and duals in qpsolvers' conventions.
+    mutated : bool
+        Whether the solver wrote into the arrays that it was given.
+    repeatable : bool
+        Whether the same data gave the same bits again.
+    preemptions : int
+        How often the process was taken off its core while it was timed.
+    """
+
+    failure: str = ""
+    message: str = ""
+    found: bool = False
+    x: Vector | None = None
+    y: Vector | None = None
+    z: Vector | None = None
+    z_box: Vector | None = None
+    solver_status: str = ""
+    reported_us: float = float("nan")
+    iterations: int = -1
+    mutated: bool = False
+    repeatable: bool = True
+    preemptions: int = 0
+    setup_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    update_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    solve_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))

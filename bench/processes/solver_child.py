@@ -1,0 +1,96 @@
+"""Each solver in a process of its own, with a time and a memory limit.
+
+A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.passed.outcome import Outcome
+from bench.passed.request import Request
+from bench.processes import worker
+from bench.processes.child import START_LIMIT_S, Child, LateError, LostError
+from solvers.protocol import Lane
+from solvers.registry import Described, Entry
+
+LOADING_S = 10.0 * START_LIMIT_S
+"""A child that hangs while its library loads and has no parent any more ends after so long."""
+BUILD_LIMIT_S = 60.0
+"""Seconds on top for a task of the lane codegen, since the first of a shape of problem generates and compiles."""
+
+
+def entry_of_file(path: str | Path) -> Entry:
+    """The entry of a user's solver file, whose code runs in a process of its own; ImportError says what is wrong."""
+    with Child() as child:
+        try:
+            found = child.call(START_LIMIT_S, worker.introduce, path)
+        except LateError:
+            found = f"did not load within {START_LIMIT_S:g} s"
+        except LostError as error:
+            found = f"ended the process that loaded it with {error}"
+    if isinstance(found, Entry):
+        return found
+    raise ImportError(f"{path}: {found}")
+
+
+class SolverChild(Child):
+    """The process of one solver in one lane; started at once, and again after it was lost.
+
+    Parameters
+    ----------
+    entry : Entry
+        The solver and its lane.
+    time_limit_s : float
+        Longest time for one task, everything included.
+    memory_mb : int
+        What the process may allocate once its solver is loaded.
+    core : int, optional
+        Core that it is pinned to.
+    """
+
+    def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None) -> None:
+        super().__init__()
+        self.entry = entry
+        self.time_limit_s = time_limit_s + (BUILD_LIMIT_S if entry.lane is Lane.CODEGEN else 0.0)
+        self._limits = core, memory_mb
+        self._load()
+
+    def _load(self) -> None:
+        self._described: Described | None = None
+        self.begin(LOADING_S, worker.load, self.entry, *self._limits)
+
+    def describe(self) -> Described:
+        """What the solver is, or why it is absent; waits until its library is loaded."""
+        if self._described is None:
+            try:
+                if not self.is_running:
+                    self._load()
+                self._described = self.wait(START_LIMIT_S)
+            except LateError:
+                self._described = self._absent(f"its library did not load within {START_LIMIT_S:g} s")
+            except LostError as error:
+                self._described = self._absent(f"its library could not be loaded: the process ended with {error}")
+            if self._described.absent:
+                self.close()
+        return self._described
+
+    def _absent(self, why: str) -> Described:
+        return Described(self.entry.name, self.entry.lane, "", "", "", False, absent=why)
+
+    def ask(self, request: Request) -> Outcome:
+        """Answer a request; whatever the solver does to its process is an outcome, too."""
+        if not self.is_running:
+            self._described = None
+        if absent := self.describe().absent:
+            return Outcome("adapter_failed", absent)
+        try:
+            outcome = self.call(self.time_limit_s, worker.answer, request)
+        except LateError as error:
+            return Outcome("timed_out", str(error))
+        except LostError as error:
+            memory = "bad_alloc" in error.last_words or "MemoryError" in error.last_words
+            return Outcome("out_of_memory" if memory else "crashed", f"the process ended with {error}")
+        if outcome.failure == "out_of_memory":
+            self.kill()  # who knows what it still holds
+        return outcome

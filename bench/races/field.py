@@ -1,0 +1,58 @@
+"""The field of a race: which solvers are asked for, and which of them run here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from bench.passed.race_error import RaceError
+from bench.problems import make
+from bench.processes.solver_child import SolverChild, entry_of_file
+from bench.races.settings import RaceSettings
+from bench.store import Run
+from solvers import entries
+from solvers.registry import Described, Entry
+
+
+def entries_of(settings: RaceSettings) -> list[Entry]:
+    """The entries that are asked for, by name and lane; those of the user's own files always are."""
+    known = list(entries())
+    names = {entry.name for entry in known}
+    unknown = sorted(set(settings.solvers) - names)
+    if unknown:
+        raise RaceError(f"there is no solver {unknown[0]!r}; known are {', '.join(sorted(names))}")
+    chosen = [entry for entry in known
+              if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
+    taken = {(entry.name, entry.lane) for entry in known}
+    for path in settings.solver_files:
+        try:
+            entry = entry_of_file(path)
+        except ImportError as error:
+            raise RaceError(str(error)) from None
+        if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
+            raise RaceError(f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}")
+        if (entry.name, entry.lane) in taken:
+            raise RaceError(f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise")
+        taken.add((entry.name, entry.lane))
+        chosen.append(entry)
+    if not chosen:
+        raise RaceError(f"no solver of those asked for is in the lane {' or '.join(settings.lanes)}")
+    return chosen
+
+
+def checked(settings: RaceSettings) -> list[Entry]:
+    """The entries that are asked for; RaceError or ProblemSetError unless there is all that is asked for."""
+    for problem_set in settings.problem_sets:
+        make(problem_set, settings.seed, settings.set_options)
+    return entries_of(settings)
+
+
+def field_of(run: Run, children: Iterable[SolverChild]) -> list[Described]:
+    """The solvers that run here, noted in the run; RaceError where there is none."""
+    described = [child.describe() for child in children]
+    field = [solver for solver in described if not solver.absent]
+    run.note_field({f"{solver.name} ({solver.lane})": solver.version for solver in field},
+                   {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
+    if not field:
+        raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")
+    return field

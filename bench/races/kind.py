@@ -1,0 +1,87 @@
+"""What a kind of race is to those above it: how it is set up, carried on, reported and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.passed.progress import Progress
+from bench.passed.race_error import RaceError
+from bench.processes.child import warm_up
+from bench.processes.engine import Workers
+from bench.races.field import checked
+from bench.races.settings import RaceSettings
+from bench.report import race_page
+from bench.report.markdown import Report
+from bench.report.race_page import Content
+from bench.store import Run, Schema
+from bench.timing import machine
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of race.
+
+    Attributes
+    ----------
+    name : str
+        That of its folder.
+    title : str
+        Of its reports.
+    summary : str
+        What it races, in a few words.
+    schema : Schema
+        Its table.
+    settings : type
+        Its settings; those that are made with :func:`bench.races.settings.option` are options of the command line.
+    race : callable (run, progress, workers)
+        Do whatever is not done yet.
+    report : callable (run)
+        Verdict and tables.
+    write : callable (run)
+        Write ``report.md``, ``summary.csv`` and the plots; returns the report's path.
+    content : callable (run)
+        What stands on the page.
+    own_problems : bool
+        Whether it has problems of its own and takes no problem sets.
+    spreads : bool
+        Whether it can use several workers.
+    """
+
+    name: str
+    title: str
+    summary: str
+    schema: Schema
+    settings: type[RaceSettings]
+    race: Callable[[Run, Progress, Workers], None]
+    report: Callable[[Run], Report]
+    write: Callable[[Run], Path]
+    content: Callable[[Run], Content]
+    own_problems: bool = False
+    spreads: bool = False
+
+    def check(self, workers: Workers) -> None:
+        """RaceError where the race cannot be spread like that."""
+        workers.check()
+        if not (self.spreads or workers.is_one):
+            raise RaceError(f"the {self.name} race runs on one core; leave the workers to the one-shot race")
+
+    def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
+        """Make the run's folder."""
+        checked(settings)
+        return Run.create(results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name)
+
+    def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
+        """Do whatever is not done yet and gather the tables."""
+        workers = workers or Workers()
+        self.check(workers)
+        with run.alone():
+            warm_up()
+            self.race(run, progress, workers)
+            progress("gathering the tables", 0, 1)
+            run.finish(self.schema)
+
+    def write_page(self, run: Run) -> Path:
+        """Write ``report.html``; returns its path."""
+        return race_page.write(run, self.title, self.content(run))

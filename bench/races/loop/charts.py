@@ -1,0 +1,26 @@
+"""The interactive plot of a closed-loop race."""
+
+from __future__ import annotations
+
+import altair as alt
+import numpy as np
+import pandas as pd
+
+from bench.report.charts import LEAST_GAP, PALETTE, data, finished, log, named, names_beside
+
+
+def closed_loop(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Tracking error against cost gap, by stage."""
+    table = table.assign(drawn=np.maximum(table.cost_gap, LEAST_GAP), view="", front=False)
+    table["named"] = named(table, "drawn", "rms_percent", "name")
+    source = data(table)
+    base = alt.Chart(source).encode(
+        x=alt.X(**log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True)),
+        y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
+    stage = alt.Color("problem:N", scale=alt.Scale(range=PALETTE[:2]))
+    points = base.mark_point(filled=True, size=70, opacity=0.9).encode(
+        color=stage, shape="problem:N", tooltip=[
+            alt.Tooltip("name:N"), alt.Tooltip("problem:N", title="stage"), alt.Tooltip("cost_gap:Q", format=".1e"),
+            alt.Tooltip("rms_percent:Q", format=".3~g"), alt.Tooltip("learn_samples:Q", format=".3~s")])
+    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="median(straight_rms_percent):Q")
+    return [finished(alt.layer(rule, points, *names_beside(base, "name")), None)]

@@ -1,0 +1,189 @@
+"""The closed-loop race: does the accuracy of the solver matter to the stage?
+
+Every solver learns in the same loop (`bench.rig`): two axes behind a decoupling matrix, a staircase, the paper's cycle of
+reset, building, learning. All else is equal, noise included. A row holds the tracking error of one axis in one window
+of the paper's cycle length, the time to learn, and how exact and how old the weights are that were in use at its end.
+
+    cost gap      exact, of the weights taken over against the certified optimum of the data that they were learned from
+    samples       from the last sample of the building phase to the decision: what the solver took
+    staleness     from the last sample that was learned from to the decision
+
+The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its tiers, and
+its answer is taken over as soon as it is there. Both for a stage that stays as it is and for one whose actuators drift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from bench.passed.outcome import Outcome
+from bench.passed.progress import Progress
+from bench.passed.race_error import RaceError
+from bench.passed.row import Row, who
+from bench.passed.task import Task
+from bench.processes.compiling import compile_solvers
+from bench.processes.engine import Workers
+from bench.processes.line_up import LineUp
+from bench.races.field import entries_of, field_of
+from bench.races.loop.worker import Decision, Driven, LoopRequest
+from bench.races.settings import RaceSettings, settings_of
+from bench.rig.rig import AXES, RANGE_UM, Matrix, Rig, Vector
+from bench.rig.trial import straight
+from bench.store import Run, Schema
+from piezo_model import IdentificationProblem
+from solvers import Status, Tier
+from solvers.certificate import NotCertified, certify, exact_cost_gap
+from solvers.registry import Described, Entry
+
+KIND = "loop"
+NAN = float("nan")
+STILL, DRIFTING = "still", "drifting"
+PAPER = "projected_difference"
+OF_A_DECISION = ("learn_samples", "stale_samples", "cost_gap", "error_old", "error_new")
+
+LOOP = Schema("loop.parquet", (
+    "problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "repeat", "status", "message", "axis",
+    "window", "rms_percent", "max_percent", "rms_um", "max_um", "straight_rms_percent", "hand_overs", "refused",
+    "learn_samples", "stale_samples", "cost_gap", "error_old", "error_new", "faults"),
+    ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"))
+"""One row an axis and window. ``hand_overs`` and ``refused`` until the window's end; what follows them is of the last
+hand-over, and NaN before there is one; errors in percent of the reference's range."""
+
+
+@dataclass(frozen=True)
+class LoopSettings(RaceSettings):
+    """What is raced and how; stored with the run, so that it can be resumed."""
+
+    tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
+    learn_steps: tuple[int, ...] = (1, 10, 100, 1000, 15200)
+    """Learning phases of the paper's method, in samples."""
+    windows: int = 5
+    drift_per_s: float = 5e-4
+    quick: bool = False
+    """Short phases, for tests."""
+
+    def __post_init__(self) -> None:
+        """RaceError for what cannot race in the loop."""
+        if self.windows < 1 or not self.learn_steps or min(self.learn_steps) < 1:
+            raise RaceError("the loop needs at least one window and learning phases of at least one sample")
+
+    def stage(self, problem: str, repeat: int = 0) -> Rig:
+        """The rig of a problem with the paper's learner; all learners get its stage, reference and noise."""
+        return (Rig.quick if self.quick else Rig)(cycles=self.windows, seed=self.seed + repeat,
+                                                  gain_drift_per_s=self.drift_per_s if problem == DRIFTING else 0.0)
+
+    def rig(self, task: Task) -> Rig:
+        """The rig of a task."""
+        rig = replace(self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), tier=str(task.tier))
+        steps = task.settings.get("steps")
+        return rig if steps is None else replace(rig, learn_s=steps * rig.sample_time, samples=len(rig.y_ref))
+
+
+def check(settings: LoopSettings) -> list[Entry]:
+    """The entries that are asked for, each solver in the fastest of the lanes only: a lane changes the time and no answer."""
+    chosen: dict[tuple[str, Path | None], Entry] = {}
+    for entry in entries_of(settings):
+        chosen.setdefault((entry.name, entry.path), entry)
+    return list(chosen.values())
+
+
+def race(run: Run, progress: Progress, workers: Workers) -> None:
+    """Do whatever is not done yet."""
+    settings = settings_of(run, LoopSettings)
+    still = settings.stage(STILL)
+    limits = replace(settings.limits, time_limit_s=settings.time_limit_s + len(still.y_ref) * still.sample_time)
+    entries = check(settings)
+    compile_solvers(entries, progress)
+    files = {(entry.name, entry.lane): entry.path for entry in entries}
+    with LineUp(entries, limits, None) as line_up:
+        tasks = list(tasks_of(settings, field_of(run, line_up.children.values())))
+        for done, task in enumerate(tasks):
+            progress(f"{task.solver} ({task.tier}) on the {task.problem} stage", done, len(tasks))
+            if not run.is_done(task):
+                solver = task.solver, task.lane
+                outcome = line_up.children[solver].ask(LoopRequest(task, settings.rig(task), files[solver]))
+                run.save(task, rows_of(settings, task, outcome), {})
+
+
+def tasks_of(settings: LoopSettings, field: Sequence[Described]) -> Iterator[Task]:
+    """Every solver at each tier on both stages; the paper's method with each length of the learning phase."""
+    for repeat in range(settings.repeats):
+        for problem in (STILL, DRIFTING):
+            for solver in field:
+                if solver.name == PAPER:
+                    for steps in settings.learn_steps:
+                        yield Task(KIND, problem, "scaled", PAPER, solver.lane, settings.tiers[0], {"steps": steps}, repeat)
+                else:
+                    for tier in settings.tiers:
+                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, tier, {}, repeat)
+
+
+def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
+    """One row an axis and window; one in all where the solver did not get through."""
+    rig = settings.rig(task)
+    shared = who(task, rig.structures[0].d)
+    if not isinstance(outcome, Driven):
+        return [{**dict.fromkeys(LOOP.columns), **shared, "status": outcome.failure, "message": outcome.message, "axis": "",
+                 "window": -1, "hand_overs": 0, "refused": 0, "faults": 0}]
+    error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
+    straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
+    rows = []
+    for i, axis in enumerate(AXES):
+        decisions = [(decision, judged(rig, decision)) for decision in outcome.decisions[i]]
+        status, message = status_of(outcome.decisions[i])
+        for window in range(settings.windows):
+            part = error_um[window * length:(window + 1) * length, i]
+            seen = [figures for decision, figures in decisions if decision.sample <= (window + 1) * length]
+            taken = [figures for figures in seen if figures]
+            rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
+            rows.append({**shared, "status": str(status), "message": message, "axis": axis, "window": window, "rms_um": rms_um,
+                         "max_um": max_um, "rms_percent": in_percent(rms_um), "max_percent": in_percent(max_um),
+                         "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
+                         "refused": len(seen) - len(taken), "faults": outcome.faults,
+                         **(taken[-1] if taken else dict.fromkeys(OF_A_DECISION, NAN))})
+    return rows
+
+
+def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
+    """Whether anything that was learned was taken over, and why not."""
+    if any(decision.taken for decision in decisions):
+        return Status.OK, ""
+    message = decisions[-1].message if decisions else "no learning phase came to its end"
+    return Status.SOLVER_FAILED if message.startswith("the solver") else Status.INACCURATE, message
+
+
+def in_percent(error_um: float) -> float:
+    """An error in percent of the reference's range."""
+    return 100.0 / RANGE_UM * error_um
+
+
+@lru_cache(maxsize=8)
+def straight_rms_percent(rig: Rig) -> Matrix:
+    """RMS error (windows, 2) along the straight line on the same stage."""
+    run = straight(rig)
+    return np.array([run.rms_percent(window) for window in range(rig.cycles)])
+
+
+def judged(rig: Rig, decision: Decision) -> dict[str, float]:
+    """Times and exact cost gap of weights that were taken over; nothing where they were not."""
+    if not decision.taken or decision.problem is None:
+        return {}
+    learned = decision.sample - decision.learned_until
+    return dict(zip(OF_A_DECISION, (learned, learned, cost_gap(decision.problem, decision.weights),
+                                    decision.error_old, decision.error_new), strict=True))
+
+
+def cost_gap(problem: IdentificationProblem, weights: Vector) -> float:
+    """Relative cost gap of weights (d,), exact; NaN where no optimum could be proven."""
+    form = problem.form()
+    z: Vector = np.maximum(form.variables(weights), form.qp.lb)
+    try:
+        certificate = certify(form.qp, z)
+    except NotCertified:
+        return NAN
+    return float(exact_cost_gap(form.qp, certificate, z, form.c).relative)

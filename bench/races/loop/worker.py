@@ -1,0 +1,124 @@
+"""The child's side of the closed-loop race: one solver learns for both axes of the stage while the stage follows its reference.
+
+The child hands back what the stage did, what was to be learned and what was taken over; the parent judges it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from qpsolvers import Problem
+
+from bench.passed.outcome import Outcome
+from bench.passed.request import Request, attempt
+from bench.passed.task import Task
+from bench.rig.rig import Rig
+from piezo_model import IdentificationProblem, SelfLearningCompensator
+from piezo_model.stage.learning import SelfLearningStage
+from solvers.protocol import Solver
+from solvers.registry import add_file
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+LOOK_EVERY_S = 0.01
+"""How often the learners are looked at; far shorter than any phase but the one of learning."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The end of a learning phase of one axis.
+
+    Attributes
+    ----------
+    sample : int
+        When it came.
+    taken : bool
+        Whether the new weights were taken over.
+    weights : array (d,)
+        Those in use from then on.
+    problem : IdentificationProblem or None
+        What was to be solved; None where it did not come to that.
+    learned_until : int
+        Last sample that was learned from; the solver began there.
+    """
+
+    sample: int
+    taken: bool
+    weights: Vector
+    problem: IdentificationProblem | None
+    learned_until: int
+    error_old: float
+    error_new: float
+    message: str
+
+
+@dataclass
+class Driven(Outcome):
+    """What came back: drives and measured platform (N, 2), the decisions of each axis, and faults that its learner saw."""
+
+    drive: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
+    platform: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
+    decisions: tuple[list[Decision], ...] = ()
+    faults: int = 0
+
+
+@dataclass(frozen=True)
+class LoopRequest(Request):
+    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and tier.
+
+    ``file`` is that of a user's own solver, which is made known first.
+    """
+
+    task: Task
+    rig: Rig
+    file: Path | None = None
+
+    def answer(self, cls: type[Solver], first: bool) -> Outcome:
+        """Warm the solver up on a problem of two variables if need be, then run."""
+        def work() -> Outcome:
+            if self.file is not None:
+                add_file(self.file)
+            if first:
+                solver = cls(self.task.tier)
+                solver.setup(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.full(2, np.inf)))
+                solver.solve()
+            return drive(self.rig)
+
+        return attempt(work)
+
+
+def drive(rig: Rig) -> Driven:
+    """Follow the whole reference."""
+    stage = rig.stage()
+    loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
+    watches = [Watch(learner) for learner in loop.learners]
+    look, parts = max(1, round(LOOK_EVERY_S / rig.sample_time)), []
+    for done in range(0, len(rig.y_ref), look):
+        parts.append(loop.run(rig.y_ref[done:done + look], stage.run))
+        for watch in watches:
+            watch.look()
+    x, y = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return Driven(found=True, drive=x, platform=y, decisions=tuple(watch.decisions for watch in watches),
+                  faults=sum(watch.faults for watch in watches))
+
+
+class Watch:
+    """Notes what a learner does, from outside: its phase, its memory and its log."""
+
+    def __init__(self, learner: SelfLearningCompensator) -> None:
+        self.learner, self.decisions, self.faults = learner, list[Decision](), 0
+
+    def look(self) -> None:
+        """Look once; to be done at least once a cycle."""
+        learner = self.learner
+        while learner.log:
+            event = learner.log.popleft()
+            if event.what == "sensor":
+                self.faults += 1
+            else:
+                self.decisions.append(Decision(event.sample, event.what == "hand-over", learner.model.weights.copy(),
+                                               learner.problem, event.learning_since, event.error_old, event.error_new, event.message))

@@ -1,0 +1,92 @@
+"""The one-shot race: every problem, in each scaling, by every solver in every lane at each tier.
+
+For each problem and scaling the solvers come one after the other, each hot in its own process on the same core, and then
+take turns; see `unit`. Beside them runs a solver that does nothing, the floor of all times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from bench.passed.progress import Progress
+from bench.passed.task import Task
+from bench.problems.protocol import RaceProblem
+from bench.processes import engine
+from bench.processes.compiling import compile_solvers
+from bench.processes.engine import Workers
+from bench.processes.line_up import LineUp
+from bench.races import null_solver
+from bench.races.conditions import note_conditions
+from bench.races.field import checked, field_of
+from bench.races.oneshot.settings import OneshotSettings
+from bench.races.oneshot.unit import Unit
+from bench.races.run_problems import problems_of
+from bench.races.settings import settings_of
+from bench.store import Run
+from bench.timing import cores
+from piezo_model.identification_problem import Scaling
+from solvers.registry import Described, Entry
+
+
+def race(run: Run, progress: Progress, workers: Workers) -> None:
+    """Do whatever is not done yet."""
+    settings = settings_of(run, OneshotSettings)
+    chosen = checked(settings)
+    compile_solvers(chosen, progress)
+    problems = list(problems_of(run, settings, progress))
+    (_race_here if workers.is_one else _race_spread)(run, settings, chosen, problems, progress, workers)
+    note_conditions(run, workers)
+
+
+def tasks_of(settings: OneshotSettings, field: Sequence[Described], problem: RaceProblem, scaling: Scaling, repeat: int = 0,
+             ) -> Iterator[Task]:
+    """All tasks of one problem in one scaling; a solver with variants shows those at the first tier only.
+
+    Warm tasks are there for solvers that make use of a start, on problems that have one.
+    """
+    follows = problem.forms[scaling].warm_start is not None
+    for solver in field:
+        for tier in settings.tiers if solver.variants == ({},) else settings.tiers[:1]:
+            for variant in solver.variants:
+                yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tier, variant, repeat)
+                if follows and solver.warm_start:
+                    yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tier, variant, repeat,
+                               "warm")
+
+
+def units_of(run: Run, settings: OneshotSettings, field: Sequence[Described], problems: Sequence[RaceProblem]) -> list[Unit]:
+    """All that is to be done, in order; the solver that does nothing opens each unit."""
+    floor = null_solver.ENTRY
+    return [Unit(run.path.resolve(), settings, problem.set_name, problem.name, scaling, repeat,
+                 (Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, settings.interleaved_tier,
+                       repeat=repeat), *tasks_of(settings, field, problem, scaling, repeat)))
+            for repeat in range(settings.repeats) for problem in problems for scaling in settings.scalings]
+
+
+def _race_here(run: Run, settings: OneshotSettings, chosen: Sequence[Entry], problems: Sequence[RaceProblem],
+               progress: Progress, workers: Workers) -> None:
+    """Do the units in this process."""
+    progress("waiting for a core on which no other race times", 0, 1)
+    with cores.claim() as core, LineUp([null_solver.ENTRY, *chosen], settings.limits, core.number) as line_up:
+        floor, *children = line_up.children.values()
+        floor.describe()
+        units = units_of(run, settings, field_of(run, children), problems)
+        total, done = sum(len(unit.tasks) for unit in units), 0
+
+        def tell(task: Task) -> None:
+            nonlocal done
+            progress(f"{task.solver} ({task.lane}) on {task.problem}, {task.scaling}", done, total)
+            done += 1
+
+        for unit in units:
+            unit.do(line_up, tell)
+
+
+def _race_spread(run: Run, settings: OneshotSettings, chosen: Sequence[Entry], problems: Sequence[RaceProblem],
+                 progress: Progress, workers: Workers) -> None:
+    """Do the units on several workers; this process only asks which solvers there are."""
+    with LineUp(chosen, settings.limits, None) as line_up:
+        units = units_of(run, settings, field_of(run, line_up.children.values()), problems)
+    progress(f"{len(units)} problems in a scaling", 0, len(units))
+    for done, unit in enumerate(engine.spread(units, [null_solver.ENTRY, *chosen], settings.limits, workers)):
+        progress(f"{unit.problem}, {unit.scaling}", done + 1, len(units))

@@ -1,0 +1,169 @@
+"""Every figure of a stream race, computed here once and rendered elsewhere.
+
+A *summary* row stands for one solver in one lane, at one tier, with its settings, over its processes. Misses are held
+against the machine's own. The null solver missed m of M deadlines in s stalls (runs of late samples), and
+
+    r = (upper 95 % bound of the rate s/M) · max(1, m/s)
+
+bounds the machine's share of late samples; where each stall costs one deadline it is the bound of m/M itself. Misses
+beyond the floor are those above r times the samples. A percentile of response times whose interval reaches down into
+the floor's is not above the floor.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.report.markdown import number
+from bench.timing import latency_histogram
+from bench.timing.percentiles import QUANTILES, Percentile, percentile, rate_bound
+from bench.timing.schedule import PERIOD_NS
+from solvers import Status
+
+GROUP = ["solver", "lane", "tier", "settings"]
+FLOOR = "null"
+TOLERATED_FLOOR = 0.01
+"""Share of deadlines that the machine itself may miss before a run says nothing about who keeps the schedule."""
+FAILURES = tuple(str(status) for status in (Status.ADAPTER_FAILED, Status.UNSUPPORTED, Status.CRASHED, Status.TIMED_OUT,
+                                            Status.OUT_OF_MEMORY))
+
+
+def column(kind: str, q: float, end: str = "") -> str:
+    """Name of a percentile's column, such as ``response_p99.9_us`` or ``response_p99.9_low_us``."""
+    return f"{kind}_{Percentile(q).name}{f'_{end}' if end else ''}_us"
+
+
+def raw(times: pd.DataFrame, tasks: Iterable[str], what: str) -> NDArray[np.float64]:
+    """All microseconds of some tasks."""
+    found = times[times.task.isin(list(tasks)) & (times.what == what)].ns
+    return np.concatenate([np.asarray(ns, dtype=np.float64) for ns in found]) / 1e3 if len(found) else np.zeros(0)
+
+
+def percentiles(kind: str, microseconds: NDArray[np.float64]) -> dict[str, float]:
+    """Percentiles, ends of their intervals, maximum and number of samples by column; NaN where refused."""
+    figures: dict[str, float] = {}
+    for q in QUANTILES:
+        found = percentile(microseconds, q)
+        for end, value in (("", found.value), ("low", found.low), ("high", found.high)):
+            figures[column(kind, q, end)] = math.nan if value is None else value
+    figures[f"{kind}_max_us"] = float(microseconds.max()) if microseconds.size else math.nan
+    figures[f"{kind}_samples"] = microseconds.size
+    return figures
+
+
+def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
+    """One row a solver, lane, tier and settings; the floor first, then who keeps up, by median response time."""
+    bound = floor_bound(rows[rows.solver == FLOOR])
+    table = pd.DataFrame([_line(dict(zip(GROUP, names, strict=True)), part, times, bound)
+                          for names, part in rows.groupby(GROUP, sort=False)])
+    machine = table[table.solver == FLOOR]
+    for q in QUANTILES:
+        reached = float(machine[column("response", q, "high")].iloc[0]) if len(machine) else math.nan
+        table[f"at_floor_{Percentile(q).name}"] = table.paced & (table[column("response", q, "low")] <= reached)
+    table["is_floor"] = table.solver == FLOOR
+    order = ["is_floor", "paced", "keeps_up", column("response", 0.5), column("service", 0.5), "solver", "settings"]
+    return table.sort_values(order, ascending=[False, False, False, True, True, True, True], ignore_index=True)
+
+
+def floor_bound(floor: pd.DataFrame) -> float:
+    """Upper bound of the share of deadlines that the machine itself misses, from the rows of the null solver."""
+    samples, stalls, missed = (int(floor[name].sum()) for name in ("samples", "stalls", "missed"))
+    return min(1.0, rate_bound(stalls, samples) * max(1.0, missed / max(stalls, 1))) if samples else 1.0
+
+
+def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound: float) -> dict[str, Any]:
+    failed = part[part.status.isin(FAILURES)]
+    ran = part.drop(failed.index)
+    paced = bool(part.paced.iloc[0])
+    samples, missed = int(ran.samples.sum()), int(ran.missed.sum())
+    beyond = max(0, missed - math.ceil(bound * samples)) if paced else 0
+    status = (str(failed.status.iloc[0]) if len(failed) else FLOOR if who["solver"] == FLOOR
+              else str(Status.INACCURATE) if (ran.status != Status.OK).any() else str(Status.LATE if beyond else Status.OK))
+    worth = {name: float(getattr(ran[name], how)()) if len(ran) else math.nan
+             for name, how in (("gap_mean", "mean"), ("gap_max", "max"), ("exact_gap_mean", "mean"),
+                               ("exact_gap_max", "max"), ("exact_difference", "max"), ("own_gap_max", "max"),
+                               ("reused", "mean"), ("data_us_p50", "median"), ("update_us_p50", "median"),
+                               ("solve_us_p50", "median"))}
+    return {**who, "paced": paced, "status": status, "processes": len(part), "samples": samples,
+            "solves": int(ran.solves.sum()), "stopped": _first(part.stopped), "message": _first(part.message),
+            "missed": missed, "stalls": int(ran.stalls.sum()),
+            "missed_floor_bound": bound * samples if paced else math.nan, "missed_beyond_floor": beyond,
+            "keeps_up": bool(len(ran) and not len(failed) and paced and not beyond),
+            "unanswered": int(ran.unanswered.sum()),
+            **worth, **percentiles("service", raw(times, ran.task, "service")),
+            **percentiles("response", raw(times, ran.task, "response")),
+            "service_histogram": latency_histogram.merged(text for text in ran.service_histogram if text),
+            "response_histogram": latency_histogram.merged(text for text in ran.response_histogram if text)}
+
+
+def _first(values: Iterable[str]) -> str:
+    return next((str(value) for value in values if value), "")
+
+
+def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+    """Say what the machine itself does, who keeps up, what staleness costs, and what the compiled loops took."""
+    floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
+    sentences = []
+    if len(floor) and floor.missed.iloc[0] > TOLERATED_FLOOR * floor.samples.iloc[0]:
+        sentences.append(f"This run cannot say who keeps the schedule: the machine itself misses "
+                         f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, so others were at work "
+                         "on it or it is no machine for that.")
+    kept = paced[paced.keeps_up & (paced.status == Status.OK)]
+    if len(paced):
+        sentences.append(f"{len(kept)} of {len(paced)} solver lanes keep the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
+                         "more deadlines than the machine itself does and answer as exactly as asked"
+                         + (f"; the quickest in the median is {_name(kept.iloc[0])}, with a "
+                            f"response time of {_tail(kept.iloc[0], 'response')}." if len(kept) else "."))
+    if len(floor):
+        line = floor.iloc[0]
+        sentences.append(f"The machine itself, a null solver on the same schedule, misses {line.missed} of {line.samples} "
+                         f"deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
+                         f"{number(line.response_max_us)} µs.")
+    sentences += _staleness(table, settings)
+    stopped = paced[paced.stopped != ""]
+    if len(stopped):
+        sentences.append(f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were stopped "
+                         f"there; their median service takes {number(stopped['service_p50_us'].min())} to "
+                         f"{number(stopped['service_p50_us'].max())} µs.")
+    for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
+        sentences.append(f"Compiled and back to back, not on the schedule, {line.solver} takes {line.samples:,} rows one after "
+                         f"the other with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs.")
+    return sentences
+
+
+def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+    costs = []
+    for text, chosen in (
+            ("keeping the first answer", table.is_floor),
+            ("the paper's one projected step a sample (compiled, not on the schedule)", (table.solver == "projected_difference")
+             & ~table.paced & (table.settings == json.dumps({"steps": 1}))),
+            ("the exact optimum at every sample by recursive_active_set (direct)", (table.solver == "recursive_active_set")
+             & table.paced)):
+        for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows():
+            mean, most = _share(line.gap_mean), _share(line.gap_max)
+            costs.append(f"{text} {mean} in the mean and {most} at most" if mean != most else f"{text} {most}")
+    seconds = settings["samples"] * PERIOD_NS * 1e-9
+    lead = f"Above the optimal cost of each sample, over {seconds:.3g} s of drift, lie: "
+    return [lead + "; ".join(costs) + "."] if costs else []
+
+
+def _share(gap: float) -> str:
+    return f"{100.0 * gap:.2g} %" if gap > 1e-11 else "less than 1e-9 %"
+
+
+def _name(line: pd.Series) -> str:
+    return f"{line.solver} ({line.lane})"
+
+
+def _tail(line: pd.Series, kind: str) -> str:
+    """The median and the farthest percentile that the sample supports."""
+    known = [q for q in QUANTILES if not math.isnan(line[column(kind, q)])]
+    shown: Sequence[float] = known[:1] + known[1:][-1:]
+    return " and ".join(f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in shown) or "too few samples to say"

@@ -1,0 +1,213 @@
+"""The stream race: a drifting actuator sample by sample on an absolute schedule of 8 kHz, and what lateness costs.
+
+Each solver lane follows the same rows in a fresh process, the order shuffled with the seed in every round. A null solver
+that answers at once runs first and after every FLOOR_EVERY others: its response times are the machine's floor, and where
+they change in the course of a run the machine does. Every finished task is on disk before the next one starts.
+
+A solver whose answers are late at each of the first ``give_up`` samples is stopped there, and marked.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.passed.outcome import Outcome
+from bench.passed.progress import Progress
+from bench.passed.row import Row, who
+from bench.passed.task import Task
+from bench.problem_files.npz import QP_FIELDS
+from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
+from bench.problems.simulation import Experiment
+from bench.processes.compiling import compile_solvers
+from bench.processes.engine import Workers
+from bench.processes.line_up import LineUp
+from bench.races import null_solver
+from bench.races.conditions import note_conditions, watched
+from bench.races.field import checked, field_of
+from bench.races.metrics import TOLERANCE
+from bench.races.settings import RaceSettings, option, settings_of
+from bench.races.stream.staleness import Judge
+from bench.races.stream.stream_problem import StreamProblem, make
+from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
+from bench.store import Run, Schema
+from bench.timing import cores, latency_histogram
+from bench.timing.schedule import PERIOD_NS, runs
+from solvers import Lane, Status, Tier
+from solvers.registry import Described
+
+Vector = NDArray[np.float64]
+
+KIND = "stream"
+FLOOR_EVERY = 10
+NAN = float("nan")
+
+STREAM = Schema("stream.parquet", (
+    "problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "repeat", "status", "message", "paced",
+    "samples", "solves", "stopped", "missed", "stalls", "unanswered", "reused", "gap_mean", "gap_max", "exact_gap_mean",
+    "exact_gap_max", "exact_instants", "exact_difference", "own_gap_max", "data_us_p50", "update_us_p50", "solve_us_p50",
+    "service_histogram", "response_histogram", "mutates_input"),
+    ("problem", "lane", "solver", "tier", "settings", "repeat"))
+"""One row a process. ``missed`` deadlines, in how many ``stalls``; ``unanswered`` solves; ``reused`` share of samples at
+whose deadline an older answer was in use; gaps of the answers in use, of all samples in doubles and of the proven instants
+exactly; ``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the kernel lane the
+second is the first corrected for the period."""
+
+
+@dataclass(frozen=True)
+class StreamSettings(RaceSettings):
+    """What is raced and how; stored with the run, so that it can be resumed."""
+
+    tiers: tuple[Tier, ...] = (Tier.HIGH,)
+    samples: int = option(30_000, "Samples of a stream.")
+    kernel_samples: int = 1_000_000
+    give_up: int = 4_000
+    certified: int = 300
+    """Instants at which the optimum is proven."""
+    plant: str = "relay_preisach"
+    drive: str = "random_walk"
+    drift_per_s: float = DRIFT_PER_S
+    time_constant_s: float = TIME_CONSTANT_S
+
+    @property
+    def experiment(self) -> Experiment:
+        """The actuator and its drive."""
+        return Experiment(self.plant, self.drive, drift_per_s=self.drift_per_s, seed=self.seed)
+
+
+def race(run: Run, progress: Progress, workers: Workers) -> None:
+    """Do whatever is not done yet."""
+    settings = settings_of(run, StreamSettings)
+    chosen = checked(settings)
+    compile_solvers(chosen, progress, rows=True)
+    stream = _stream(run, settings, progress)
+    schedule_s = settings.samples * PERIOD_NS * 1e-9
+    limits = replace(settings.limits, time_limit_s=settings.time_limit_s + 2.0 * schedule_s)
+    progress("waiting for a core on which no other race times", 0, 1)
+    with cores.claim() as core, LineUp([null_solver.ENTRY, *chosen], limits, core.number) as line_up:
+        floor, *children = line_up.children.values()
+        floor.describe()
+        _race(run, settings, stream, list(tasks_of(settings, field_of(run, children), stream)), line_up, progress)
+    note_conditions(run, workers)
+
+
+def _stream(run: Run, settings: StreamSettings, progress: Progress) -> StreamProblem:
+    """Make the stream and keep it, or load the one that was kept."""
+    path = run.problem_path(KIND, f"{settings.plant}-{settings.drive}")
+    if not path.is_file():
+        progress(f"{settings.samples} samples with {settings.certified} proven optima", 0, 1)
+        make(settings.experiment, settings.samples, settings.time_constant_s, settings.certified).save(path)
+    return StreamProblem.load(path)
+
+
+def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: StreamProblem) -> Iterator[Task]:
+    """All tasks, round by round, each round in an order of its own; the null solver first and after every few."""
+    def task(name: str, lane: Lane, tier: Tier, variant: Any, repeat: int) -> Task:
+        return Task(KIND, stream.name, "scaled", name, lane, tier, variant, repeat)
+
+    chance, floors = random.Random(settings.seed), 0
+    for repeat in range(settings.repeats):
+        tasks = [task(solver.name, solver.lane, tier, variant, repeat) for solver in field
+                 for tier in (settings.tiers if solver.variants == ({},) else settings.tiers[:1])
+                 for variant in solver.variants]
+        chance.shuffle(tasks)
+        for i, each in enumerate(tasks):
+            if i % FLOOR_EVERY == 0:
+                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Tier.DEFAULT, {}, floors)
+                floors += 1
+            yield each
+
+
+def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequence[Task], line_up: LineUp,
+          progress: Progress) -> None:
+    """Do the tasks that are not done, each in a fresh process."""
+    judge = Judge.of(stream)
+    fields = {name: getattr(stream.start, name) for name in QP_FIELDS}
+    for done, task in enumerate(tasks):
+        progress(f"{task.solver} ({task.lane})", done, len(tasks))
+        if not run.is_done(task):
+            child = line_up.children[task.solver, task.lane]
+            give_up = 0 if task.solver == null_solver.ENTRY.name else settings.give_up
+            with watched(run, task.key, line_up.sentinel):
+                outcome = child.ask(StreamRequest(task, fields, stream.answer, stream.rows, stream.forgetting,
+                                                  settings.kernel_samples, give_up))
+            child.close()
+            run.save(task, row_of(task, outcome, judge, settings.kernel_samples), times_of(outcome))
+
+
+def times_of(outcome: Outcome) -> dict[str, Any]:
+    """Raw nanoseconds by what was timed."""
+    if not isinstance(outcome, Streamed):
+        return {}
+    if outcome.timeline is None:
+        return {"service": outcome.kernel_ns}
+    t = outcome.timeline
+    return {"service": t.service_ns, "response": t.response_ns, "data": t.data_ns, "update": t.updated - t.began,
+            "sample": t.solved, "began": t.began}
+
+
+def row_of(task: Task, outcome: Outcome, judge: Judge, wanted: int) -> Row:
+    """The row of a task: who, how many deadlines, and what the answers in use were worth.
+
+    ``wanted`` is how many samples the kernel lane was asked for.
+    """
+    row: Row = {**who(task, judge.stream.d), "message": outcome.message, "paced": task.lane is not Lane.KERNEL, "stopped": "",
+                "mutates_input": outcome.mutated}
+    if not isinstance(outcome, Streamed):
+        counts = dict.fromkeys(("samples", "solves", "missed", "stalls", "unanswered", "exact_instants"), 0)
+        return {**dict.fromkeys(STREAM.columns), **row, **counts, "status": outcome.failure, "service_histogram": "",
+                "response_histogram": ""}
+    return {**row, **(_paced(outcome, judge) if outcome.timeline else _unpaced(outcome, wanted)),
+            **_worth(task, outcome, judge)}
+
+
+def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:
+    t = outcome.timeline
+    assert t is not None
+    whole = len(judge.stream.rows)
+    return {"samples": t.samples, "solves": t.solved.size, "missed": int(t.late.sum()), "stalls": t.stalls,
+            "stopped": "" if t.samples == whole else f"late at each of the first {t.samples} samples",
+            "data_us_p50": float(np.median(t.data_ns)) / 1e3, "update_us_p50": float(np.median(t.updated - t.began)) / 1e3,
+            "solve_us_p50": float(np.median(t.ended - t.updated)) / 1e3,
+            "service_histogram": latency_histogram.recorded(t.service_ns),
+            "response_histogram": latency_histogram.recorded(t.response_ns)}
+
+
+def _unpaced(outcome: Streamed, wanted: int) -> dict[str, Any]:
+    ns = outcome.kernel_ns
+    return {"samples": ns.size, "solves": ns.size, "missed": int((ns > PERIOD_NS).sum()), "stalls": runs(ns > PERIOD_NS),
+            "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s", "data_us_p50": NAN,
+            "update_us_p50": NAN, "solve_us_p50": float(np.median(ns)) / 1e3,
+            "service_histogram": latency_histogram.recorded(ns),
+            "response_histogram": latency_histogram.recorded(ns, PERIOD_NS)}
+
+
+def _worth(task: Task, outcome: Streamed, judge: Judge) -> dict[str, Any]:
+    """Gaps of the answers in use, and whether the solver's own answers are right."""
+    answers, t = outcome.answers, outcome.timeline
+    if answers.shape[1:] != (judge.stream.d,):
+        return {**dict.fromkeys(("gap_mean", "gap_max", "exact_gap_mean", "exact_gap_max", "exact_difference", "own_gap_max",
+                                 "reused"), NAN), "exact_instants": 0, "unanswered": len(answers),
+                "status": str(Status.INACCURATE)}
+    usable: NDArray[np.bool_] = np.asarray(np.isfinite(answers).all(axis=1))
+    solved = np.arange(len(answers)) if t is None else t.solved
+    used = np.where(usable, solved, -1) if t is None else t.in_use(usable)
+    gaps = judge.gaps(answers, used)
+    instants, exact = judge.exact_gaps(answers, used)
+    own = np.full(gaps.size, -1)
+    own[solved] = np.arange(solved.size)
+    own_gaps = judge.gaps(answers, own)[solved[usable]]
+    own_max = float(own_gaps.max()) if own_gaps.size else NAN
+    fresh = used >= 0
+    fresh[fresh] = solved[used[fresh]] == np.flatnonzero(fresh)
+    right = usable.all() and own_max <= TOLERANCE[task.tier]
+    return {"unanswered": int((~usable).sum()), "reused": float(1.0 - fresh.mean()), "gap_mean": float(gaps.mean()),
+            "gap_max": float(gaps.max()), "exact_gap_mean": float(exact.mean()) if exact.size else NAN,
+            "exact_gap_max": float(exact.max()) if exact.size else NAN, "exact_instants": int(exact.size),
+            "exact_difference": float(np.abs(gaps[instants] - exact).max()) if exact.size else NAN,
+            "own_gap_max": own_max, "status": str(Status.OK if right else Status.INACCURATE)}

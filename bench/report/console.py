@@ -1,0 +1,83 @@
+"""What the command line shows: progress on standard error while it works, tables and sentences on standard output."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from bench.passed.progress import Progress as Report
+
+PLAIN: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
+"""Everything is shown as it is: names and units such as [um] come from files of users and are no markup."""
+console = Console(soft_wrap=True, **PLAIN)
+errors = Console(stderr=True, **PLAIN)
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
+
+
+@contextmanager
+def progress_bar() -> Iterator[Report]:
+    """Yield a function that is told (what, done, total); silent when standard error is not a terminal."""
+    columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        shown = bar.add_task("", total=None)
+        yield lambda what, done, total: bar.update(shown, description=what, completed=done, total=total)
+
+
+def check_writable(out: Path, option: str = "--out") -> None:
+    """Refuse a file that cannot be written before the work and not after it."""
+    if not out.parent.is_dir():
+        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
+    if out.exists() and not out.is_file():  # it would be replaced, be it /dev/null
+        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint=option)
+    if not os.access(out.parent, os.W_OK):
+        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)
+
+
+def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
+    """Print a table, the first ``left`` columns aligned to the left; as wide as it needs where nobody looks."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for i, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    (console if console.is_terminal else Console(width=240, **PLAIN)).print(table)
+
+
+def print_json(value: Any) -> None:
+    """Print a document for machines; null stands for what is not known."""
+    print(json.dumps(plain_json(value), indent=1, allow_nan=False, ensure_ascii=False))
+
+
+def plain_json(value: Any) -> Any:
+    """A value as JSON can hold it.
+
+    Examples
+    --------
+    >>> plain_json({"a": (1.0, float("nan")), "b": "x"})
+    {'a': [1.0, None], 'b': 'x'}
+    """
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, dict):
+        return {str(key): plain_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_json(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def records(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, str]]:
+    """Rows of a table by their headings."""
+    return [dict(zip(headings, row, strict=True)) for row in rows]
