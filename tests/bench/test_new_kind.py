@@ -1,0 +1,126 @@
+"""A new kind of race is one new room and nothing else: a toy that is laid beside the others races, stops, resumes and reports."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import bench
+
+WORKER = '''
+"""The child's side of the toy race: toss a coin in the solver's process."""
+from dataclasses import dataclass
+
+from bench.passed.outcome import Outcome
+from bench.passed.request import Request
+
+
+@dataclass(frozen=True)
+class Toss(Request):
+    number: int
+
+    def answer(self, cls, first):
+        return Outcome(found=self.number % 2 == 0, solver_status=cls.name)
+'''
+KIND = '''
+"""The toy race as the rest sees it."""
+from dataclasses import dataclass
+
+from bench.passed.row import who
+from bench.passed.task import Task
+from bench.processes.line_up import LineUp
+from bench.races.field import checked, field_of
+from bench.races.kind import Kind
+from bench.races.settings import RaceSettings, option, settings_of
+from bench.races.toy.worker import Toss
+from bench.report import markdown
+from bench.report.markdown import Report, Table
+from bench.report.race_page import Content, grids
+from bench.store import Schema
+from solvers import Tier
+
+TOY = Schema("toy.parquet", ("solver", "lane", "repeat", "status", "heads"), ("solver", "repeat"))
+
+
+@dataclass(frozen=True)
+class ToySettings(RaceSettings):
+    tosses: int = option(3, "Tosses of each solver.")
+
+
+def race(run, progress, workers):
+    settings = settings_of(run, ToySettings)
+    with LineUp(checked(settings), settings.limits, None) as line_up:
+        for solver in field_of(run, line_up.children.values()):
+            for number in range(settings.tosses):
+                task = Task("toy", "coin", "scaled", solver.name, solver.lane, Tier.DEFAULT, repeat=number)
+                if not run.is_done(task):
+                    outcome = line_up.children[solver.name, solver.lane].ask(Toss(number))
+                    run.save(task, {**who(task, 1), "status": outcome.solver_status, "heads": outcome.found}, {})
+                    if (run.path.parent / "stop").exists():
+                        raise OSError("the coin rolled away")
+
+
+def report(run):
+    rows = run.rows(TOY)
+    return Report([f"{rows.heads.sum()} of {len(rows)} tosses show heads."],
+                  [Table("Tosses", ("solver", "toss", "heads"), markdown.texts(rows[["solver", "repeat", "heads"]].values), 1)])
+
+
+def write(run):
+    return markdown.write(run, __package__, run.rows(TOY), report=report(run), failures=[], wrong=())
+
+
+def content(run):
+    found = report(run)
+    return Content(found.sentences, [], grids(found), ["heads: the even tosses."])
+
+
+KIND = Kind("toy", "Toy race", "tosses of a coin", TOY, ToySettings, race, report, write, content, own_problems=True)
+'''
+TEMPLATE = '{% extends "race.md.jinja" %}{% block title %}Toy race{% endblock %}{% block reading %}- heads{% endblock %}'
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as it is, by links, and the toy's room beside the other rooms."""
+    folder, real = tmp_path_factory.mktemp("house"), Path(bench.__file__).parent
+    (folder / "bench" / "races" / "toy" / "templates").mkdir(parents=True)
+    for source in (*real.iterdir(), *(real / "races").iterdir()):
+        target = folder / "bench" / source.relative_to(real)
+        if not target.exists():
+            target.symlink_to(source)
+    room = folder / "bench" / "races" / "toy"
+    for name, text in {"__init__.py": "", "worker.py": WORKER, "kind.py": KIND, "templates/report.md.jinja": TEMPLATE}.items():
+        (room / name).write_text(text)
+    return folder
+
+
+def piezobench(house: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "bench", *map(str, words)], cwd=house, capture_output=True, text=True, check=False)
+
+
+def test_a_new_room_races_stops_resumes_and_reports(house: Path) -> None:
+    (house / "stop").touch()
+    run = house / "run"
+    asked = ("race", "--race", "toy", "--tosses", 4, "--solver", "daqp", "--lane", "direct", "--out", house, "--name", "run")
+    stopped = piezobench(house, *asked)
+    assert stopped.returncode == 2, stopped.stderr
+    assert "the coin rolled away; what is done is kept" in stopped.stderr
+    assert len(list((run / "tasks").glob("*.npz"))) == 1
+    (house / "stop").unlink()
+    resumed = piezobench(house, "resume", run)
+    assert resumed.returncode == 0, resumed.stderr
+    assert "2 of 4 tosses show heads." in resumed.stdout
+    rows = pd.read_parquet(run / "toy.parquet")
+    assert rows["repeat"].tolist() == [0, 1, 2, 3]
+    assert set(rows.status) == {"daqp"}
+    for name, said in (("report.md", "# Toy race run"), ("report.html", "Toy race run"), ("summary.csv", "daqp")):
+        assert said in (run / name).read_text()
+
+
+def test_the_options_of_a_new_room_are_those_of_its_race_alone(house: Path) -> None:
+    refused = piezobench(house, "race", "--race", "loop", "--tosses", 4)
+    assert refused.returncode == 2
+    assert "only a toy has tosses; ask for --race toy" in refused.stderr
