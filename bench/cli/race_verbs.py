@@ -40,9 +40,9 @@ def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
     """The verb with a choice of kinds of race, and their own options in place of ``**own``."""
     names = list(kinds())
     *some, last = (f"{kind.summary} ({name})" for name, kind in kinds().items())
-    what = (", ".join(some) + f", or {last}.").capitalize()
+    what = ", ".join(some) + f", or {last}."
     choice = StrEnum("RaceName", {name: name for name in names})  # type: ignore[misc]
-    annotations = {**inspect.get_annotations(verb, eval_str=True), "kind": Annotated[choice, typer.Option("--race", help=what)]}
+    annotations = {**inspect.get_annotations(verb, eval_str=True), "kind": Annotated[choice, typer.Option("--race", help=what[0].upper() + what[1:])]}
     del annotations["own"]
     parameters = inspect.signature(verb).parameters
     shown = [parameter.replace(annotation=annotations[name]) for name, parameter in parameters.items() if name != "own"]

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 from command_line import CommandLine, Finished
 
-from bench.experiment import boundary, trial
+from bench.experiment import boundary
+from bench.rig import trial
 from bench.rig.rig import AMPLITUDE_UM, Rig
 
 FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles", "actuators", "push_pull", "fig1_operators", "fig2_boundary")
