@@ -112,7 +112,7 @@ def test_a_run_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     Run.create(tmp_path, {"first": True}, "run")
     with pytest.raises(RunError, match="is there already; give another name or resume it"):
         Run.create(tmp_path, {"first": False}, "run")
-    assert Run.open(tmp_path / "run").settings == {"first": True}
+    assert Run.open(tmp_path / "run").settings["first"] is True
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
