@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import AsJson, console, print_json, print_table
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from bench.report.console import AsJson, console, print_json, print_table
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.profile import profiles
 from piezo_model.recordings.tables import Reading as TableReading
