@@ -111,9 +111,9 @@ class Actuator(Plant):
         """Return v (N,) for u (N,), advancing the memory in place."""
 
     @staticmethod
-    @abstractmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Return options of its own that make one individual of its kind."""
+        """Return options of its own that make one individual of its kind; by default all are alike."""
+        return {}
 
     def run(self, x: ArrayLike) -> Vector:
         """Drive the actuator on from where it stands; see :meth:`Plant.run`."""
