@@ -15,7 +15,7 @@
  *
  * If the exchanges do not end even so, swept_recover hands P and q, read back from G, to the cold exact solver (which knows when a
  * problem is unbounded) and M is swept on its active set; so every start begins too. There a step of refinement is taken back where
- * it leaves a larger residual than the cold answer has: the inverse of what is all but singular has no digit to refine with. What
+ * it leaves a larger error than the cold answer has: the inverse of what is all but singular has no digit to refine with. What
  * is left as an error is a problem that has no minimum: unbounded, or P indefinite.
  *
  * Sources: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, chapter 12 (iterative refinement); R. T. Rockafellar,
@@ -114,16 +114,6 @@ static real refine(Swept *s)
     return gain;
 }
 
-static real free_residual(const Swept *s)
-{
-    real largest = 0;
-    for (int t = 0; t < s->head->free_count; ++t) {
-        const real size = MAGNITUDE(s->g[s->list[t]]);
-        largest = size <= largest ? largest : size; /* NaN is large */
-    }
-    return largest;
-}
-
 /* Make M anew with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or CYCLING. */
 int swept_refresh(Swept *s)
 {
@@ -176,11 +166,23 @@ static void place(Swept *s, int j)
     s->centre[j] = is_free ? s->sign[j] * (s->cold.answer[j] - s->origin[j]) : 0;
 }
 
+/* The last row at z = c, with the gradient there. */
+static void stand_at_centre(Swept *s)
+{
+    for (int j = 0; j < s->d; ++j) {
+        last_row(s)[j] = -s->centre[j]; /* zero at A */
+    }
+    gradient(s);
+    for (int j = 0; j < s->d; ++j) {
+        last_row(s)[j] = row_of(s, s->M, j)[s->d] = s->free[j] > 0 ? -s->centre[j] : s->g[j];
+    }
+}
+
 int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
 {
     const int d = s->d;
     int status = box_take_hessian(&s->cold, P);
-    real before;
+    real refined;
     status = status != OK ? status : box_take_linear(&s->cold, q);
     if (status != OK) {
         return status;
@@ -215,19 +217,16 @@ int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
         factorise(s, FLOOR);
     }
     refine(s);
-    before = free_residual(s);
-    gradient(s);
-    if (!(free_residual(s) <= before)) {
-        for (int t = 0; t < s->head->free_count; ++t) {
-            const int j = s->list[t];
-            last_row(s)[j] = row_of(s, s->M, j)[d] = -s->centre[j];
-        }
-        gradient(s);
+    refined = swept_error(s);
+    memcpy(s->row, last_row(s), (size_t)s->ld * sizeof(real));
+    stand_at_centre(s);
+    if (refined <= swept_error(s)) {
+        memcpy(last_row(s), s->row, (size_t)s->ld * sizeof(real));
         for (int j = 0; j < d; ++j) {
-            if (!(s->free[j] > 0)) {
-                last_row(s)[j] = row_of(s, s->M, j)[d] = s->g[j];
-            }
+            row_of(s, s->M, j)[d] = s->row[j];
         }
+    } else {
+        s->head->surprise = SPENT;
     }
     return OK;
 }
@@ -257,15 +256,20 @@ real swept_error(Swept *s)
 {
     const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
     real worst = 0;
+    for (int j = 0; j < s->d; ++j) { /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
+        const real z = -s->free[j] * last[j], up = z < 0 && (s->side[j] != 0 || s->width[j] < NO_BOUND) ? 0 : z;
+        s->u[j] = up > s->width[j] ? s->width[j] : up;
+    }
     for (int i = 0; i < s->d; ++i) {
         const real *const row = row_of(s, s->G, i);
-        real g = q[i] - s->rho[i] * (s->centre[i] + s->free[i] * last[i]), size = MAGNITUDE(q[i]), wrong;
+        const real z = s->u[i];
+        real g = q[i] + s->rho[i] * (z - s->centre[i]), size = MAGNITUDE(q[i]), wrong;
         for (int j = 0; j < s->d; ++j) {
-            const real entry = j / LANES < i / LANES ? row_of(s, s->G, j)[i] : row[j], term = entry * s->free[j] * last[j];
-            g -= term;
+            const real term = (j / LANES < i / LANES ? row_of(s, s->G, j)[i] : row[j]) * s->u[j];
+            g += term;
             size += MAGNITUDE(term);
         }
-        wrong = s->free[i] > 0 ? MAGNITUDE(g) : s->side[i] > 0 && g < 0 ? -g : g - g;
+        wrong = s->width[i] == 0 || (z == 0 && s->side[i] != 0 && g > 0) || (z == s->width[i] && g < 0) ? g - g : MAGNITUDE(g);
         worst = wrong <= worst * size ? worst : wrong / size; /* NaN is wrong */
     }
     return worst;
