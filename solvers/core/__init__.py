@@ -20,7 +20,7 @@ from solvers.core.compile_core import digest, instruction_sets, library
 
 (OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED) = range(9)
 REASONS = {
-    UNBOUNDED: "the problem is unbounded below: q points down a direction that P does not see and no bound stops",
+    UNBOUNDED: "the problem is unbounded below: q points down a direction in which P has no curvature above its rounding, and no bound stops",
     INDEFINITE: "P is indefinite beyond rounding, so the problem is not convex",
     ENDLESS: "no active set met the optimality conditions within the limit of linear systems",
     NOT_FINITE: "P, q and a starting point must be finite and bounds must not be NaN",
@@ -82,3 +82,5 @@ def block(size: int) -> NDArray[np.uint8]:
 
 
 face: Any = load(Path(__file__).parents[1])
+BUILT_WITH = f"{face.compiler}, {face.instructions}"
+"""Compiler and instruction set, which figures depend on and answers do not."""

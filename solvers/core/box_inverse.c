@@ -99,6 +99,7 @@ static int sweep_all(Box *s)
 {
     const int ld = s->ld, rows = (s->d + 1) / 2 * 2;
     const real *source = s->P;
+    real aside[2 * 3 * LANES];
     int positive = 1;
     for (int k = 0; k < rows; k += 2) {
         const real *pivots = source + (size_t)k * (size_t)ld;
@@ -107,8 +108,9 @@ static int sweep_all(Box *s)
         int column = 0;
         positive &= (a > 0) & (determinant > 0);
         if (ld > 8 * PRODUCT_BLOCKS) { /* the first columns of the pivot rows are new before the last ones are done */
-            memcpy(s->pivots, pivots, 2 * (size_t)ld * sizeof(real));
-            pivots = s->pivots;
+            real *const copy = ld > 3 * LANES ? s->pivots : aside; /* what fits aside leaves no trace in the state */
+            memcpy(copy, pivots, 2 * (size_t)ld * sizeof(real));
+            pivots = copy;
         }
         for (; PRODUCT_BLOCKS > 2 && column + 24 <= ld; column += 24) {
             pass(s, source, pivots, k, rows, column, 3, h0, h1, h2);

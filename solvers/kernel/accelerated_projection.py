@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import face
+from solvers.core import BUILT_WITH, face
 from solvers.descent import Descent
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Vector, box_solution, dense, only_box
 
@@ -46,6 +46,7 @@ class AcceleratedProjection(Solver):
     algorithm: ClassVar[str] = "accelerated projected gradient"
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
+    built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
     iteration_setting: ClassVar[str | None] = "steps"
     tiers: ClassVar[Mapping[Tier, Mapping[str, Any]]] = {

@@ -32,7 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, OK, REASONS, block, face
+from solvers.core import BUILT_WITH, CAPPED, OK, REASONS, block, face
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 COUNTS = ("exchanges", "systems", "dual_steps", "proximal_steps", "fallbacks")
@@ -68,6 +68,7 @@ class BoxActiveSet(Solver):
     algorithm: ClassVar[str] = "primal-dual active set"
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
+    built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
 from solvers.cone import EMPTY, Cone
-from solvers.core import OK, REASONS, face
+from solvers.core import BUILT_WITH, OK, REASONS, face
 from solvers.descent import Descent
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box, dense
 
@@ -57,6 +57,7 @@ class ProjectedDifference(Solver):
     algorithm: ClassVar[str] = "projected gradient"
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
+    built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
     iteration_setting: ClassVar[str | None] = "steps"
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face
+from solvers.core import BUILT_WITH, CAPPED, NOT_FINITE, OK, REASONS, block, face
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 LARGEST = 1e100
@@ -58,6 +58,7 @@ class RecursiveActiveSet(Solver):
     algorithm: ClassVar[str] = "principal pivoting on a recursively updated inverse"
     licence: ClassVar[str] = "MIT"
     distribution: ClassVar[str] = "piezobench"
+    built_with: ClassVar[str] = BUILT_WITH
     takes_rows: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:

@@ -1,8 +1,11 @@
 """The C core: the stable ABI as it is declared, its build, its face."""
 
+import importlib.machinery
+import importlib.util
 import re
 import subprocess
 import sysconfig
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +95,73 @@ def test_a_library_beside_other_sources_or_none_is_refused_in_one_sentence(tmp_p
         core.load(package)
     with pytest.raises(ImportError, match=r"^the C core of elsewhere is not built: run make core$"):
         core.load(tmp_path / "elsewhere")
+
+
+VARIANTS = {
+    "plain": ("gcc", "-O0", "-DCORE_PLAIN"), "level 2": ("gcc", "-O3", "-march=x86-64-v2"), "level 3": ("clang", "-O1", "-march=x86-64-v3"),
+    "level 4": ("clang", "-O3", "-march=x86-64-v4"), "level 4 by gcc": ("gcc", "-O3", "-march=x86-64-v4", "-funroll-loops")}
+
+
+@pytest.fixture(scope="module")
+def variants(tmp_path_factory):
+    """The core built by two compilers for several instruction sets at several levels of optimisation."""
+    folder = tmp_path_factory.mktemp("variants")
+
+    def build(name):
+        target, (compiler, *options) = folder / f"{name.replace(' ', '_')}.so", VARIANTS[name]
+        words = [f'-D{word}="x"' for word in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
+        flags = [flag for flag in compile_core.FLAGS if not flag.startswith("-O")]
+        files = sorted(map(str, FOLDER.glob("*.c")))
+        subprocess.run([compiler, *flags, *options, *words, *files, "-shared", "-o", str(target), "-lm"], check=True)
+        loader = importlib.machinery.ExtensionFileLoader("_core", str(target))
+        module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("_core", target, loader=loader))
+        loader.exec_module(module)
+        return module
+
+    with ThreadPoolExecutor(2) as pool:
+        names = [name for name in VARIANTS if not name.startswith(f"level {face.processor_level() + 1}")]
+        return dict(zip(names, pool.map(build, names), strict=True))
+
+
+def random_data(d):
+    """Matrices, vectors and rows, made once, since BLAS has bits of its own."""
+    rng = np.random.default_rng(d)
+    A, rank = rng.normal(size=(d, d)), int(rng.integers(0, d + 1))
+    hilbert = 1.0 / (np.arange(d)[:, None] + np.arange(d) + 1.0)
+    lb = np.where(rng.random(d) < 0.7, -rng.random(d), -np.inf)
+    ub = np.where(rng.random(d) < 0.5, rng.random(d), np.inf)
+    q = rng.normal(size=d)
+    programs = [(P, P @ q) for P in (A @ A.T + 1e-3 * np.eye(d), A[:, :rank] @ A[:, :rank].T, hilbert)]
+    return programs, lb, ub, q, rng.normal(size=(40, d + 1)), rng.normal(size=(3, d))
+
+
+def bits_of_everything(c, programs, lb, ub, q, rows, G):
+    """What every function of the core makes of data: states and answers as bytes."""
+    d, out = q.size, []
+    for P, linear in programs:
+        box, swept = block(c.box_bytes(d)), block(c.swept_bytes(d))
+        out.append([c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve_factorised(box, 0)])
+        out.append(box.tobytes())
+        out.append([c.swept_setup(swept, lb, ub, 0.9, 1.0, 1e-10), c.swept_begin(swept, P, linear)])
+        answers, nanoseconds = np.empty((40, d)), np.empty(40, np.int64)
+        out.append([c.swept_take_rows(swept, rows, answers, nanoseconds), answers.tobytes(), swept.tobytes(), c.swept_error(swept)])
+        for method in (c.projected_steps, c.accelerated_steps):
+            descent = block(c.descent_bytes(d))
+            c.descent_setup(descent, lb, ub)
+            out.append([c.descent_take(descent, P, q, 0.5, 1), c.descent_start(descent, None, q), method(descent, None, 50, 0.0)])
+            c.descent_answer(descent)
+            out.append(descent.tobytes())
+    cone, point = block(c.cone_bytes(3, d)), q.copy()
+    out.append([c.cone_setup(cone, G, np.ones(3), np.arange(d)), c.cone_project(point, cone), point.tobytes()])
+    return out
+
+
+@pytest.mark.parametrize("d", [1, 2, 7, 16, 18, 33, 60])
+def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(variants, d):
+    data = random_data(d)
+    expected = bits_of_everything(face, *data)
+    for name, module in variants.items():
+        assert bits_of_everything(module, *data) == expected, name
 
 
 @pytest.mark.parametrize(("arguments", "error", "message"), [
