@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help core debug bench test lint perf report compare experiment clean
+.PHONY: help core debug bench test nightly lint perf report compare experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
@@ -40,6 +40,9 @@ bench: $(VENV)/.field ## set up, then race the default field on simulated data
 
 test: core            ## set up, then run the tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+nightly: core         ## run the tests that take minutes, too
+	$(BIN)/python -m pytest -n 2 -m nightly
 
 lint: core            ## style and types
 	$(BIN)/ruff check

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import Unsupported, get
-from solvers.core import OK, face
+from solvers.core import OK, block, face
 from solvers.kernel import box_active_set as module
 
 INF = np.inf
@@ -483,10 +483,12 @@ def test_a_cap_of_exchanges_ends_at_a_feasible_point_from_which_warm_solves_reac
     assert 0.5 * (x - best) @ P @ (x - best) <= 1e-13 * np.abs(q) @ np.abs(best) + 1e-300
 
 
-def test_a_problem_without_variables_is_solved():
-    s = solver(np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
-    assert s.solve().shape == (0,)
-    assert s.solution().found
+def test_the_core_takes_a_problem_without_variables_which_the_protocol_refuses():
+    nothing, state = np.zeros(0), block(face.box_bytes(0))
+    assert face.box_setup(state, nothing, nothing) == face.box_take(state, np.zeros((0, 0)), nothing) == OK
+    assert face.box_solve(state, 0) == face.box_solve_factorised(state, 1) == OK
+    with pytest.raises(Unsupported, match="without variables"):
+        solver(np.zeros((0, 0)), nothing, nothing, nothing)
 
 
 def test_the_examples_in_the_docstrings_run():
