@@ -200,7 +200,7 @@ class IdentificationProblem:
         """Physical value of a unit of each variable: 1 for w_H and w_K, V/µm for slopes, V for the offset."""
         s = self.structure
         unit = np.ones(s.d)
-        unit[s.slices[1]] = s.x_scale / s.y_scale
+        unit[s.slices[1]] = s.x_scale / abs(s.y_scale)
         if s.offset:
             unit[-1] = s.x_scale
         return unit

@@ -1,7 +1,8 @@
 """What a model consists of before its weights are known: orders, thresholds, creep rates, ranges and units.
 
 Inside, amplitudes are of unit size, x̃ = (x − x_centre) / x_scale and ỹ = (y − y_centre) / y_scale, and thresholds
-are given in them; outside, everything is in the units of the user. The unknowns of the identification (5), with
+are given in them; outside, everything is in the units of the user. An output that falls as the input rises has
+y_scale < 0, which turns its sign and nothing else. The unknowns of the identification (5), with
 w_H0 = 1, stand in this order:
 
     w = (w_H1 … w_Hn,  w'_S,−m … w'_S0 … w'_Sm,  w_K0 … w_Kn,  [offset])        d = n + (2m + 1) + (n + 1) [+ 1]
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -47,7 +48,7 @@ class ModelStructure:
     sample_time : float
         Sampling period Ts in s.
     x_centre, x_scale, y_centre, y_scale : float
-        In the units of input and output; the scales are half the ranges.
+        In the units of input and output; the scales are half the ranges, y_scale below 0 where the output falls.
     offset : bool
         Whether a free constant is identified with the weights; real sensors have one.
     input_unit, output_unit : str
@@ -90,7 +91,9 @@ class ModelStructure:
             raise StructureError(f"play_thresholds must be positive and ascending, not {r_H}")
         if 0.0 not in r_S or any(b <= a for a, b in pairwise(r_S)):
             raise StructureError(f"dead_zone_thresholds must be ascending with 0 among them, not {r_S}")
-        for name in ("creep_rates", "sample_time", "x_scale", "y_scale"):
+        if self.y_scale == 0.0:
+            raise StructureError("y_scale must not be 0")
+        for name in ("creep_rates", "sample_time", "x_scale"):
             value = getattr(self, name)
             if any(number <= 0.0 for number in (value if isinstance(value, tuple) else (value,))):
                 raise StructureError(f"{name} must be positive, not {value}")
@@ -119,6 +122,23 @@ class ModelStructure:
         y_centre, y_scale = _centre_and_scale("y_range", y_range)
         return cls(tuple(r / x_scale for r in play), tuple(r / y_scale for r in dead_zone), tuple(creep_rates),
                    sample_time, x_centre, x_scale, y_centre, y_scale, offset, input_unit, output_unit)
+
+    @property
+    def falling(self) -> bool:
+        """Whether the output falls as the input rises."""
+        return self.y_scale < 0.0
+
+    def turned(self) -> ModelStructure:
+        """Return the structure of the same thresholds for an output of the other sign.
+
+        Examples
+        --------
+        >>> structure = ModelStructure.from_thresholds((), (-1, 0, 3), (0, 1), (0, 8), (), 1e-3)
+        >>> structure.turned().falling, structure.turned().dead_zone_thresholds
+        (True, (-0.75, 0.0, 0.25))
+        """
+        return replace(self, y_scale=-self.y_scale,
+                       dead_zone_thresholds=tuple(0.0 - r for r in reversed(self.dead_zone_thresholds)))
 
     @property
     def n(self) -> int:
