@@ -39,7 +39,7 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
     sample_time : float
         Sampling period of the rows in s.
     skip : int, optional
-        Samples at the start of a recording that do not count; found from the data by default.
+        Samples at the start of a recording that do not count; those of a switch-on transient by default.
     solver : str
         Any registered solver.
     column : int, optional
@@ -101,7 +101,7 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
         structure = ModelStructure.equidistant(
             n=self.n, m=self.m, x_range=(float(x.min()), float(x.max())), y_range=(float(y.min()), float(y.max())),
             creep_rates=tuple(self.creep_rates), sample_time=self.sample_time, offset=True, input_unit="", output_unit="")
-        self.model_ = identify(x, y, structure, solver=self.solver, skip=self.skip)
+        self.model_ = identify(x, y, structure, solver=self.solver, skip=self.skip, force=True)
         return self
 
     def predict(self, X: ArrayLike) -> Vector:

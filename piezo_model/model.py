@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,13 @@ from piezo_model.atomic_file import write_text
 from piezo_model.inverse import invert_play, invert_superposition
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays, pad
 from piezo_model.operators import creep_step, dead_zone_step, play_step
+from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure, StructureError
 from solvers.compiled import inlined, kernel
 from solvers.vector8 import load8, splat8, store8, sum8
+
+if TYPE_CHECKING:
+    from piezo_model.identification.validation import Validation
 
 Vector = NDArray[np.float64]
 
@@ -122,6 +126,8 @@ class HysteresisCreepModel:
         Constant inside S, in unit amplitudes.
     report : mapping
         What the identification found out; stored with the model.
+    start : OperatorState, optional
+        States before the first sample of the recording that it was identified from, as the identification found them.
 
     Raises
     ------
@@ -135,6 +141,7 @@ class HysteresisCreepModel:
     w_K: Vector
     offset: float = 0.0
     report: Mapping[str, Any] = field(default_factory=dict)
+    start: OperatorState | None = None
 
     def __post_init__(self) -> None:
         s = self.structure
@@ -201,16 +208,17 @@ class HysteresisCreepModel:
                            pad(r_H_inverse, s.lanes), pad(w_H_inverse, s.lanes),
                            SuperpositionArrays.of(self.w_S_inverse, r_S_inverse), self.offset)
 
-    def simulate(self, x: ArrayLike, state: OperatorState | None = None) -> Vector:
+    def simulate(self, x: ArrayLike | Recording, state: OperatorState | None = None) -> Vector:
         """Output of the model.
 
         Parameters
         ----------
-        x : array (N,)
+        x : array (N,) or Recording
             Input in the structure's input unit.
         state : OperatorState, optional
             States before the first sample, moved on to those after the last one, so that a signal can be simulated
-            chunk by chunk. At rest at the centre of the range by default.
+            chunk by chunk. By default those that explain a recording best, as in the identification, and for an array at rest
+            at the centre of the range.
 
         Returns
         -------
@@ -226,6 +234,10 @@ class HysteresisCreepModel:
         [0.0, 0.75, 0.25]
         """
         s = self.structure
+        if isinstance(x, Recording):
+            from piezo_model.identification.validation import start_in  # which simulates with this method
+
+            state, x = start_in(self, x) if state is None else state, x.arrays()[0]
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
@@ -233,11 +245,23 @@ class HysteresisCreepModel:
         _simulate(self.arrays, unit_x, state.play, state.creep, y)
         return s.y_centre + s.y_scale * y
 
+    def validate(self, recording: Recording) -> Validation:
+        """Judge the model on a recording that its identification has not seen.
+
+        Raises
+        ------
+        IdentificationError
+            The recording does not go with the model.
+        """
+        from piezo_model.identification.validation import validate  # which simulates with this class
+
+        return validate(self, recording)
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as JSON can hold it; floats survive bit for bit."""
         return {"format": FORMAT, "version": VERSION, "structure": self.structure.to_dict(), "w_H": self.w_H.tolist(),
                 "w_S_inverse": self.w_S_inverse.tolist(), "w_K": self.w_K.tolist(), "offset": self.offset,
-                "report": dict(self.report)}
+                "start": None if self.start is None else self.start.to_dict(self.structure), "report": dict(self.report)}
 
     @classmethod
     def from_dict(cls, data: Any) -> HysteresisCreepModel:
@@ -260,12 +284,19 @@ class HysteresisCreepModel:
         if not _is_number(data["offset"]):
             raise ModelError("the field 'offset' is not a number")
         w_H, w_S_inverse, w_K = (np.array(data[name], dtype=np.float64) for name in ("w_H", "w_S_inverse", "w_K"))
-        return cls(ModelStructure.from_dict(data["structure"]), w_H, w_S_inverse, w_K, float(data["offset"]),
-                   data.get("report", {}))
+        structure, start = ModelStructure.from_dict(data["structure"]), data.get("start")
+        try:
+            state = None if start is None else OperatorState.from_dict(start, structure)
+        except ValueError as error:
+            raise ModelError(f"the field 'start' is wrong: {error}") from None
+        return cls(structure, w_H, w_S_inverse, w_K, float(data["offset"]), data.get("report", {}), state)
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; the file is there whole or not at all."""
-        write_text(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        try:
+            write_text(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        except OSError as error:
+            raise ModelError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     @classmethod
     def load(cls, path: str | Path) -> HysteresisCreepModel:

@@ -7,7 +7,7 @@ padded with zeros to a multiple of eight, the structure's ``lanes``; creep state
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,33 @@ class OperatorState:
         if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
             raise ValueError(f"the operator states are those of another structure: {self.play.size} of play and "
                              f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed")
+
+    def to_dict(self, structure: ModelStructure) -> dict[str, list[float] | list[list[float]]]:
+        """States as JSON can hold them, without padding: play (n + 1), creep (rates, n + 1)."""
+        return {"play": self.play[:structure.n + 1].tolist(),
+                "creep": self.creep.reshape(-1, structure.lanes)[:, :structure.n + 1].tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Any, structure: ModelStructure) -> OperatorState:
+        """Make the states of :meth:`to_dict`; ValueError where they are not those of the structure."""
+        try:
+            play, creep = (np.array(data[name], dtype=np.float64) for name in ("play", "creep"))
+        except (KeyError, TypeError, ValueError):
+            raise ValueError("the operator states are not two lists of numbers, play and creep") from None
+        rates, size = len(structure.creep_rates), structure.n + 1
+        if play.shape != (size,) or creep.size != rates * size or not np.isfinite([*play, *creep.ravel()]).all():
+            raise ValueError(f"the operator states are not {size} numbers of play and {rates} times {size} of creep")
+        state = cls.at_rest(structure, float(play[0]))
+        state.play[:size] = play
+        state.creep.reshape(-1, structure.lanes)[:, :size] = creep.reshape(rates, size)
+        return state
+
+    def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
+        """Return the same memory over the thresholds of another structure that has the same input range and creep rates."""
+        r, wanted = ((0.0, *s.play_thresholds) for s in (structure, other))
+        play = np.interp(wanted, r, self.play[:structure.n + 1])
+        creep = [np.interp(wanted, r, z[:structure.n + 1]) for z in self.creep.reshape(-1, structure.lanes)]
+        return self.from_dict({"play": play, "creep": creep}, other)
 
     def copy(self) -> OperatorState:
         """Return an independent copy."""

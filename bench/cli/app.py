@@ -16,7 +16,8 @@ from typing import Any
 import typer
 
 VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "solvers": "race_verbs",
-         "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "compensate": "stage_verbs",
+         "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "validate": "model_verbs",
+         "simulate": "model_verbs", "compensate": "stage_verbs",
          "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
          "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs",
          "perf": "perf_verbs"}

@@ -13,11 +13,14 @@ import typer
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
-from piezo_model import Compensator, HysteresisCreepModel, ModelError, Recording, identify
+from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.order_selection import select_order
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from solvers import find
+
+FOLLOWED = 1e-3
+"""Share of the output's range within which the model follows a reference."""
 
 
 class LagOption(StrEnum):
@@ -40,10 +43,12 @@ def identify_verb(
     m: Annotated[int, typer.Option(min=0, help="Order of the superposition on each side.")] = 3,
     creep_rates: Annotated[str | None, typer.Option(help="Comma-separated rates in 1/s, or none; chosen from the "
                                                          "recording by default.")] = None,
-    skip: Annotated[int | None, typer.Option(min=0, help="Samples at the start not to count; found by default.")] = None,
+    skip: Annotated[int | None, typer.Option(min=0, help="Samples at the start not to count; a transient's by "
+                                                        "default.")] = None,
     lag: Annotated[LagOption, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
                                                 "ignored.")] = LagOption.estimate,
     solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
+    force: Annotated[bool, typer.Option("--force", help="Write a model even of data that it does not describe.")] = False,
     select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
     as_json: AsJson = False,
@@ -68,16 +73,13 @@ def identify_verb(
     orders = None
     with progress_bar() as progress:
         progress(f"identifying with n = {n}, m = {m}", 0, 1 + select)
-        model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
+        model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver, force=force)
         if select:
-            orders = select_order(opened, model.structure, model.report["resting_input"], solver, progress=progress)
+            orders = select_order(opened, model, solver, progress=progress)
             n, m = orders.chosen.n, orders.chosen.m
             progress(f"identifying with n = {n}, m = {m}", 1, 2)
-            model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver)
-    try:
-        model.save(out)
-    except OSError as error:
-        raise ModelError(f"{out}: cannot be written: {error.strerror or error}") from None
+            model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver, force=force)
+    model.save(out)
     if page is not None:
         with progress_bar() as progress:
             progress("writing the page", 0, 1)
@@ -92,7 +94,7 @@ def identify_verb(
                     [(str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}")
                      for o in orders.orders], left=0)
         console.print(orders.sentence)
-    for sentence in model.report["sentences"]:
+    for sentence in (model.report["headline"], *model.report["findings"], *model.report["advice"]):
         console.print(sentence)
     console.print(f"Model: {out}")
     if page is not None:
@@ -130,14 +132,20 @@ def compensate_verb(
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     compensator = Compensator(loaded, x_limits=limits, rate_limit=rate_limit)
     x = compensator.run(wanted.values)
+    error = loaded.simulate(x) - wanted.values
+    followed = float(np.mean(np.abs(error) <= FOLLOWED * 2.0 * abs(s.y_scale)))
     unit = f"_{s.input_unit}" if s.input_unit else ""
     write_table(out, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive{unit}": x})
     saturated = float(np.mean((x <= limits[0]) | (x >= limits[1])))
     if as_json:
         print_json({"drive": out, "samples": x.size, "lowest": x.min(), "highest": x.max(), "unit": s.input_unit,
-                    "share_at_limits": saturated})
+                    "share_at_limits": saturated, "share_followed": followed, "largest_error": np.max(np.abs(error)),
+                    "output_unit": s.output_unit})
         return
-    console.print(f"{x.size} samples of drive from {x.min():.4g} to {x.max():.4g} {s.input_unit}; "
+    console.print(f"The model follows {100.0 * followed:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere it misses "
+                  f"by up to {f'{np.max(np.abs(error)):.3g} {s.output_unit}'.rstrip()}." if followed < 1.0 else
+                  f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
+    console.print(f"{x.size} samples of drive from {x.min():.4g} to {f'{x.max():.4g} {s.input_unit}'.rstrip()}; "
                   + (f"{100 * saturated:.1f} % of them at the limits, where the reference cannot be followed."
                      if saturated else "the limits are never reached."))
     console.print(f"Drive: {out}")

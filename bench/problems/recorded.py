@@ -1,24 +1,23 @@
 """Anybody's recording, seen by models of several orders over several windows.
 
 The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first sample
-on, and counted from where the operator states are known (`piezo_model.identification.unknown_start`) or from the start of the window,
-whichever is later. The level at which the creep states rested is found once, for one order: it belongs to the actuator and not
-to the model. A recording has an unknown constant, so every model has an offset, a variable without bounds.
+on, from the states and with the sign that `piezo_model.identification.counting` finds, and counted from the end of a switch-on
+transient or the start of the window, whichever is later. A recording has an unknown constant, so every model has an offset, a
+variable without bounds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import ClassVar
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, ModelStructure, Recording
+from piezo_model.identification.counting import Counted, count
 from piezo_model.identification.identify import choose_creep_rates
-from piezo_model.identification.unknown_start import counted_y_range, resting_level, settled_from, unknown_start
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
-"""(n, m), for d = 19, 9, 27, 39, 61 with the offset; the creep level is found with the first."""
+"""(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
 WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 """Share of the fitted part that is counted, up to its end."""
 KEPT_BACK = 0.2
@@ -46,16 +45,15 @@ class Recorded(ProblemSet):
         fitted = round((1.0 - KEPT_BACK) * whole.length)
         recording, unseen = _part(whole, slice(fitted)), _part(whole, slice(fitted, fitted + LONGEST_VALIDATION))
         (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
-        level: float | None = None
         for n, m in ORDERS:
-            s, settled = _structure(recording, n, m)
+            counted = _counted(recording, n, m)
+            s = counted.structure
             for window, share in WINDOWS.items():
-                name, start = f"n{n}-m{m}-{window}", max(settled, round((1.0 - share) * fitted))
+                name, start = f"n{n}-m{m}-{window}", max(counted.skip, round((1.0 - share) * fitted))
                 if fitted - start <= s.d:
                     self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
                     continue
-                level = resting_level(recording, s, settled, SOLVER, PROXIMAL) if level is None else level
-                basis = DataBasis(s, unknown_start(recording, s, level))
+                basis = DataBasis(s, counted.state)
                 basis.update(x[:start], y[:start], count=False)
                 basis.update(x[start:], y[start:])
                 validation = Validation(s, basis.state.copy(), x_unseen, y_unseen)
@@ -70,11 +68,9 @@ def _part(whole: Recording, samples: slice) -> Recording:
                                  name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}")
 
 
-def _structure(recording: Recording, n: int, m: int) -> tuple[ModelStructure, int]:
-    """A structure over the ranges of the counted part, and from which sample the operator states are known."""
+def _counted(recording: Recording, n: int, m: int) -> Counted:
+    """A structure over the ranges of the counted part, the first sample of it, and the states at the start."""
     s = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range,
                                    choose_creep_rates(recording.sample_time, recording.duration_s), recording.sample_time,
                                    offset=True, input_unit=recording.input_unit, output_unit=recording.output_unit)
-    settled = settled_from(recording, s)
-    low, high = counted_y_range(recording, settled)
-    return (replace(s, y_centre=0.5 * (low + high), y_scale=0.5 * (high - low)) if low < high else s), settled
+    return count(recording, s, SOLVER, PROXIMAL, None, fit_range=True)

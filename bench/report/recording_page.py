@@ -25,8 +25,8 @@ def write(path: Path, name: str, review: Review, orders: OrderSelection | None =
     figures = [
         Figure("loops", "Loops, measured and modelled", "Output against input over the counted part of the recording.",
                *_loops(review, *units)),
-        Figure("error", "Error over time", "Measured minus modelled output, lowest and highest of each stretch of time. The grey "
-               "part at the start is not counted, since the states of the actuator are not known there.",
+        Figure("error", "Error over time", "Measured minus modelled output, lowest and highest of each stretch of time. A "
+               "grey part at the start is not counted.",
                *_error(review, units[1])),
         Figure("weights", "Weights", "In unit amplitudes with w_H0 = 1. Bars are 95 % intervals, corrected for the memory of the "
                "residual; a weight without one stands at its bound or was never reached. Excitation is the RMS of the operator's "
@@ -41,7 +41,7 @@ def write(path: Path, name: str, review: Review, orders: OrderSelection | None =
         headings = ("n", "m", "unknowns", "error on data left out, % of range", "standard error", "")
         grids.append(Grid("Orders by cross-validation", headings, rows, 0))
     return save(path, "recording.html.jinja", figures, f"{path.stem}-figures", title=f"Recording {name}",
-                advice=list(review.advice(orders)), sentences=list(review.model.report["sentences"]), grids=grids)
+                advice=list(review.advice(orders)), sentences=list(review.sentences), grids=grids)
 
 
 def _thinned(size: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What an identification found out, in figures and in sentences.
 
-Errors are those of the forward model over the counted part of the data, as a share of the range of the output there.
+Errors are those of the output over the counted part of the data, as a share of the output's full range. A headline comes first, then
+the findings in order of what they cost.
 """
 
 from __future__ import annotations
@@ -9,8 +10,20 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from piezo_model.identification.baseline import Baseline
+from piezo_model.identification.fitting import Certificate
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
+
+FINDINGS = 4
+"""Most findings that are said after the headline; the page says all."""
+FAR_MORE = 3.0
+"""A part left out errs far more beyond so many times the largest error of the part that is counted."""
+
+
+def percent(value: float) -> str:
+    """A share in words, to two digits."""
+    return "over 100 %" if value > 100.0 else f"{value:.2g} %" if abs(value) >= 1e-4 else "less than 0.0001 %"
 
 
 @dataclass(frozen=True)
@@ -22,13 +35,19 @@ class Fit:
     samples : int
         Samples counted.
     skipped : int
-        Samples before them, whose operator states were not known yet.
+        Samples before them.
     rms_percent, max_percent : float
-        Error over the counted part, per cent of the output's range there.
+        Error over the counted part, per cent of the output's full range.
     rms, max : float
         The same in the output's unit.
     skipped_max_percent : float
         Largest error over the skipped part.
+    line_percent, cubic_percent : float
+        RMS error of the best line and the best cubic over the counted part.
+    line : pair of float
+        Constant and slope of the best line, unit amplitudes.
+    span : float
+        The output's full range, a transient apart, in its unit.
     """
 
     samples: int
@@ -38,6 +57,17 @@ class Fit:
     rms: float
     max: float
     skipped_max_percent: float
+    line_percent: float
+    cubic_percent: float
+    line: tuple[float, float]
+    span: float
+
+    def headline(self, unit: str, where: str = "") -> str:
+        """What the fit is worth, in one sentence."""
+        counted = f"{self.samples} samples" if not self.skipped else f"{self.samples} of {self.samples + self.skipped} samples"
+        return (f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this model{where and ' ' + where}: RMS error "
+                f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
+                f"({f'{self.max:.2g} {unit}'.rstrip()}).")
 
 
 @dataclass(frozen=True)
@@ -65,24 +95,28 @@ class Offset:
     error_percent: float
     error_without_offset_percent: float
 
-
-@dataclass(frozen=True)
-class Certificate:
-    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
-
-    cost_gap: float
-    violation: float
-    unique: bool
+    @property
+    def pays(self) -> bool:
+        """Whether the free constant lowers the error by more than two per cent of itself."""
+        return self.error_percent < 0.98 * self.error_without_offset_percent
 
 
 @dataclass(frozen=True)
 class FitReport:
-    """Everything that is stored with an identified model under ``report``."""
+    """Everything that is stored with an identified model under ``report``.
+
+    ``baseline`` is the fit beside line and cubic on data left out; ``refusal`` is what speaks against the model where it was asked
+    for all the same; ``resting_input`` is where creep had rested, in the input unit, None where it rested with the plays.
+    """
 
     solver: str
     fit: Fit
+    baseline: Baseline
+    hysteresis: bool
+    refusal: str | None
+    one_way: bool
     excitation: ExcitationReport
-    certificate: Certificate
+    certificate: Certificate | None
     lag: Lag | None
     offset: Offset | None
     resting_input: float | None
@@ -90,29 +124,47 @@ class FitReport:
 
     def to_dict(self, structure: ModelStructure) -> dict[str, Any]:
         """Figures and sentences as JSON can hold them."""
-        return {**asdict(self), "sentences": list(self.sentences(structure))}
+        findings = [sentence for _, sentence in sorted(self._findings(structure), key=lambda each: -each[0])]
+        headline = self.fit.headline(structure.output_unit)
+        return {**asdict(self), "headline": headline, "findings": findings[:FINDINGS], "advice": list(self._advice()),
+                "sentences": [headline, *findings, *self._facts(structure)]}
 
-    def sentences(self, s: ModelStructure) -> Iterator[str]:
-        """What an engineer has to know, one sentence a finding."""
+    def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:
+        """What an engineer has to know, with what it costs or would have cost, per cent of the range."""
         fit = self.fit
-        seconds = s.sample_time
-        yield (f"Forward error over {fit.samples} counted samples: {fit.rms_percent:.2f} % RMS and "
-               f"{fit.max_percent:.2f} % at most of the output's range ({fit.rms:.3g} and {fit.max:.3g} {s.output_unit}).")
-        if fit.skipped:
-            yield (f"The first {fit.skipped} samples ({fit.skipped * seconds:.3g} s) are not counted, since the states "
-                   f"that the actuator started with are unknown until the drive has passed the largest threshold.")
-        if fit.skipped_max_percent > 3.0 * fit.max_percent:
-            yield (f"These first samples hold a transient: the error there reaches {fit.skipped_max_percent:.1f} % of "
-                   f"the range.")
+        if self.refusal is not None:
+            yield 1e3, f"The model was asked for although {self.refusal}."
+        if s.falling:
+            yield 200.0, "The output falls as the input rises; model, inverse and compensator have that sign."
+        if not self.hysteresis:
+            yield 150.0, (f"No hysteresis: the data are on a curve, which a line describes to {percent(fit.line_percent)} and a cubic to "
+                          f"{percent(fit.cubic_percent)}.")
+        if fit.skipped_max_percent > FAR_MORE * fit.max_percent:
+            yield fit.skipped_max_percent, (
+                f"The first {fit.skipped} samples ({fit.skipped * s.sample_time:.3g} s) are left out; they hold a transient that no "
+                f"start explains: the error there reaches {percent(fit.skipped_max_percent)}.")
+        elif fit.skipped:
+            yield fit.skipped_max_percent, (f"The first {fit.skipped} samples ({fit.skipped * s.sample_time:.3g} s) are left out; the "
+                                            f"error there reaches {percent(fit.skipped_max_percent)}.")
+        if fit.samples < fit.skipped:
+            yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, which is little to trust."
+        if self.one_way:
+            yield 90.0, ("The counted part is nearly one branch: the drive hardly turns round, so hysteresis is told from curvature by "
+                         "little.")
+        if self.offset is not None and self.offset.pays:
+            yield self.offset.error_without_offset_percent - self.offset.error_percent, _offset_sentence(self.offset, s.input_unit)
+        if self.lag is not None and self.lag.pays:
+            yield self.lag.error_percent - self.lag.error_without_lag_percent, _lag_sentence(self.lag, s.sample_time)
+
+    def _facts(self, s: ModelStructure) -> Iterator[str]:
+        """What the page says as well."""
         if self.resting_input is not None:
-            yield (f"Creep starts as if the actuator had rested at {self.resting_input:.3g} {s.input_unit}, which fits the "
-                   f"data best.")
-        if self.offset is not None:
-            yield (f"The sensor has an offset of {self.offset.value:.3g} {s.input_unit} at the input of S; without a "
-                   f"free constant the error at the input would be {self.offset.error_without_offset_percent:.2f} % RMS "
-                   f"instead of {self.offset.error_percent:.2f} %.")
-        if self.lag is not None:
-            yield _lag_sentence(self.lag, seconds)
+            yield (f"Creep starts as if the actuator had rested at {self.resting_input:.3g} {s.input_unit}".rstrip()
+                   + ", which fits the data best.")
+        if self.offset is not None and not self.offset.pays:
+            yield _offset_sentence(self.offset, s.input_unit)
+        if self.lag is not None and not self.lag.pays:
+            yield "The sensor shows no lag that is worth removing."
         if self.creep_rates_chosen:
             rates = ", ".join(f"{rate:g}" for rate in s.creep_rates) or "none"
             yield f"Creep rates chosen to span sampling period and length of the recording: {rates} per second."
@@ -121,13 +173,34 @@ class FitReport:
                    f"stay at their reference.")
         for names in self.excitation.undetermined:
             yield f"The data do not tell the weights {names} from each other."
+        b = self.baseline
+        yield (f"On data left out, every second block of the drive: {percent(b.line_percent)} with a line, {percent(b.cubic_percent)} "
+               f"with a cubic, {percent(b.model_percent)} with this model.")
+        if self.certificate is None:
+            yield "The model is the best straight line, since the fit of (6) is no better on data left out."
+            return
         yield (f"Solved by {self.solver}; relative cost gap to the proven optimum {self.certificate.cost_gap:.1e}, "
                f"condition of P {self.excitation.condition:.1e}.")
 
+    def _advice(self) -> Iterator[str]:
+        """What to do about it, most useful first."""
+        if self.excitation.unreached:
+            yield (f"Drive over more of the range, or ask for lower orders: the thresholds of {', '.join(self.excitation.unreached)} "
+                   f"were never reached, and what the model says there is a guess.")
+        if self.one_way or self.fit.samples < self.fit.skipped:
+            yield "Record a few whole loops more."
+        if self.lag is not None and self.lag.removed:
+            yield f"A lag of the sensor of {self.lag.samples:.2f} samples was removed; a controller has to live with it."
+        elif self.lag is not None and self.lag.pays:
+            yield f"Remove the lag of the sensor, {self.lag.samples:.2f} samples, with the option --lag remove."
+
+
+def _offset_sentence(offset: Offset, unit: str) -> str:
+    return (f"The sensor has an offset of {offset.value:.3g} {unit}".rstrip() + " at the input of S; without a free constant the error at "
+            f"the input would be {percent(offset.error_without_offset_percent)} RMS instead of {percent(offset.error_percent)}.")
+
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
-    if not lag.pays:
-        return "The sensor shows no lag that is worth removing."
     more = " or more" if lag.at_edge else ""
     how = (f"The sensor lags by {lag.samples:.2f} samples{more} ({lag.samples * sample_time * 1e3:.3g} ms): the error at the "
            f"input is {lag.error_percent:.3f} % RMS with the lag and {lag.error_without_lag_percent:.3f} % without")

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from piezo_model.identification.fit_report import Lag
 from piezo_model.identification.fitting import accumulate
 from piezo_model.identification.lag_identification import without_lag
 from piezo_model.identification.order_selection import OrderSelection
-from piezo_model.identification.unknown_start import unknown_start
+from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
@@ -65,10 +64,12 @@ class Review:
     ----------
     model : HysteresisCreepModel
     x, y, y_model : array (N,)
-        As they were fitted, in the units of the recording; a lag that was removed is so here, too.
+        As they were fitted, in the units of the recording; a lag and an offset that were removed are so here, too.
     skipped : int
         Samples at the start that are not counted.
     weights : tuple of Weight
+    sentences : tuple of str
+        What the identification, or the validation, says.
     """
 
     model: HysteresisCreepModel
@@ -77,6 +78,7 @@ class Review:
     y_model: Vector
     skipped: int
     weights: tuple[Weight, ...]
+    sentences: tuple[str, ...]
 
     @property
     def error(self) -> Vector:
@@ -91,23 +93,13 @@ class Review:
 
     def advice(self, orders: OrderSelection | None = None) -> Iterator[str]:
         """What to do about it, one sentence each."""
-        report, unit = self.model.report, self.model.structure.input_unit
-        if unreached := report["excitation"]["unreached"]:
-            yield (f"Drive over more of the range, or ask for lower orders: the thresholds of {', '.join(unreached)} were never "
-                   f"reached, and what the model says there is a guess.")
+        report = self.model.report
+        yield from report["advice"]
         for names in report["excitation"]["undetermined"]:
             yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be told from each other."
         unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
         if unsure:
             yield f"Not told from zero: {', '.join(unsure)}; a longer recording or a lower order would say more."
-        lag, offset = report["lag"], report["offset"]
-        found = Lag(**lag) if lag is not None else None
-        if found is not None and found.pays and not found.removed:
-            yield f"Remove the lag of the sensor, {found.samples:.2f} samples, with the option --lag remove."
-        elif found is not None and found.removed:
-            yield f"A lag of the sensor of {found.samples:.2f} samples was found and removed."
-        if offset is not None and offset["error_without_offset_percent"] > 1.02 * offset["error_percent"]:
-            yield f"The sensor has an offset of {offset['value']:.3g} {unit} at the input of S; the model carries it."
         if orders is not None:
             yield orders.sentence
         else:
@@ -121,21 +113,21 @@ class Review:
             yield "The error is spread over all frequencies like noise: a higher order has little to gain."
 
 
-def review(recording: Recording, model: HysteresisCreepModel) -> Review:
-    """Look at the fit of a recording again, with the start, skip and lag that the identification found."""
+def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:
+    """Look at the fit of a recording again, with start, skip and lag that the identification found, or at a validation."""
     s, report = model.structure, model.report
-    x, y = next(recording.chunks(LONGEST))
-    part = Recording.from_arrays(x, y, recording.sample_time, name=recording.name, input_unit=recording.input_unit,
-                                 output_unit=recording.output_unit)
-    resting = report["resting_input"]
-    level = 0.0 if resting is None else float(s.unit_input(np.array([resting]))[0])
-    state, skip = unknown_start(recording, s, level), int(report["fit"]["skipped"])
+    part, shift = recording.head(LONGEST), 0.0
+    if validation is not None:
+        state, skip, shift, sentences = validation.start, 0, validation.shift, tuple(validation.sentences())
+    else:
+        assert model.start is not None  # as every identification leaves it
+        state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
     if report["lag"] is not None and report["lag"]["removed"]:
-        part, _, state = without_lag(part, s, report["lag"]["samples"], skip, state)
-        x, y = part.arrays()
-    y_model = model.simulate(x, state.copy())
-    problem = accumulate(part, s, skip, state, 1e-10)
-    return Review(model, x, y, y_model, skip, tuple(_weights(problem, model, (y - y_model)[skip:])))
+        part, _, state = without_lag(part, s, report["lag"]["samples"], 0, state)
+    x, y = part.arrays()
+    y_model, y = model.simulate(x, state.copy()), y - shift
+    problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)
+    return Review(model, x, y, y_model, skip, tuple(_weights(problem, model, (y - y_model)[skip:])), sentences)
 
 
 def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector) -> Iterator[Weight]:

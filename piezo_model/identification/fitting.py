@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.fit_report import Certificate
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -21,6 +21,15 @@ Vector = NDArray[np.float64]
 
 class IdentificationError(ValueError):
     """The data do not give a model; the message is one sentence that says why."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
+
+    cost_gap: float
+    violation: float
+    unique: bool
 
 
 def accumulate(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, proximal: float,

@@ -1,7 +1,8 @@
 """From a recording to a model: the whole of equations (3) to (6) in one call.
 
-What a recording does not say is found out and reported: the states that the actuator started with (`unknown_start`), an
-offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can tell apart.
+What a recording does not say is found out and reported: sign, transient and the states that the actuator started with
+(`counting`), an offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can tell apart. Data that
+the model class does not describe are refused (`judgement`).
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model.identification.counting import count, require, y_range
 from piezo_model.identification.fit_report import Fit, FitReport, Offset
 from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
+from piezo_model.identification.forward_error import forward_error
+from piezo_model.identification.judgement import judge
 from piezo_model.identification.lag_identification import estimate_lag, without_lag
-from piezo_model.identification.unknown_start import counted_y_range, resting_level, settled_from, unknown_start
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -47,7 +50,7 @@ def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ..
 def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: ModelStructure | None = None, *,
              solver: str = "box_active_set", n: int = 5, m: int = 3, creep_rates: Sequence[float] | None = None,
              skip: int | None = None, lag: LagChoice = "estimate", state: OperatorState | None = None,
-             proximal: float = 1e-10) -> HysteresisCreepModel:
+             proximal: float = 1e-10, force: bool = False) -> HysteresisCreepModel:
     """Identify a model from input and output.
 
     Parameters
@@ -62,24 +65,26 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     solver : str
         Any registered solver.
     skip : int, optional
-        Samples at the start that move the operators and are not counted. By default as many as it takes for the
-        operator states to be known, or none when ``state`` is given.
+        Samples at the start that move the operators and are not counted. By default none but those of a switch-on transient.
     lag : "estimate", "remove" or "ignore"
         Whether a lag of the sensor is estimated and said, removed from the output as well, or not looked for.
     state : OperatorState, optional
-        States before the first sample where they are known, as in a simulation.
+        States before the first sample where they are known, as in a simulation; found by default.
     proximal : float
         As of ``IdentificationProblem``.
+    force : bool
+        Whether to give a model, and say why not in its report, where it is no better than a straight line.
 
     Returns
     -------
     HysteresisCreepModel
-        With ``.report``: fit, excitation, certificate, lag, offset and sentences that say them.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences that say them. Its
+        structure is turned where the output falls as the input rises.
 
     Raises
     ------
     IdentificationError, ValueError
-        For data that cannot give a model.
+        For data that cannot give a model, and for data that the model class does not describe.
 
     Examples
     --------
@@ -105,20 +110,16 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
         raise IdentificationError(f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
                                   f"structure is {structure.sample_time:g} s")
     recording.require(structure.d + 1)
-    if skip is None:
-        skip = settled_from(recording, structure) if state is None else 0
-    if recording.length - skip <= structure.d:
-        raise IdentificationError(f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples "
-                                  f"are left after skipping {skip}, too few for {structure.d} weights")
-    if own_structure:  # a transient at the start must not stretch the range of the thresholds
-        low, high = counted_y_range(recording, skip)
-        structure = replace(structure, y_centre=0.5 * (low + high), y_scale=0.5 * (high - low))
     rest = None
     if state is None:
-        level = resting_level(recording, structure, skip, solver, proximal)
-        state = unknown_start(recording, structure, level)
-        rest = structure.x_centre + structure.x_scale * level if structure.creep_rates else None
-    found_lag = None
+        found = count(recording, structure, solver, proximal, skip, fit_range=own_structure)
+        structure, state, transient = found.structure, found.state, 0 if skip is not None else found.skip
+        skip, rest = found.skip, found.rest
+    else:
+        skip, transient = skip or 0, 0
+        require(recording, structure, skip)
+    low, high = y_range(recording, transient)
+    start, found_lag = state.copy(), None
     if lag != "ignore":
         found_lag = estimate_lag(recording, structure, skip, solver, state, proximal, remove=lag == "remove")
         if found_lag is not None and found_lag.removed:
@@ -126,10 +127,19 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     problem = accumulate(recording, structure, skip, state, proximal)
     w = optimum(problem, solver)
     model = HysteresisCreepModel.from_weights(structure, w)
-    report = FitReport(solver, _forward_error(model, recording, skip, state), problem.excitation_report(),
-                       prove(problem, w), found_lag, _offset(problem, w, solver) if structure.offset else None, rest,
-                       own_structure and creep_rates is None)
-    return replace(model, report=report.to_dict(structure))
+    fit, _ = forward_error(model, recording, skip, state, high - low)
+    judged = judge(recording, structure, skip, state, fit, solver, proximal)
+    if judged.refusal is not None and not force:
+        raise IdentificationError(f"{recording.name}: {judged.refusal}")
+    straight = judged.straight and fit.line[1] > 0.0
+    if straight:
+        w = line(structure, fit)
+        model = HysteresisCreepModel.from_weights(structure, w)
+        fit, _ = forward_error(model, recording, skip, state, high - low)
+    report = FitReport(solver, fit, judged.baseline, judged.hysteresis, judged.refusal, judged.one_way, problem.excitation_report(),
+                       None if straight else prove(problem, w), found_lag, _offset(problem, w, solver) if structure.offset else None,
+                       None if rest is None else structure.x_centre + structure.x_scale * rest, own_structure and creep_rates is None)
+    return replace(model, report=report.to_dict(structure), start=start)
 
 
 def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: ModelStructure | None) -> Recording:
@@ -143,22 +153,6 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
                                  output_unit=structure.output_unit)
 
 
-def _forward_error(model: HysteresisCreepModel, recording: Recording, skipped: int, state: OperatorState) -> Fit:
-    state, squares, worst, skipped_worst, seen = state.copy(), 0.0, 0.0, 0.0, 0
-    low, high = math.inf, -math.inf
-    for x, y in recording.chunks():
-        error = np.abs(model.simulate(x, state) - y)
-        head = min(max(skipped - seen, 0), x.size)
-        skipped_worst = max(skipped_worst, float(np.max(error[:head], initial=0.0)))
-        worst = max(worst, float(np.max(error[head:], initial=0.0)))
-        squares += float(np.sum(error[head:] ** 2))
-        low, high = float(np.min(y[head:], initial=low)), float(np.max(y[head:], initial=high))
-        seen += x.size
-    counted, span = recording.length - skipped, high - low
-    rms = math.sqrt(squares / counted)
-    return Fit(counted, skipped, 100 * rms / span, 100 * worst / span, rms, worst, 100 * skipped_worst / span)
-
-
 def _offset(problem: IdentificationProblem, w: Vector, solver: str) -> Offset:
     """Solve again without the constant to see what it is worth."""
     s = problem.structure
@@ -168,3 +162,10 @@ def _offset(problem: IdentificationProblem, w: Vector, solver: str) -> Offset:
                   error_percent(without, optimum(without, solver)))
 
 
+def line(s: ModelStructure, fit: Fit) -> Vector:
+    """Weights (d,) of the best straight line, without hysteresis and creep."""
+    w, (constant, slope) = s.straight_line.copy(), fit.line
+    w[s.n + s.middle] = 1.0 / slope
+    if s.offset:
+        w[-1] = constant / slope
+    return w

@@ -11,21 +11,24 @@ Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of Statistical Le
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fitting import IdentificationError, optimum
-from piezo_model.identification.unknown_start import settled_from, unknown_start
 from piezo_model.identification_problem import Excitation, IdentificationProblem
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 
 FOLDS = 5
 HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12)
 SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5)
+MISFIT_PERCENT = 1.0
+"""Error of the smallest order from which on larger ones that err more speak against the model class."""
 SAMPLES = 200_000
 """Samples that are looked at, from the start."""
 
@@ -67,16 +70,27 @@ class OrderSelection:
     chosen: Order
 
     @property
+    def misfit(self) -> bool:
+        """Whether the error on data left out rises with the order, from the smallest one on and by far more than its standard error."""
+        fewest, most = (f(self.orders, key=lambda order: order.d) for f in (min, max))
+        return (self.best == fewest and len(self.orders) > 1
+                and most.error_percent > fewest.error_percent + 2.0 * max(fewest.standard_error, most.standard_error)
+                and fewest.error_percent > MISFIT_PERCENT)
+
+    @property
     def sentence(self) -> str:
         """The choice in words."""
         c, b = self.chosen, self.best
+        if self.misfit:
+            return (f"The model class does not fit: of {len(self.orders)} orders the fewest unknowns, n = {c.n}, m = {c.m}, predict data "
+                    f"left out best, with an error of {c.error_percent:.3f} % of the input's range, and more only make it worse.")
         text = (f"Cross-validation over {len(self.orders)} orders takes n = {c.n}, m = {c.m} ({c.d} unknowns): an error of "
                 f"{c.error_percent:.3f} % of the input's range on data left out")
         return text + ("." if c == b else (
             f", within one standard error of the smallest, {b.error_percent:.3f} % with n = {b.n}, m = {b.m}."))
 
 
-def select_order(recording: Recording, structure: ModelStructure, resting_input: float | None, solver: str = "box_active_set",
+def select_order(recording: Recording, model: HysteresisCreepModel, solver: str = "box_active_set",
                  ns: Sequence[int] = HYSTERESIS_ORDERS, ms: Sequence[int] = SUPERPOSITION_ORDERS,
                  progress: Callable[[str, int, int], None] = lambda what, done, total: None) -> OrderSelection:
     """Cross-validate orders.
@@ -84,10 +98,8 @@ def select_order(recording: Recording, structure: ModelStructure, resting_input:
     Parameters
     ----------
     recording : Recording
-    structure : ModelStructure
-        Of a first fit: its ranges, creep rates and offset are kept, its orders are replaced.
-    resting_input : float or None
-        Where creep started, in the input unit, as the first fit found it.
+    model : HysteresisCreepModel
+        Of a first fit: ranges, creep rates, offset and start are kept, the orders are replaced.
     solver : str
     ns, ms : sequence of int
         Orders to look at.
@@ -98,12 +110,9 @@ def select_order(recording: Recording, structure: ModelStructure, resting_input:
     IdentificationError
         The recording is too short for any of the orders.
     """
-    x, y = next(recording.chunks(SAMPLES))
+    structure, start, skip = model.structure, model.start, int(model.report["fit"]["skipped"])
+    x, y = recording.head(SAMPLES).arrays()
     grid = [with_orders(structure, n, m) for n, m in product(ns, ms)]
-    part = Recording.from_arrays(x, y, recording.sample_time, name=recording.name, input_unit=recording.input_unit,
-                                 output_unit=recording.output_unit)
-    level = 0.0 if resting_input is None else float(structure.unit_input(np.array([resting_input]))[0])
-    skip = max(settled_from(part, s) for s in grid)
     length = (x.size - skip) // FOLDS
     grid = [s for s in grid if s.d < length]
     if not grid:
@@ -111,7 +120,8 @@ def select_order(recording: Recording, structure: ModelStructure, resting_input:
     found = []
     for done, s in enumerate(grid):
         progress(f"n = {s.n}, m = {s.dead_zones // 2}", done, len(grid))
-        errors = _errors(part, x, y, s, skip, length, level, solver)
+        state = OperatorState.at_rest(s) if start is None else start.on(structure, s)
+        errors = _errors(x, y, s, skip, length, state, solver)
         rms = float(np.sqrt(np.mean(errors**2)))
         spread = float(np.std(errors**2, ddof=1) / np.sqrt(FOLDS)) / (2.0 * rms) if rms else 0.0
         scale = 100.0 * structure.x_scale / (recording.x_range[1] - recording.x_range[0])
@@ -123,15 +133,14 @@ def select_order(recording: Recording, structure: ModelStructure, resting_input:
 
 def with_orders(s: ModelStructure, n: int, m: int) -> ModelStructure:
     """The structure with other orders, thresholds equidistant."""
-    return ModelStructure.equidistant(n, m, (s.x_centre - s.x_scale, s.x_centre + s.x_scale),
-                                      (s.y_centre - s.y_scale, s.y_centre + s.y_scale), s.creep_rates, s.sample_time,
-                                      offset=s.offset, input_unit=s.input_unit, output_unit=s.output_unit)
+    other = ModelStructure.equidistant(n, m, (-1.0, 1.0), (-1.0, 1.0), (), s.sample_time)
+    return replace(s, play_thresholds=other.play_thresholds, dead_zone_thresholds=other.dead_zone_thresholds)
 
 
-def _errors(recording: Recording, x: np.ndarray, y: np.ndarray, s: ModelStructure, skip: int, length: int, level: float,
+def _errors(x: np.ndarray, y: np.ndarray, s: ModelStructure, skip: int, length: int, state: OperatorState,
             solver: str) -> np.ndarray:
     """RMS error (5) in unit amplitudes on each stretch, from the weights of all others, shape (FOLDS,)."""
-    basis = DataBasis(s, unknown_start(recording, s, level))
+    basis = DataBasis(s, state)
     basis.update(x[:skip], y[:skip], count=False)
     stretches = []
     for fold in range(FOLDS):

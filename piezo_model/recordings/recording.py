@@ -161,6 +161,12 @@ class Recording:
         """Return the same recording with its samples held in memory."""
         return replace(self, _pieces=partial(iter, (np.stack(self.arrays()),)))
 
+    def head(self, samples: int) -> Recording:
+        """Return the first samples, held in memory, with the ranges and units of the whole."""
+        if self.length <= samples:
+            return self.in_memory()
+        return replace(self, length=samples, _pieces=partial(iter, (np.stack(next(self.chunks(samples))),)))
+
     def require(self, samples: int) -> None:
         """Refuse a recording of fewer samples than, say, the order of a model needs."""
         if self.length < samples:
@@ -211,7 +217,7 @@ class Reference:
                 + _guessed(self.reasons))
 
 
-def read_reference(path: str | Path, time: str | None = None, column: str | None = None, *,
+def read_reference(path: str | Path, time: str | None = None, column: str | None = None, *, role: str = "reference",
                    time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
                    decimal: str | None = None, sheet: str | None = None) -> Reference:
     """Read a file of one signal to be followed, which may be constant, and the times if it has any.
@@ -222,6 +228,8 @@ def read_reference(path: str | Path, time: str | None = None, column: str | None
         Of any format, as for :meth:`Recording.open`.
     time, column : str, optional
         Column names; guessed by default.
+    role : "reference" or "input"
+        What the signal is to be recognised as.
     time_tolerance, sample_time, header_row, decimal, sheet
         As for :meth:`Recording.open`.
 
@@ -231,9 +239,9 @@ def read_reference(path: str | Path, time: str | None = None, column: str | None
         With one sentence that names file, column and row.
     """
     table = open_table(path, Reading(sample_time, header_row, decimal, sheet))
-    roles = choose_roles(table, {"time": time, "reference": column}, sample_time is not None)
-    found = _scanned(table, roles, ("reference",), sample_time, time_tolerance)
-    at = roles.at["reference"]
+    roles = choose_roles(table, {"time": time, role: column}, sample_time is not None)
+    found = _scanned(table, roles, (role,), sample_time, time_tolerance)
+    at = roles.at[role]
     values = next(rechunk(_rows(table, [at], found.length), found.length))[0]
     return Reference(found.sample_time, values, table.columns[at].unit, str(path), _names(table, roles),
                      {role: table.columns[roles.at[role]].name for role in roles.reasons}, roles.reasons, _form(table, found))

@@ -1,0 +1,74 @@
+"""Verbs of a model that is there: ``validate`` it on another recording, ``simulate`` a drive with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from bench.cli.console import AsJson, check_writable, console, print_json
+from piezo_model import HysteresisCreepModel, Recording
+from piezo_model.recordings import RecordingError, read_reference, write_table
+
+Model = Annotated[Path, typer.Argument(help="Model written by identify.")]
+
+
+def validate_verb(
+    model: Model,
+    recording: Annotated[Path, typer.Argument(help="Table with time, input and output columns.")],
+    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
+    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
+    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    page: Annotated[Path | None, typer.Option(help="Where a page with pictures is written, HTML.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge a model on a recording that its identification has not seen.
+
+    The states at the start are found as identify finds them, and an offset of the sensor between the sessions is removed and said.
+    """
+    if page is not None:
+        check_writable(page, "--page")
+    loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, time=time, input=input, output=output)
+    found = loaded.validate(opened)
+    if page is not None:
+        from bench.report import recording_page  # plots take a second to import
+        from piezo_model.identification.fit_review import review
+
+        recording_page.write(page, recording.name, review(opened, loaded, found))
+    if as_json:
+        print_json({"model": model, "page": page, **found.to_dict()})
+        return
+    console.print(opened.describe())
+    for sentence in found.sentences():
+        console.print(sentence)
+    if page is not None:
+        console.print(f"Page: {page}")
+
+
+def simulate_verb(
+    model: Model,
+    drive: Annotated[Path, typer.Argument(help="Table with a time and a drive column.")],
+    out: Annotated[Path, typer.Option(help="Where drive and output are written, CSV or Parquet.")],
+    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
+    input: Annotated[str | None, typer.Option(help="Drive column, such as voltage_V.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute what the model makes of a drive, from rest in the middle of its range."""
+    check_writable(out)
+    loaded = HysteresisCreepModel.load(model)
+    s = loaded.structure
+    given = read_reference(drive, time=time, column=input, role="input")
+    if abs(given.sample_time / s.sample_time - 1.0) > 0.01:
+        raise RecordingError(f"{drive}: is sampled every {given.sample_time:g} s and the model every {s.sample_time:g} s")
+    if given.unit and s.input_unit and given.unit != s.input_unit:
+        raise RecordingError(f"{drive}: is in {given.unit} and the model's input in {s.input_unit}")
+    y = loaded.simulate(given.values)
+    names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
+    write_table(out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))})
+    if as_json:
+        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit})
+        return
+    console.print(f"{y.size} samples of output from {y.min():.4g} to {f'{y.max():.4g} {s.output_unit}'.rstrip()}.")
+    console.print(f"Output: {out}")

@@ -1,0 +1,85 @@
+"""A fit beside the best straight line and the best cubic, all three by cross-validation on data left out.
+
+The drive is cut into blocks of a share of its range, travelled up or down, so that every branch of every loop has several and
+one loop is enough. Each of the three is fitted to every second block and judged on the others, and the other way round; the
+operators of the model run through all of them. Errors are those of the output, RMS.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
+
+from piezo_model.data_basis import DataBasis
+from piezo_model.identification.fitting import optimum
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BLOCKS = 16
+"""Blocks to a way through the whole range, up to MOST_BLOCKS in all."""
+MOST_BLOCKS = 2000
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """RMS errors of the output on data left out, per cent of its full range."""
+
+    line_percent: float
+    cubic_percent: float
+    model_percent: float
+
+    @property
+    def pays(self) -> bool:
+        """Whether the model is better than the line."""
+        return self.model_percent < 0.9 * self.line_percent
+
+
+def alternate_blocks(x: Vector) -> Mask:
+    """Whether each sample is in a block of the first kind, shape (N,)."""
+    travel, span = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))]), float(np.ptp(x))
+    block = max(span / BLOCKS, float(travel[-1]) / MOST_BLOCKS)
+    mask: Mask = (travel // block).astype(int) % 2 == 0
+    return mask
+
+
+def cross_validate(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, solver: str, proximal: float) -> Baseline:
+    """Judge line, cubic and model of a recording on every second block, fitted to the others."""
+    x, y = recording.arrays()
+    first = alternate_blocks(x)
+    counted = np.arange(x.size) >= skip
+    squares = np.zeros(3)
+    for fitted in (first & counted, ~first & counted):
+        left_out = counted & ~fitted
+        if fitted.sum() <= s.d or not left_out.any():
+            return Baseline(*(float("nan"),) * 3)
+        model = HysteresisCreepModel.from_weights(s, _weights(x, y, s, fitted, state, solver, proximal))
+        errors = [polynomial_error(s.unit_input(x), y, degree, fitted) for degree in (1, 3)]
+        errors.append(model.simulate(x, state.copy()) - y)
+        squares += [float(np.sum(error[left_out] ** 2)) for error in errors]
+    span = 2.0 * abs(s.y_scale)
+    line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span
+    return Baseline(float(line), float(cubic), float(model_error))
+
+
+def polynomial_error(u: Vector, y: Vector, degree: int, fitted: Mask | slice = slice(None)) -> Vector:
+    """What is left of y (N,) by the best polynomial in u, in unit amplitudes, over the samples that it is fitted to."""
+    columns = chebvander(u, degree)
+    error: Vector = y - columns @ np.linalg.lstsq(columns[fitted], y[fitted], rcond=None)[0]
+    return error
+
+
+def _weights(x: Vector, y: Vector, s: ModelStructure, fitted: Mask, state: OperatorState, solver: str, proximal: float) -> Vector:
+    basis = DataBasis(s, state)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(fitted)) + 1, [x.size]])
+    for start, stop in pairwise(edges):
+        basis.update(x[start:stop], y[start:stop], count=bool(fitted[start]))
+    return optimum(basis.problem(proximal=proximal), solver)

@@ -1,0 +1,145 @@
+"""What an identification counts, and from which states on: the sign of the output, a switch-on transient, the start.
+
+A recording is counted from its first sample, since the start is found (`start`). Left out is only what no start explains: first
+samples at which the model of the whole, and that of the rest, errs far more than anywhere later, as where an amplifier was switched on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.identification.fitting import IdentificationError, accumulate, optimum
+from piezo_model.identification.start import find_start
+from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+
+HEAD, LONGEST_HEAD = 200_000, 500_000
+"""Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
+TRANSIENT_SHARE = 0.1
+"""Longest transient, as a share of the recording."""
+FAR_MORE, NOTABLE = 4.0, 0.03
+"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the range."""
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Structure with the sign and ranges of the counted part, first counted sample, states before the first sample.
+
+    ``rest`` is the input in unit amplitudes at which creep had rested, None where it rested with the plays.
+    """
+
+    structure: ModelStructure
+    skip: int
+    state: OperatorState
+    rest: float | None
+
+
+def head_of(recording: Recording, s: ModelStructure) -> Recording:
+    """The samples that starts are tried on."""
+    settled = settled_from(recording, s)
+    return recording.head(max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
+
+
+def settled_from(recording: Recording, s: ModelStructure) -> int:
+    """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
+    span = recording.x_range[1] - recording.x_range[0]
+    needed = max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0)
+    low, high, seen = math.inf, -math.inf, 0
+    for x, _ in recording.chunks():
+        lows, highs = np.minimum.accumulate(np.minimum(x, low)), np.maximum.accumulate(np.maximum(x, high))
+        known = np.flatnonzero(highs - lows >= needed)
+        if known.size:
+            return seen + int(known[0])
+        low, high, seen = lows[-1], highs[-1], seen + x.size
+    return seen
+
+
+def y_range(recording: Recording, skip: int) -> tuple[float, float]:
+    """Range of the output after the first ``skip`` samples."""
+    if skip == 0:
+        return recording.y_range
+    low, high, seen = math.inf, -math.inf, 0
+    for _, y in recording.chunks():
+        counted = y[max(skip - seen, 0):]
+        low, high = float(np.min(counted, initial=low)), float(np.max(counted, initial=high))
+        seen += y.size
+    return low, high
+
+
+def count(recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool) -> Counted:
+    """Find the sign of the output, what to leave out at the start, and the states before the first sample.
+
+    Parameters
+    ----------
+    recording : Recording
+    s : ModelStructure
+    solver, proximal
+        As of ``identify``.
+    skip : int, optional
+        First samples to leave out; a transient's by default.
+    fit_range : bool
+        Whether the output's range in the structure is to be that of the counted part.
+
+    Raises
+    ------
+    IdentificationError
+        Too few samples are left.
+    """
+    head = head_of(recording, s)
+
+    def fitted(s: ModelStructure, skip: int, state: OperatorState) -> tuple[IdentificationProblem, Vector]:
+        problem = accumulate(head, s, skip, state, proximal)
+        return problem, optimum(problem, solver)
+
+    def cost(s: ModelStructure, skip: int, state: OperatorState) -> float:
+        problem, w = fitted(s, skip, state)
+        return 2.0 * problem.cost(w)
+
+    def ranged(s: ModelStructure, skip: int) -> ModelStructure:
+        require(recording, s, skip)
+        low, high = y_range(recording, skip)
+        if not fit_range or low == high:
+            return s
+        return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
+
+    def found(s: ModelStructure, skip: int, refine: bool = True) -> tuple[OperatorState, float | None]:
+        return find_start(head, s, lambda state: cost(s, skip, state), refine)
+
+    def transient(s: ModelStructure, skip: int, look: int, refine: bool) -> int:
+        state, _ = found(s, skip, refine)
+        return _transient(head, HysteresisCreepModel.from_weights(s, fitted(s, skip, state)[1]), state, look)
+
+    s = ranged(s, skip or 0)
+    rest = OperatorState.at_rest(s, float(s.unit_input(next(head.chunks(1))[0])[0]))
+    s = min((s, s.turned()), key=lambda each: cost(each, skip or 0, rest))
+    if skip is None:
+        look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
+        skip = transient(s, 0, look, refine=False) and transient(ranged(s, look), look, look, refine=True)
+        s = ranged(s, skip)
+    return Counted(s, skip, *found(s, skip))
+
+
+def require(recording: Recording, s: ModelStructure, skip: int) -> None:
+    """Refuse a recording that skipping leaves too little of."""
+    if recording.length - skip <= s.d:
+        raise IdentificationError(f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples "
+                                  f"are left after skipping {skip}, too few for {s.d} weights")
+
+
+def _transient(head: Recording, model: HysteresisCreepModel, state: OperatorState, look: int) -> int:
+    """Samples at the start at which a model of what comes after ``look`` errs more than anywhere after it."""
+    x, y = head.arrays()
+    error = np.abs(model.simulate(x, state.copy()) - y)
+    later = float(np.max(error[look:]))
+    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE * 2.0 * abs(model.structure.y_scale)):
+        return 0
+    return int(np.flatnonzero(error[:look] > later)[-1]) + 1

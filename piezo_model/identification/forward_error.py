@@ -1,0 +1,52 @@
+"""Errors of the output over a recording, of the model and of the best line and cubic beside it, in one pass.
+
+Line and cubic are fitted by their normal equations in Chebyshev polynomials of the unit input.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+
+from piezo_model.identification.fit_report import Fit
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+
+
+def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: int, state: OperatorState, span: float,
+                  free_shift: bool = False) -> tuple[Fit, float]:
+    """Figures over the samples after ``skipped``, per cent of ``span``, and the mean error, which ``free_shift`` removes."""
+    s, state, seen = model.structure, state.copy(), 0
+    skipped_worst, low, high, total, squares = 0.0, math.inf, -math.inf, 0.0, 0.0
+    gram = np.zeros((5, 5))
+    for x, y in recording.chunks():
+        error = y - model.simulate(x, state)
+        head = min(max(skipped - seen, 0), x.size)
+        seen += x.size
+        skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
+        if head == x.size:
+            continue
+        x, y, error = x[head:], y[head:], error[head:]
+        low, high = min(low, float(np.min(error))), max(high, float(np.max(error)))
+        total += float(np.sum(error))
+        squares += float(error @ error)
+        columns = np.column_stack([chebvander(s.unit_input(x), 3), s.unit_output(y)])
+        gram += columns.T @ columns
+    counted = recording.length - skipped
+    shift = total / counted if free_shift else 0.0
+    rms = math.sqrt(max(squares / counted - shift**2, 0.0)) if free_shift else math.sqrt(squares / counted)
+    worst = max(high - shift, shift - low)
+    (line, coefficients), (cubic, _) = (_polynomial(gram / counted, degree) for degree in (1, 3))
+    unit = 100.0 * abs(s.y_scale) / span
+    return Fit(counted, skipped, 100.0 * rms / span, 100.0 * worst / span, rms, worst, 100.0 * skipped_worst / span, unit * line,
+               unit * cubic, (float(coefficients[0]), float(coefficients[1])), span), shift
+
+
+def _polynomial(gram: np.ndarray, degree: int) -> tuple[float, np.ndarray]:
+    """Root mean square that the best polynomial of a degree leaves of the last column, and its coefficients."""
+    part, right = gram[:degree + 1, :degree + 1], gram[:degree + 1, -1]
+    coefficients = np.linalg.lstsq(part, right, rcond=None)[0]
+    return math.sqrt(max(float(gram[-1, -1] - right @ coefficients), 0.0)), coefficients

@@ -1,0 +1,112 @@
+"""Whether a model of hysteresis and creep is what a recording asks for.
+
+A fit is held against the best line and the best cubic on data left out (`baseline`). No better than the line, or less than half as
+good as an explanation that the model class has no part in (`rivals`), it is refused in one sentence that names the explanation.
+Data that are on a curve and in noise are no reason to refuse: they have no hysteresis, and where the fit is no better than the line,
+whose slope noise in the output does not bias as it does that of (6), the line is the model.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.identification import rivals
+from piezo_model.identification.baseline import Baseline, cross_validate
+from piezo_model.identification.counting import HEAD
+from piezo_model.identification.fit_report import Fit, percent
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+
+LOOK = 12_000
+"""Samples that explanations are tried on."""
+MUCH_BETTER = 0.5
+"""Share of the model's error below which another explanation is the better one."""
+GOOD = 1e-3
+"""Share of the range: a model that errs less, and less than half as much as a line, needs no other explanation."""
+EXACT = 1e-5
+"""Share of the range below which data are on a curve exactly."""
+WHITE = 0.4
+"""Correlation of neighbouring samples up to which an error is noise."""
+FEW = 0.3
+"""Roughness of a drive of about eight samples a period."""
+RIGHT = 0.1
+"""Share of the line's error below which turns between samples do not matter."""
+REVERSED = -0.5
+"""Sense of the loops below which the output leads."""
+ONE_WAY = 0.9
+"""Share of the drive's travel in one direction from which on the data are nearly one branch."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Errors on data left out, whether there is hysteresis, whether a line says all, what speaks against a model, and whether
+    there is one branch alone."""
+
+    baseline: Baseline
+    hysteresis: bool
+    straight: bool
+    refusal: str | None
+    one_way: bool
+
+
+def judge(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, fit: Fit, solver: str, proximal: float) -> Judgement:
+    """Hold a fit against a line, a cubic and what else would explain the recording."""
+    if recording.length > HEAD:  # with so many samples to so few weights, the error is that on data left out
+        recording = recording.head(HEAD + skip)
+        baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
+    else:
+        baseline = cross_validate(recording, s, skip, state, solver, proximal)
+        if math.isnan(baseline.model_percent):
+            baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
+    x, y = (signal[skip:] for signal in recording.arrays())
+    stride = math.ceil(x.size / LOOK)
+    u, v = 0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span
+    way = np.diff(u[::stride])
+    turned = max(float(way[way > 0].sum()), -float(way[way < 0].sum())) / max(float(np.abs(way).sum()), 1e-300)
+    error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
+    residual = rivals.left_over(rivals.hats(u[::stride]), v[::stride])
+    curve, monotone = rivals.rms(residual), abs(rivals.rise(u[::stride], v[::stride])) > 0.8
+    noise = abs(rivals.correlation(rivals.left_over(rivals.hats(u[:LOOK]), v[:LOOK]))) < WHITE or curve < EXACT
+    on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
+    refusal = None
+    if not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
+        refusal = _refusal(u, v, stride, s, error, line)
+    return Judgement(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
+
+
+def _refusal(u: Vector, v: Vector, stride: int, s: ModelStructure, error: float, line: float) -> str | None:
+    """Why there is to be no model, in one sentence without its full stop; None where there is no reason."""
+    thin_u, thin_v, u, v = u[::stride], v[::stride], u[:LOOK], v[:LOOK]
+    no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
+    compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
+    if no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and rivals.channels(u, v).error > far_better:
+        return f"the output is noise that does not follow the drive: {compared}"
+    few = rivals.roughness(u) > FEW
+    if few and error > RIGHT * line and rivals.unforeseen(u) < MUCH_BETTER:
+        period = 2.0 * math.pi / math.acos(max(1.0 - rivals.roughness(u), -1.0))
+        return (f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, and hysteresis "
+                f"depends on them: {compared}")
+    if not few and error > MUCH_BETTER * line and rivals.sense(thin_u, thin_v) < REVERSED:
+        return f"the output leads the drive round its loops, as where the columns of input and output are swapped: {compared}"
+    seconds = s.sample_time
+    found = {"channels": rivals.channels(u, v), "butterfly": rivals.butterfly(thin_u, thin_v)}
+    if no_better:  # where the model is better than a line: over one loop, time says as much as the drive does
+        found["drift"] = rivals.drift(thin_v)
+    if min(found.values()).error > far_better:
+        found |= {"delay": rivals.delay(thin_u, thin_v), "resonance": rivals.resonance(u, v)}
+    name, best = min(found.items(), key=lambda each: each[1])
+    if best.error < far_better:
+        left = f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
+        return {"drift": f"the output drifts with time and does not follow the drive, {left}",
+                "channels": f"the output seems to hold two channels in turn, even samples on one curve and odd ones on another, {left}",
+                "butterfly": f"the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, {left}",
+                "delay": f"the output is the drive with a delay of {best.found * stride * seconds:.3g} s, {left}",
+                "resonance": f"the output has a resonance at {best.found / seconds:.3g} Hz, {left}"}[name]
+    return f"the model class does not describe these data: {compared}" if no_better else None

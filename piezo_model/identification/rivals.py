@@ -1,0 +1,149 @@
+"""Explanations of a recording that the model class has no part in, each a few lines of least squares.
+
+All of them take the drive u and the output v as shares of their ranges, shape (N,), uniformly sampled, and give the RMS error that
+the explanation leaves, as a share of the output's range, infinite where it does not apply:
+
+    curve       v = f(u), piecewise linear                    delay       v(k) = cubic in u(k − d)
+    drift       v = polynomial in time                        resonance   v = b(z) / (1 − 2ρ cos φ z⁻¹ + ρ² z⁻²) u
+    butterfly   v = f±(u), falling and rising                 channels    v = one cubic for even samples, one for odd ones
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+KNOTS = 24
+PURE = 0.9
+"""Share of the drive's power in one tone from which on delay, resonance and hysteresis look the same."""
+DAMPING = (0.003, 0.7)
+"""Range of the damping ratio that makes a resonance."""
+
+
+class Rival(NamedTuple):
+    """An explanation: the error that it leaves, and what it found."""
+
+    error: float
+    found: float = 0.0
+
+
+def left_over(columns: Matrix, v: Vector) -> Vector:
+    """What the best combination of the columns (N, p) leaves of v (N,)."""
+    residual: Vector = v - columns @ np.linalg.lstsq(columns, v, rcond=None)[0]
+    return residual
+
+
+def polynomials(u: Vector, degree: int) -> Matrix:
+    """Chebyshev polynomials of −1 ≤ u ≤ 1 up to a degree, shape (N, degree + 1)."""
+    columns: Matrix = chebvander(u, degree)
+    return columns
+
+
+def rms(error: Vector) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def correlation(error: Vector) -> float:
+    """Correlation of neighbouring samples: 0 for noise, 1 for what changes slowly."""
+    e = error - error.mean()
+    return float(e[1:] @ e[:-1] / max(e @ e, 1e-300))
+
+
+def hats(u: Vector, knots: int = KNOTS) -> Matrix:
+    """Piecewise linear functions of u over knots that have as many samples between them, shape (N, ≤ knots)."""
+    at = np.unique(np.quantile(u, np.linspace(0.0, 1.0, knots)))
+    return np.column_stack([np.interp(u, at, row) for row in np.eye(at.size)])
+
+
+def rise(u: Vector, v: Vector) -> float:
+    """Net change of the best piecewise linear curve over all that it goes up and down: ±1 for a monotone one, 0 for a valley."""
+    steps = np.diff(np.linalg.lstsq(hats(u, KNOTS // 2), v, rcond=None)[0])
+    return float(steps.sum() / max(np.abs(steps).sum(), 1e-300))
+
+
+def sense(u: Vector, v: Vector) -> float:
+    """Sense of the loops, 1 where the output always lags behind the drive and −1 where it always leads."""
+    residual, way = left_over(hats(u), v), np.diff(u)
+    middle = 0.5 * (residual[1:] + residual[:-1])
+    return float(-np.sign(np.cov(u, v)[0, 1]) * np.sum(middle * way) / max(np.sum(np.abs(middle * way)), 1e-300))
+
+
+def roughness(u: Vector) -> float:
+    """1 − correlation of neighbouring samples; 1 − cos(2π/p) for a sine of p samples a period."""
+    return float(np.mean(np.diff(u) ** 2) / (2.0 * max(u.var(), 1e-300)))
+
+
+def unforeseen(u: Vector) -> float:
+    """What four samples before leave open of the next, as a share of the standard deviation: small for tones, 1 for noise."""
+    before = np.lib.stride_tricks.sliding_window_view(u[:-1] - u.mean(), 4)
+    return rms(left_over(before, u[4:] - u.mean())) / max(float(u.std()), 1e-300)
+
+
+def drift(v: Vector) -> Rival:
+    """A polynomial in time."""
+    return Rival(rms(left_over(polynomials(np.linspace(-1.0, 1.0, v.size), 5), v)))
+
+
+def channels(u: Vector, v: Vector) -> Rival:
+    """One cubic for even samples and one for odd ones."""
+    return Rival(rms(np.concatenate([left_over(polynomials(2 * u[i::2] - 1, 3), v[i::2]) for i in (0, 1)])))
+
+
+def butterfly(u: Vector, v: Vector) -> Rival:
+    """A curve that goes down and up for each direction of the drive."""
+    direction = np.sign(np.gradient(np.convolve(u, np.ones(5) / 5, "same")))
+    if abs(rise(u, v)) > 0.7:
+        return Rival(np.inf)
+    columns = polynomials(2 * u - 1, 6)
+    return Rival(rms(left_over(np.hstack([columns, columns * direction[:, None]]), v)))
+
+
+def single_tone(u: Vector) -> bool:
+    """Whether nearly all of the drive's power is in one tone and its neighbours."""
+    power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
+    top = int(np.argmax(power))
+    return bool(power[max(top - 2, 0):top + 3].sum() > PURE * power.sum())
+
+
+def delay(u: Vector, v: Vector) -> Rival:
+    """A cubic in the drive of ``found`` samples before, up to a quarter of the recording."""
+    longest = min(u.size // 4, 2000)
+    if single_tone(u):
+        return Rival(np.inf)
+
+    def error(late: int) -> float:
+        return rms(left_over(polynomials(2 * u[longest - late:u.size - late] - 1, 3), v[longest:]))
+
+    tried = np.unique(np.geomspace(1, max(longest, 1), 40).astype(int))
+    best = int(np.argmin([error(int(late)) for late in tried]))
+    near = np.unique(np.linspace(tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)], 40).astype(int))
+    errors = [error(int(late)) for late in near]
+    return Rival(min(errors), float(near[int(np.argmin(errors))]))
+
+
+def resonance(u: Vector, v: Vector) -> Rival:
+    """Two conjugate poles; ``found`` is the frequency in cycles a sample."""
+    if single_tone(u):
+        return Rival(np.inf)
+    u = u - u[0]
+
+    def error(at: Vector) -> float:
+        rho, phi = 1.0 / (1.0 + np.exp(-at[0])), np.exp(at[1])
+        poles = [1.0, -2.0 * rho * np.cos(phi), rho * rho]
+        columns = [lfilter([0.0] * late + [1.0], poles, u) for late in range(3)]
+        return rms(left_over(np.column_stack([*(column / np.linalg.norm(column) for column in columns), np.ones_like(u)]), v))
+
+    grid = [np.array([np.log(rho / (1.0 - rho)), np.log(phi)]) for rho in (0.8, 0.95, 0.99) for phi in np.geomspace(0.01, 2.5, 14)]
+    best = minimize(error, min(grid, key=error), method="Nelder-Mead", options={"maxfev": 80})
+    rho, phi = 1.0 / (1.0 + np.exp(-best.x[0])), float(np.exp(best.x[1]))
+    damping = -np.log(rho) / np.hypot(np.log(rho), phi)
+    return Rival(float(best.fun) if DAMPING[0] < damping < DAMPING[1] and phi < np.pi else np.inf, phi / (2.0 * np.pi))

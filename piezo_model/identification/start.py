@@ -1,0 +1,128 @@
+"""The operators' states before the first sample, which no recording holds, found by the cost (6) itself.
+
+The play states over their thresholds are one curve from the first input on, z(0) = x(0) with |dz/dr| ≤ 1: the memory of what
+the actuator had seen. A play of threshold r shows its start until the drive has wiped it out, H_r = min(max(z_r(0), L_r), U_r)
+with the running bounds L_r and U_r, so nearly every sample tells something. Creep states start as if the actuator had rested at
+a level, or where the plays are. The search takes the best of a handful of starts (at rest at a level, which includes coming from
+above, from below and demagnetised) and refines it on a grid of halving steps, so that rounding does not decide.
+
+Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.operator_state import OperatorArrays, OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+
+LEVELS = tuple(np.linspace(-1.0, 1.0, 9).tolist())
+COARSEST, COARSE, FINEST = 0.5, 2.0**-5, 2.0**-16
+"""Steps of slopes and level in the refinement, halved down to COARSE, and on to FINEST for as long as that helps."""
+EXACT = 1e-12
+"""Cost in unit amplitudes squared below which rounding decides and not the data."""
+FARTHEST = 2.0
+"""Half ranges of the drive from its middle at which creep may have rested."""
+BETTER = 0.998
+"""Share of the cost below which another start is taken, so that what the data hardly tell stays simple."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """States before the first sample.
+
+    Attributes
+    ----------
+    first : float
+        Input at the first sample, unit amplitudes.
+    slopes : tuple of n floats
+        dz/dr between the thresholds, within −1 and 1: all 1 came down from far above, all −1 up from far below.
+    level : float or None
+        Input in unit amplitudes at which creep had rested; None where the plays are.
+    """
+
+    first: float
+    slopes: tuple[float, ...]
+    level: float | None
+
+    @classmethod
+    def rested(cls, s: ModelStructure, first: float, at: float, level: float | None) -> Start:
+        """Demagnetised at ``at`` and driven to the first input from there."""
+        r = np.array((0.0, *s.play_thresholds))
+        z = np.clip(at, first - r, first + r)
+        return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), level)
+
+    def state(self, s: ModelStructure, centre: float, half: float) -> OperatorState:
+        """States of the operators; plays that a drive of that centre and half range can never tell rest in the middle."""
+        r, state = OperatorArrays.of(s).r, OperatorState.at_rest(s, self.first)
+        steps = np.diff((0.0, *s.play_thresholds)) * np.array(self.slopes)
+        state.play[1:s.n + 1] = self.first + np.cumsum(steps)
+        state.creep[:] = np.tile(state.play, len(s.creep_rates)) if self.level is None else self.level
+        state.play[r >= half] = centre
+        return state
+
+
+def find_start(recording: Recording, s: ModelStructure, cost: Callable[[OperatorState], float], refine: bool = True,
+               ) -> tuple[OperatorState, float | None]:
+    """Return the start of the smallest cost, and the input in unit amplitudes at which creep had rested, if it had.
+
+    Parameters
+    ----------
+    recording : Recording
+    s : ModelStructure
+    cost : function of OperatorState
+        Mean square error over the recording from these states on, with whatever else is free at its best.
+    refine : bool
+        Whether to go on from the best of the handful.
+    """
+    low, high = s.unit_input(np.array(recording.x_range))
+    centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))
+    first = float(s.unit_input(next(recording.chunks(1))[0])[0])
+    costs: dict[Start, float] = {}
+
+    def seen(start: Start) -> float:
+        if start not in costs:
+            costs[start] = cost(start.state(s, centre, half))
+        return costs[start]
+
+    def better_of(best: Start, others: list[Start]) -> Start:
+        found = min(others, key=seen)
+        return found if seen(best) > EXACT and seen(found) < BETTER * seen(best) else best
+
+    levels = [centre + half * level for level in LEVELS]
+    best = better_of(Start.rested(s, first, first, None), [Start.rested(s, first, at, None) for at in levels])
+    if s.creep_rates:
+        best = better_of(best, [Start.rested(s, first, at, at) for at in levels])
+        best = better_of(best, [replace(best, level=level) for level in levels])
+    if not refine:
+        return best.state(s, centre, half), best.level
+    free, step, helped = [i for i, r in enumerate(s.play_thresholds) if r < half], COARSEST, True
+    while step >= COARSE or (helped and step >= FINEST):
+        before, helped = None, False
+        while best != before:
+            before = best
+            for change in (step, -step):
+                for i in free:
+                    best = better_of(best, [_tilted(best, i, change)])
+                if best.level is not None:
+                    best = better_of(best, [replace(best, level=centre + half * _clip((best.level - centre) / half + change, FARTHEST))])
+            helped |= best != before
+        step *= 0.5
+    return best.state(s, centre, half), best.level
+
+
+def _tilted(start: Start, i: int, change: float) -> Start:
+    slopes = list(start.slopes)
+    slopes[i] = _clip(slopes[i] + change, 1.0)
+    return replace(start, slopes=tuple(slopes))
+
+
+def _clip(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

@@ -1,0 +1,168 @@
+"""Made-up recordings of kinds that the model class can describe and of kinds that it cannot, everything else random by seed."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from piezo_model import plants, signals
+from piezo_model.operators import play
+from piezo_model.recordings import Recording
+
+Vector = NDArray[np.float64]
+SAMPLE_TIME = 1e-3
+
+
+def drive(rng: Generator, size: int = 6000, form: int | None = None) -> Vector:
+    """One of six forms of drive between −1 and 1: sines, a swelling sine, triangles, two tones, a decaying one, a random walk."""
+    t, cycles = np.arange(size) / size, rng.uniform(2.5, 20.0)
+    phase = 2 * np.pi * (cycles * t + rng.uniform())
+    form = int(rng.integers(6)) if form is None else form
+    match form:
+        case 0:
+            x = np.sin(phase)
+        case 1:
+            x = np.sin(phase) * (0.3 + 0.7 * t)
+        case 2:
+            x = 2 / np.pi * np.arcsin(np.sin(phase))
+        case 3:
+            x = 0.6 * np.sin(phase) + 0.4 * np.sin(0.37 * phase + 1.0)
+        case 4:
+            x = np.sin(phase) * np.exp(-2 * t)
+        case _:
+            steps = lfilter([0.03], [1.0, -0.97], rng.standard_normal(size))
+            x = np.sin(np.cumsum(steps) / 20)
+    return np.asarray(x, dtype=np.float64)
+
+
+def loops(rng: Generator, u: Vector, share: float | None = None) -> Vector:
+    """Prandtl–Ishlinskii loops of a share of the range, in the making of which no code of the model has a part."""
+    share = rng.uniform(0.05, 0.3) if share is None else share
+    r = np.linspace(0.05, 0.9, 12)
+    w = np.exp(-r / rng.uniform(0.2, 0.6))
+    z, y = u[0] + rng.uniform(-1, 1) * r, np.empty_like(u)
+    for k, value in enumerate(u):
+        z = np.minimum(np.maximum(z, value - r), value + r)
+        y[k] = w @ z
+    return np.asarray((1 - share) * u + share * y / w.sum() * 1.5)
+
+
+def creeping(rng: Generator, u: Vector) -> Vector:
+    y, out = loops(rng, u), np.zeros_like(u)
+    for rate in (20.0, 2.0, 0.3):
+        a = -np.expm1(-rate * SAMPLE_TIME)
+        out += lfilter([0.0, a], [1.0, a - 1.0], u, zi=[(1 - a) * u[0]])[0]
+    return y + rng.uniform(0.01, 0.05) * out
+
+
+def noisy(rng: Generator, y: Vector, share: float = 0.003) -> Vector:
+    return y + share * np.ptp(y) * rng.standard_normal(y.size)
+
+
+Kind = Callable[[Generator], tuple[Vector, Vector]]
+
+
+def _on(form: Callable[[Generator, Vector], Vector], drive_form: int | None = None, noise: float = 0.003) -> Kind:
+    def kind(rng: Generator) -> tuple[Vector, Vector]:
+        u = drive(rng, form=drive_form)
+        return u, noisy(rng, form(rng, u), noise)
+    return kind
+
+
+def _plant(name: str) -> Kind:
+    def kind(rng: Generator) -> tuple[Vector, Vector]:
+        u = drive(rng)
+        return u, noisy(rng, plants.get(name, sample_time=SAMPLE_TIME).run(75.0 + 75.0 * u))
+    return kind
+
+
+def _staircase(rng: Generator) -> tuple[Vector, Vector]:
+    u = signals.staircase(duration_s=6.0, sample_time=SAMPLE_TIME, low=-1.0, high=1.0, levels=int(rng.integers(6, 12)))
+    return u, noisy(rng, creeping(rng, u))
+
+
+def _one_loop(rng: Generator) -> tuple[Vector, Vector]:
+    u = np.cos(2 * np.pi * (np.arange(5000) / 5000 * rng.uniform(0.98, 1.3) + rng.uniform()))
+    return u, noisy(rng, creeping(rng, u), 0.001)
+
+
+DESCRIBABLE: dict[str, Kind] = {
+    "hysteresis": _on(loops),
+    "hysteresis and creep": _on(creeping),
+    "saturation and hysteresis": _on(lambda rng, u: np.tanh(rng.uniform(0.6, 1.5) * loops(rng, u))),
+    "saturation without hysteresis": _on(lambda rng, u: np.tanh(rng.uniform(0.8, 2.5) * u)),
+    "a straight line": _on(lambda rng, u: 3.0 * u + 1.0, noise=0.0),
+    "a straight line in noise": _on(lambda rng, u: 3.0 * u + 1.0, noise=0.05),
+    "a falling output": _on(lambda rng, u: -creeping(rng, u)),
+    "one loop": _one_loop,
+    "a staircase": _staircase,
+    "an amplifier that clips": _on(lambda rng, u: np.clip(loops(rng, u), -0.6, 0.7)),
+    "Bouc-Wen": _plant("bouc_wen"),
+    "relays of Preisach": _plant("relay_preisach"),
+}
+
+
+def _resonance(rng: Generator) -> tuple[Vector, Vector]:
+    size, zeta = 6000, rng.uniform(0.02, 0.2)
+    t = np.arange(size) * SAMPLE_TIME
+    f0 = rng.uniform(20.0, 80.0)
+    u = np.sin(2 * np.pi * (0.2 * f0 * t + (1.5 * f0) * t**2 / (2 * t[-1])))
+    w = 2 * np.pi * f0 * SAMPLE_TIME
+    a1, a2 = 2 * np.exp(-zeta * w) * np.cos(w * np.sqrt(1 - zeta**2)), -np.exp(-2 * zeta * w)
+    return u, noisy(rng, lfilter([0.0, 1 - a1 - a2], [1.0, -a1, -a2], u + 0.05 * loops(rng, u)))
+
+
+def _butterfly(rng: Generator) -> tuple[Vector, Vector]:
+    u = drive(rng, form=int(rng.integers(4)))
+    inner = loops(rng, u, rng.uniform(0.3, 0.9))
+    return u, noisy(rng, np.abs(inner) ** rng.uniform(1.0, 2.0) + rng.uniform(-0.1, 0.1) * u)
+
+
+def _delay(rng: Generator) -> tuple[Vector, Vector]:
+    k, f = np.arange(6000), rng.uniform(2.0, 6.0)
+    late = int(rng.integers(10, 30))
+
+    def u(k: Vector) -> Vector:
+        return 0.6 * np.sin(2 * np.pi * f * k * SAMPLE_TIME) + 0.4 * np.sin(2 * np.pi * 3.7 * f * k * SAMPLE_TIME + 1.0)
+    return u(k), noisy(rng, 3.0 * u(k - late))
+
+
+def _swapped(rng: Generator) -> tuple[Vector, Vector]:
+    u = drive(rng, form=int(rng.integers(5)))
+    return noisy(rng, loops(rng, u, rng.uniform(0.15, 0.4)), 0.001), u
+
+
+def _interleaved(rng: Generator) -> tuple[Vector, Vector]:
+    u = drive(rng, form=int(rng.integers(5)))
+    first, second = loops(rng, u), rng.uniform(-0.5, 0.7) * loops(rng, u) + rng.uniform(-2, 2)
+    return u, noisy(rng, np.where(np.arange(u.size) % 2, first, second))
+
+
+def _aliased(rng: Generator) -> tuple[Vector, Vector]:
+    """So fast a drive that sampling meets its turns nowhere: two to four samples a period, or less than two."""
+    fine, size = 200, 3000
+    k = np.arange(size * fine) / fine
+    u = np.sin(2 * np.pi * rng.choice([rng.uniform(0.26, 0.45), rng.uniform(0.55, 0.74)]) * k) * (0.9 + 0.1 * np.sin(2 * np.pi * k / size))
+    y = 0.7 * u + 0.15 * play(u, [0.15, 0.3, 0.45, 0.6], [0.0] * 4)[0].sum(axis=1)
+    return u[::fine], noisy(rng, y[::fine], 0.001)
+
+
+UNDESCRIBABLE: dict[str, tuple[Kind, str]] = {
+    "resonance": (_resonance, "resonan"),
+    "butterfly": (_butterfly, "butterfly"),
+    "delay at two frequencies": (_delay, "delay"),
+    "swapped columns": (_swapped, "swapped"),
+    "white noise": (lambda rng: (drive(rng), rng.standard_normal(6000)), "noise"),
+    "constant output": (lambda rng: (drive(rng), np.full(6000, 1.7)), "constant"),
+    "drift only": (lambda rng: (drive(rng, form=int(rng.integers(3))), noisy(rng, np.linspace(0, 1, 6000) ** rng.uniform(0.5, 2.0))),
+                   "drift"),
+    "two interleaved channels": (_interleaved, "two channels"),
+    "aliased": (_aliased, "samples a period"),
+}
+
+
+def recording(kind: Kind, seed: int) -> Recording:
+    x, y = kind(np.random.default_rng(seed))
+    return Recording.from_arrays(75.0 + 70.0 * x, 3.0 + 8.0 * y, SAMPLE_TIME, input_unit="V", output_unit="um")
