@@ -1,8 +1,8 @@
 """A fit beside the best straight line and the best cubic, all three by cross-validation on data left out.
 
-The drive is cut into blocks of a share of its range, travelled up or down, so that every branch of every loop has several and
-one loop is enough. Each of the three is fitted to every second block and judged on the others, and the other way round; the
-operators of the model run through all of them. Errors are those of the output, RMS.
+The drive is cut into blocks of a share of its range, travelled up or down, or of time where it rests, so that every branch of
+every loop has several and one loop is enough. Each of the three is fitted to every second block and judged on the others, and the
+other way round; the operators of the model run through all of them. Errors are those of the output, RMS.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BLOCKS = 16
-"""Blocks to a way through the whole range, up to MOST_BLOCKS in all."""
-MOST_BLOCKS = 2000
+"""Blocks to a way through the whole range, up to about MOST_BLOCKS in all."""
+FEWEST_BLOCKS, MOST_BLOCKS = 64, 2000
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,10 @@ class Baseline:
 
 def alternate_blocks(x: Vector) -> Mask:
     """Whether each sample is in a block of the first kind, shape (N,)."""
-    travel, span = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))]), float(np.ptp(x))
-    block = max(span / BLOCKS, float(travel[-1]) / MOST_BLOCKS)
-    mask: Mask = (travel // block).astype(int) % 2 == 0
+    way = np.abs(np.diff(x))
+    block = max(float(np.ptp(x)) / BLOCKS, float(way.sum()) / MOST_BLOCKS)
+    passed = np.concatenate([[0.0], np.cumsum(np.maximum(way / block, FEWEST_BLOCKS / x.size))])
+    mask: Mask = passed.astype(int) % 2 == 0
     return mask
 
 

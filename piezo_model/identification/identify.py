@@ -121,7 +121,7 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     low, high = y_range(recording, transient)
     start, found_lag = state.copy(), None
     if lag != "ignore":
-        found_lag = estimate_lag(recording, structure, skip, solver, state, proximal, remove=lag == "remove")
+        found_lag = estimate_lag(recording, structure, skip + transient, solver, state, proximal, remove=lag == "remove")
         if found_lag is not None and found_lag.removed:
             recording, skip, state = without_lag(recording, structure, found_lag.samples, skip, state)
     problem = accumulate(recording, structure, skip, state, proximal)

@@ -85,6 +85,7 @@ def _refusal(u: Vector, v: Vector, stride: int, s: ModelStructure, error: float,
     """Why there is to be no model, in one sentence without its full stop; None where there is no reason."""
     thin_u, thin_v, u, v = u[::stride], v[::stride], u[:LOOK], v[:LOOK]
     no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
+    cubic = rivals.rms(rivals.left_over(rivals.polynomials(2.0 * thin_u - 1.0, 3), thin_v))
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
     if no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and rivals.channels(u, v).error > far_better:
         return f"the output is noise that does not follow the drive: {compared}"
@@ -102,7 +103,7 @@ def _refusal(u: Vector, v: Vector, stride: int, s: ModelStructure, error: float,
     if min(found.values()).error > far_better:
         found |= {"delay": rivals.delay(thin_u, thin_v), "resonance": rivals.resonance(u, v)}
     name, best = min(found.items(), key=lambda each: each[1])
-    if best.error < far_better:
+    if best.error < (far_better if name == "butterfly" else min(far_better, MUCH_BETTER * cubic)):
         left = f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
         return {"drift": f"the output drifts with time and does not follow the drive, {left}",
                 "channels": f"the output seems to hold two channels in turn, even samples on one curve and odd ones on another, {left}",

@@ -43,8 +43,7 @@ def left_over(columns: Matrix, v: Vector) -> Vector:
 
 def polynomials(u: Vector, degree: int) -> Matrix:
     """Chebyshev polynomials of −1 ≤ u ≤ 1 up to a degree, shape (N, degree + 1)."""
-    columns: Matrix = chebvander(u, degree)
-    return columns
+    return np.asarray(chebvander(u, degree), dtype=np.float64)
 
 
 def rms(error: Vector) -> float:

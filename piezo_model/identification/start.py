@@ -26,6 +26,8 @@ Vector = NDArray[np.float64]
 LEVELS = tuple(np.linspace(-1.0, 1.0, 9).tolist())
 COARSEST, COARSE, FINEST = 0.5, 2.0**-5, 2.0**-16
 """Steps of slopes and level in the refinement, halved down to COARSE, and on to FINEST for as long as that helps."""
+TRIALS = 500
+"""Starts after which the search rests."""
 EXACT = 1e-12
 """Cost in unit amplitudes squared below which rounding decides and not the data."""
 FARTHEST = 2.0
@@ -46,25 +48,29 @@ class Start:
         dz/dr between the thresholds, within −1 and 1: all 1 came down from far above, all −1 up from far below.
     level : float or None
         Input in unit amplitudes at which creep had rested; None where the plays are.
+    branch : float
+        How creep had come to its level, as of ``OperatorState.at_rest``.
     """
 
     first: float
     slopes: tuple[float, ...]
     level: float | None
+    branch: float = 0.0
 
     @classmethod
-    def rested(cls, s: ModelStructure, first: float, at: float, level: float | None) -> Start:
-        """Demagnetised at ``at`` and driven to the first input from there."""
+    def rested(cls, s: ModelStructure, first: float, at: float, branch: float = 0.0, *, creep: bool) -> Start:
+        """At rest at ``at`` on a branch, as of ``OperatorState.at_rest``, and driven to the first input from there."""
         r = np.array((0.0, *s.play_thresholds))
-        z = np.clip(at, first - r, first + r)
-        return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), level)
+        z = np.clip(at + branch * r, first - r, first + r)
+        return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), at if creep else None, branch)
 
     def state(self, s: ModelStructure, centre: float, half: float) -> OperatorState:
         """States of the operators; plays that a drive of that centre and half range can never tell rest in the middle."""
         r, state = OperatorArrays.of(s).r, OperatorState.at_rest(s, self.first)
         steps = np.diff((0.0, *s.play_thresholds)) * np.array(self.slopes)
         state.play[1:s.n + 1] = self.first + np.cumsum(steps)
-        state.creep[:] = np.tile(state.play, len(s.creep_rates)) if self.level is None else self.level
+        settled = state.play if self.level is None else self.level + self.branch * r
+        state.creep[:] = np.tile(settled, len(s.creep_rates))
         state.play[r >= half] = centre
         return state
 
@@ -97,22 +103,26 @@ def find_start(recording: Recording, s: ModelStructure, cost: Callable[[Operator
         return found if seen(best) > EXACT and seen(found) < BETTER * seen(best) else best
 
     levels = [centre + half * level for level in LEVELS]
-    best = better_of(Start.rested(s, first, first, None), [Start.rested(s, first, at, None) for at in levels])
+    best = better_of(Start.rested(s, first, first, creep=False), [Start.rested(s, first, at, creep=False) for at in levels])
     if s.creep_rates:
-        best = better_of(best, [Start.rested(s, first, at, at) for at in levels])
+        best = better_of(best, [Start.rested(s, first, at, branch, creep=True) for at in levels for branch in (0.0, 1.0, -1.0)])
         best = better_of(best, [replace(best, level=level) for level in levels])
     if not refine:
         return best.state(s, centre, half), best.level
     free, step, helped = [i for i, r in enumerate(s.play_thresholds) if r < half], COARSEST, True
     while step >= COARSE or (helped and step >= FINEST):
         before, helped = None, False
-        while best != before:
+        while best != before and len(costs) < TRIALS:
             before = best
             for change in (step, -step):
                 for i in free:
                     best = better_of(best, [_tilted(best, i, change)])
                 if best.level is not None:
-                    best = better_of(best, [replace(best, level=centre + half * _clip((best.level - centre) / half + change, FARTHEST))])
+                    level = centre + half * _clip((best.level - centre) / half + change, FARTHEST)
+                    branch = _clip(best.branch + change, 1.0)
+                    turned = best.level - 0.5 * half * (branch - best.branch)  # about the middle threshold
+                    best = better_of(best, [replace(best, level=level), replace(best, branch=branch),
+                                            replace(best, level=turned, branch=branch)])
             helped |= best != before
         step *= 0.5
     return best.state(s, centre, half), best.level

@@ -19,7 +19,7 @@ from bench.export.building import EXACT, WARNINGS, build, replay, tool, write_so
 from bench.export.c_source import FLOAT_BOUND
 from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import loop_samples, shortened
-from piezo_model import Compensator
+from piezo_model import Compensator, Recording, identify, plants
 from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -70,6 +70,24 @@ def test_the_compensator_gives_pythons_drive_over_a_million_samples(tmp_path: Pa
     x = replay(built(tmp_path, said, compiler, level, *SANITIZED), said.samples).x
     assert x.size == MILLION
     assert difference(said, x) <= EXACTLY
+
+
+def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path) -> None:
+    x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, highest_Hz=10.0)
+    y = plants.get("relay_preisach", sample_time=1e-3).run(x)
+    rising, falling = (identify(Recording.from_arrays(x, sign * y, 1e-3)) for sign in (1.0, -1.0))
+    assert falling.structure.falling
+    y_ref = np.linspace(y.min(), y.max(), 500)
+    drives = []
+    for model, sign, name in ((rising, 1.0, "rising"), (falling, -1.0, "falling")):
+        (tmp_path / name).mkdir()
+        write_sources(tmp_path / name, model, ExportSettings())
+        program = build(tmp_path / name, "replay", tool("gcc"), (*WARNINGS, *EXACT, "-O2"))
+        drives += [Compensator(model, x_limits=(x.min(), x.max())).run(sign * y_ref), replay(program, sign * y_ref).x]
+        np.testing.assert_array_equal(sign * model.simulate(x), rising.simulate(x))
+    np.testing.assert_array_equal(drives[2], drives[0])
+    np.testing.assert_array_equal(drives[3], drives[1])
+    assert np.max(np.abs(drives[1] - drives[0])) / 75.0 <= EXACTLY
 
 
 @pytest.mark.parametrize("kind", ["cyclic", "continuous"])

@@ -4,6 +4,7 @@ import json
 import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,15 @@ def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: in
         assert np.max(np.abs(simulated(fmus[fmi], y_ref, **start) - x)) / 75.0 <= EXACTLY
         assert x.min() == (limits if start else LIMITS)[0]
         assert x.max() == (limits if start else LIMITS)[1]
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path, fmi: int) -> None:
+    model, y_ref = a_model(), reference()[:500]
+    turned = replace(model, structure=replace(model.structure, y_scale=-model.structure.y_scale))
+    for each, name in ((model, "rising"), (turned, "falling")):
+        write_fmu(each, ExportSettings(), tmp_path / f"{name}.fmu", fmi)
+    np.testing.assert_array_equal(simulated(tmp_path / "falling.fmu", -y_ref), simulated(tmp_path / "rising.fmu", y_ref))
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)

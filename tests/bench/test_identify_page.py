@@ -128,15 +128,16 @@ def test_cross_validation_finds_the_order_that_the_data_were_made_with() -> None
     truth = HysteresisCreepModel.from_weights(structure, [0.5, 0.4, 1.0])
     x = multi_sine(duration_s=8.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
     y = truth.simulate(x) + np.random.default_rng(0).normal(0.0, 0.02, x.size)
-    chosen = select_order(recording(x, y), structure, None, ns=(1, 2, 3, 5), ms=(0, 1)).chosen
+    first = identify(recording(x, y), structure=structure)
+    chosen = select_order(recording(x, y), first, ns=(1, 2, 3, 5), ms=(0, 1)).chosen
     assert (chosen.n, chosen.m) == (2, 0)
 
 
 def test_a_recording_that_is_too_short_for_cross_validation_is_refused() -> None:
     x, y = signals()
-    structure = identify(recording(x, y)).structure
+    model = identify(recording(x, y))
     with pytest.raises(IdentificationError, match="too few for cross-validation"):
-        select_order(recording(x[:30], y[:30]), structure, None)
+        select_order(recording(x[:20], y[:20]), model)
 
 
 def test_a_page_cannot_be_written_where_there_is_no_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:

@@ -51,13 +51,14 @@ def superposition(s: dict[str, Any], w_S_inverse: Vector, u: Vector) -> Vector:
     return np.interp(u, one_sided_dead_zones(r, y) @ w_S_inverse, y)
 
 
-def simulate_file(model: dict[str, Any], x_V: Vector, rest_V: float | None = None) -> Vector:
-    """Output of a model file's model that rested at an input before the first sample, in the file's units."""
+def simulate_file(model: dict[str, Any], x_V: Vector) -> Vector:
+    """Output of a model file's model from the start that it holds, or from rest at the centre, in the file's units."""
     s = model["structure"]
-    rest = 0.0 if rest_V is None else (rest_V - s["x_centre"]) / s["x_scale"]
     r = thresholds(s)
-    H, K = hysteresis_and_creep(s, (x_V - s["x_centre"]) / s["x_scale"], np.full(r.size, rest),
-                                np.full((len(s["creep_rates"]), r.size), rest))
+    z_H, z_K = np.zeros(r.size), np.zeros((len(s["creep_rates"]), r.size))
+    if model["start"] is not None:
+        z_H, z_K = np.array(model["start"]["play"]), np.array(model["start"]["creep"]).reshape(z_K.shape)
+    H, K = hysteresis_and_creep(s, (x_V - s["x_centre"]) / s["x_scale"], z_H, z_K)
     u = H @ np.array(model["w_H"]) + model["offset"]
     if s["creep_rates"]:
         u = u + K @ np.array(model["w_K"])

@@ -61,23 +61,20 @@ def test_the_default_solver_and_another_one_give_the_same_model() -> None:
     np.testing.assert_allclose(own.weights, other.weights, rtol=0, atol=1e-9)
 
 
-def test_from_an_unknown_start_samples_are_skipped_until_the_largest_threshold_is_known() -> None:
+def test_an_unknown_start_is_found_and_every_sample_counts() -> None:
     s, x = structure(), a_drive()
     state = OperatorState.at_rest(s, 0.4, branch=0.7)  # came down from somewhere: no one knows
     model = identify(x, true_model(s).simulate(x, state.copy()), s)
-    swing = np.maximum.accumulate(x) - np.minimum.accumulate(x)
-    assert model.report["fit"]["skipped"] == np.flatnonzero(swing >= 2 * s.play_thresholds[-1] * s.x_scale)[0]
-    assert sentences(model, "until the drive has passed the largest threshold")
-    assert model.report["fit"]["max_percent"] < 1.0
+    assert model.report["fit"]["skipped"] == 0
+    assert model.report["fit"]["max_percent"] < 0.5
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.9, -0.9])
-def test_a_threshold_beyond_the_drive_is_not_waited_for_and_its_weight_stays(rest: float) -> None:
+def test_the_weight_of_a_threshold_beyond_the_drive_stays(rest: float) -> None:
     s, x = structure(creep_rates=(0.1,)), 50 + 0.6 * (a_drive() - 50)
     model = identify(x, true_model(s).simulate(x, OperatorState.at_rest(s, rest)), s)
     assert s.play_thresholds[-1] * s.x_scale > np.ptp(x) / 2 > s.play_thresholds[-2] * s.x_scale
-    swing = np.maximum.accumulate(x) - np.minimum.accumulate(x)
-    assert model.report["fit"]["skipped"] == np.flatnonzero(swing >= 2 * s.play_thresholds[-2] * s.x_scale)[0]
+    assert model.report["fit"]["skipped"] == 0
     assert "w_H3" in model.report["excitation"]["unreached"]
     assert model.weights[2] == 0.0
     assert sentences(model, "The drive never reached the thresholds of w_H3")
@@ -111,7 +108,8 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
     if choice == "remove":
         with_lag = identify(x[fine * 20::fine], y, s, lag="ignore")
         trimmed = shift_output(y, found["samples"]).kept.start
-        assert model.report["fit"]["skipped"] == with_lag.report["fit"]["skipped"] - trimmed
+        assert model.report["fit"]["skipped"] == 0
+        assert model.report["fit"]["samples"] <= with_lag.report["fit"]["samples"] - trimmed
         assert model.report["fit"]["rms_percent"] < 0.3 * with_lag.report["fit"]["rms_percent"]
 
 
@@ -130,7 +128,7 @@ def test_removing_a_lag_keeps_what_is_known_of_the_states_at_the_start() -> None
 
 def test_a_lag_longer_than_looked_for_is_said_to_be_perhaps_longer() -> None:
     s, x = structure(creep_rates=()), a_drive()
-    model = identify(x[20:], true_model(s).simulate(x)[5:-15], s)
+    model = identify(x[20:], true_model(s).simulate(x)[5:-15], s, force=True)  # refused as a delay otherwise
     assert sentences(model, "lags by 10.00 samples or more")
 
 
@@ -155,16 +153,17 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
     recording = real_recording()
     model = identify(recording, n=5, m=3)
     fit = model.report["fit"]
-    assert fit["rms_percent"] <= 0.46
-    assert fit["max_percent"] <= 2.1
+    assert fit["rms_percent"] <= 0.289
+    assert fit["max_percent"] <= 1.03
+    assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
     for words in ("hold a transient", "The sensor has an offset of", "The sensor lags by"):
         assert len(sentences(model, words)) == 1
-    assert 1.5 < model.report["lag"]["samples"] < 3.5
+    assert 1.5 < model.report["lag"]["samples"] < 4.0  # the error is nearly flat there
     # The same error from the saved file, by plain NumPy.
     model.save(tmp_path / "stage.json")
     saved = json.loads((tmp_path / "stage.json").read_text(encoding="utf-8"))
     x, y = recording.arrays()
-    simulated = simulate_file(saved, x, saved["report"]["resting_input"])
+    simulated = simulate_file(saved, x)
     found = errors_percent(simulated[fit["skipped"]:], y[fit["skipped"]:])
     np.testing.assert_allclose(found, (fit["rms_percent"], fit["max_percent"]), rtol=1e-9)
 
@@ -174,7 +173,7 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
     x, y = whole.arrays()
     half = whole.length // 2
     model = identify(Recording.from_arrays(x[:half], y[:half], whole.sample_time, name="first half"), n=5, m=3)
-    simulated = simulate_file(model.to_dict(), x, model.report["resting_input"])
+    simulated = simulate_file(model.to_dict(), x)
     rms, worst = errors_percent(simulated[half:], y[half:])
     assert rms < 1.2 * model.report["fit"]["rms_percent"]  # 0.300 % after 0.293 % on the half that it knows
     assert worst < 1.2 * model.report["fit"]["max_percent"]

@@ -1,0 +1,136 @@
+"""Which recordings get a model, which are refused and why, and that nothing but the data decides."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording
+
+from piezo_model import IdentificationError, Recording, identify
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.recordings import RecordingError
+
+SEEDS = st.integers(0, 10_000)
+
+
+@pytest.mark.parametrize("kind", UNDESCRIBABLE)
+@pytest.mark.parametrize("seed", [11, 12])
+def test_data_that_the_model_class_does_not_describe_are_refused_with_the_reason(kind: str, seed: int) -> None:
+    made, reason = UNDESCRIBABLE[kind]
+    with pytest.raises((IdentificationError, RecordingError), match=reason) as caught:
+        identify(recording(made, seed))
+    others = [other for name, (_, other) in UNDESCRIBABLE.items() if name != kind and other in str(caught.value)]
+    assert others == []
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", DESCRIBABLE)
+@pytest.mark.parametrize("seed", [11, 12])
+def test_data_that_the_model_class_describes_are_taken(kind: str, seed: int) -> None:
+    model = identify(recording(DESCRIBABLE[kind], seed))
+    fit = model.report["fit"]
+    assert fit["rms_percent"] <= fit["line_percent"] * (1.0 + 1e-9) or fit["rms_percent"] < 1e-4
+    on_a_curve = kind in ("saturation without hysteresis", "a straight line", "a straight line in noise")
+    assert any("No hysteresis" in finding for finding in model.report["findings"]) == on_a_curve
+    assert any("falls as the input rises" in finding for finding in model.report["findings"]) == (kind == "a falling output")
+
+
+def test_a_model_can_be_forced_and_then_says_first_what_speaks_against_it() -> None:
+    made, _ = UNDESCRIBABLE["white noise"]
+    model = identify(recording(made, 0), force=True)
+    assert "asked for although the output is noise" in model.report["findings"][0]
+    assert len(model.report["findings"]) <= 4
+
+
+def test_what_counts_is_said_for_little_data_and_for_one_branch() -> None:
+    u = np.linspace(-1.0, 1.0, 3000)
+    rng = np.random.default_rng(0)
+    y = noisy(rng, creeping(rng, u), 0.001)
+    model = identify(Recording.from_arrays(u, y, SAMPLE_TIME), skip=2000)
+    said = " ".join(model.report["findings"])
+    assert "Only 1000 of 3000 samples are counted" in said
+    assert "nearly one branch" in said
+
+
+# Only the data decide.
+
+
+@settings(max_examples=8)
+@given(seed=SEEDS, scale=st.sampled_from([-1.0, 1e-3, -7.3, 250.0]), offset=st.floats(-20, 20), x_scale=st.sampled_from([1.0, 1e3, 0.07]),
+       x_offset=st.floats(-20, 20))
+def test_sign_offset_and_unit_change_the_model_by_scale_alone(seed: int, scale: float, offset: float, x_scale: float, x_offset: float,
+                                                              ) -> None:
+    rng = np.random.default_rng(seed)
+    u = drive(rng, 3000)
+    y = noisy(rng, creeping(rng, u))
+    one = identify(Recording.from_arrays(u, y, SAMPLE_TIME), lag="ignore")
+    other = identify(Recording.from_arrays(x_scale * u + x_offset, scale * y + offset, SAMPLE_TIME), lag="ignore")
+    assert other.structure.falling == (scale < 0.0)
+    assert one.start is not None
+    assert other.start is not None
+    expected = scale * one.simulate(u, one.start.copy()) + offset
+    found = other.simulate(x_scale * u + x_offset, other.start.copy())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.ptp(scale * y))
+    np.testing.assert_allclose(other.report["fit"]["rms_percent"], one.report["fit"]["rms_percent"], rtol=1e-9)
+
+
+@settings(max_examples=8)
+@given(seed=SEEDS)
+def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    period, cycles = int(rng.integers(400, 2500)), int(rng.integers(4, 8))
+    u = np.sin(2 * np.pi * (np.arange(period * cycles) / period + rng.uniform()))
+    form = [loops, creeping, lambda rng, u: np.tanh(loops(rng, u))][int(rng.integers(3))]
+    y = noisy(rng, form(rng, u), 0.001)
+    first = int(rng.integers(0, (cycles - 2) * period))
+
+    def part(start: int, stop: int) -> Recording:
+        return Recording.from_arrays(u[start:stop], y[start:stop], SAMPLE_TIME)
+
+    whole, one = identify(part(0, u.size)), identify(part(first, first + period))
+    found = one.validate(part(first + period, first + 2 * period))
+    assert found.fit.rms_percent <= 2.0 * whole.report["fit"]["rms_percent"]
+
+
+# The model on the recording it comes from, and on others.
+
+
+def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_what_is_found() -> None:
+    rng, t = np.random.default_rng(8), np.arange(12_000) * SAMPLE_TIME
+    u = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62))
+    assert u[3000] == pytest.approx(-87.0, abs=1.0)
+    clean = loops(rng, u / 150.0)
+    y = noisy(rng, 20.0 * clean - 7.0, 0.001)
+    whole, sine = identify(Recording.from_arrays(u, y, SAMPLE_TIME)), identify(Recording.from_arrays(u[3000:], y[3000:], SAMPLE_TIME))
+    assert whole.report["fit"]["skipped"] == 0
+    assert whole.report["fit"]["rms"] == pytest.approx(sine.report["fit"]["rms"], rel=0.2)
+    assert whole.report["fit"]["rms_percent"] < 0.3
+
+
+def test_two_public_lines_give_the_reported_figure(tmp_path: object) -> None:
+    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
+    identify(made).save(f"{tmp_path}/model.json")
+    model = HysteresisCreepModel.load(f"{tmp_path}/model.json")
+    error = model.simulate(made) - made.arrays()[1]
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(model.report["fit"]["rms"], rel=1e-12)
+    assert np.max(np.abs(error)) == pytest.approx(model.report["fit"]["max"], rel=1e-12)
+
+
+def test_validation_finds_the_start_and_removes_the_offset_between_sessions() -> None:
+    rng = np.random.default_rng(5)
+    u = np.sin(np.arange(9000) / 200) * (0.6 + 0.4 * np.sin(np.arange(9000) / 1700))
+    y = noisy(rng, loops(rng, u), 0.001)
+    model = identify(Recording.from_arrays(u[:4500], y[:4500], SAMPLE_TIME, output_unit="um"))
+    found = model.validate(Recording.from_arrays(u[4700:], y[4700:] + 0.4, SAMPLE_TIME, output_unit="um"))
+    assert found.shift == pytest.approx(0.4, abs=0.01)
+    assert found.fit.rms_percent < 2.0 * model.report["fit"]["rms_percent"]
+    assert any(f"stands {found.shift:.3g} um" in sentence and "removed" in sentence for sentence in found.sentences())
+
+
+@pytest.mark.parametrize(("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")])
+def test_a_recording_that_does_not_go_with_the_model_is_refused(changes: dict[str, object], words: str) -> None:
+    made = recording(DESCRIBABLE["hysteresis"], 0)
+    x, y = made.arrays()
+    options = {"sample_time": SAMPLE_TIME, "input_unit": "V", **changes}
+    with pytest.raises(IdentificationError, match=words):
+        identify(made).validate(Recording.from_arrays(x, y, **options))  # type: ignore[arg-type]
