@@ -49,11 +49,13 @@ def commands(text: str) -> list[list[str]]:
 
 
 def lay_out(folder: Path) -> None:
-    """Put a recording of a simulated actuator and a reference into a folder, as the pages assume."""
+    """Put two recordings of a simulated actuator and a reference into a folder, as the pages assume."""
     plant = plants.get("relay_preisach", sample_time=SAMPLE_TIME)
-    x = multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
-    y = plant.run(x)
-    write_table(folder / "stage.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x, "displacement_um": y})
+    for name, x in (("another.csv", decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0)),
+                    ("stage.csv", multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0))):
+        plant.reset()
+        y = plant.run(x)
+        write_table(folder / name, {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x, "displacement_um": y})
     y_ref = decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=float(y.min()), high=float(y.max()))
     write_table(folder / "reference.csv", {"time_s": np.arange(y_ref.size) * SAMPLE_TIME, "reference_um": y_ref})
 

@@ -73,7 +73,7 @@ def judge(recording: Recording, s: ModelStructure, skip: int, state: OperatorSta
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
     residual = rivals.left_over(rivals.hats(u[::stride]), v[::stride])
     curve, monotone = rivals.rms(residual), abs(rivals.rise(u[::stride], v[::stride])) > 0.8
-    noise = abs(rivals.correlation(rivals.left_over(rivals.hats(u[:LOOK]), v[:LOOK]))) < WHITE or curve < EXACT
+    noise = curve < EXACT or rivals.noise(u[:LOOK], rivals.left_over(rivals.hats(u[:LOOK]), v[:LOOK]), WHITE)
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal = None
     if not on_curve and not (error < GOOD and error < MUCH_BETTER * line):

@@ -87,6 +87,13 @@ def unforeseen(u: Vector) -> float:
     return rms(left_over(before, u[4:] - u.mean())) / max(float(u.std()), 1e-300)
 
 
+def noise(u: Vector, error: Vector, white: float) -> bool:
+    """Whether an error follows neither itself nor the drive of the sample before, as it does round a loop."""
+    now, before = u[1:] - u.mean(), u[:-1] - u.mean()
+    columns = np.column_stack([np.ones_like(now), now, before, now * before, before**2])
+    return abs(correlation(error)) < white and rms(left_over(columns, error[1:])) > (1.0 - 0.5 * white) * rms(error)
+
+
 def drift(v: Vector) -> Rival:
     """A polynomial in time."""
     return Rival(rms(left_over(polynomials(np.linspace(-1.0, 1.0, v.size), 5), v)))
