@@ -9,18 +9,22 @@ import numpy as np
 import typer
 
 from bench.cli.console import AsJson, check_writable, console, print_json
+from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.recordings import RecordingError, read_reference, write_table
+from piezo_model.units import quantity
 
 Model = Annotated[Path, typer.Argument(help="Model written by identify.")]
 
 
+@reads_a_recording
 def validate_verb(
     model: Model,
-    recording: Annotated[Path, typer.Argument(help="Table with time, input and output columns.")],
-    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
-    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
-    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    recording: Annotated[Path, typer.Argument(help="A recording in any known format.")],
+    reading: Reading,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures is written, HTML.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -30,7 +34,7 @@ def validate_verb(
     """
     if page is not None:
         check_writable(page, "--page")
-    loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, time=time, input=input, output=output)
+    loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, time=time, input=input, output=output, **reading)
     found = loaded.validate(opened)
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
@@ -47,19 +51,21 @@ def validate_verb(
         console.print(f"Page: {page}")
 
 
+@reads_a_recording
 def simulate_verb(
     model: Model,
-    drive: Annotated[Path, typer.Argument(help="Table with a time and a drive column.")],
+    drive: Annotated[Path, typer.Argument(help="A file with a drive column, in any format of recordings.")],
     out: Annotated[Path, typer.Option(help="Where drive and output are written, CSV or Parquet.")],
-    time: Annotated[str | None, typer.Option(help="Time column; guessed from the header by default.")] = None,
-    input: Annotated[str | None, typer.Option(help="Drive column, such as voltage_V.")] = None,
+    reading: Reading,
+    time: Time = None,
+    input: Input = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute what the model makes of a drive, from rest in the middle of its range."""
     check_writable(out)
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
-    given = read_reference(drive, time=time, column=input, role="input")
+    given = read_reference(drive, time=time, column=input, role="input", **reading)
     if abs(given.sample_time / s.sample_time - 1.0) > 0.01:
         raise RecordingError(f"{drive}: is sampled every {given.sample_time:g} s and the model every {s.sample_time:g} s")
     if given.unit and s.input_unit and given.unit != s.input_unit:
@@ -70,5 +76,5 @@ def simulate_verb(
     if as_json:
         print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit})
         return
-    console.print(f"{y.size} samples of output from {y.min():.4g} to {f'{y.max():.4g} {s.output_unit}'.rstrip()}.")
+    console.print(f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}.")
     console.print(f"Output: {out}")

@@ -17,6 +17,7 @@ from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.order_selection import select_order
 from piezo_model.recordings import RecordingError, read_reference, write_table
+from piezo_model.units import quantity
 from solvers import find
 
 FOLLOWED = 1e-3
@@ -143,9 +144,9 @@ def compensate_verb(
                     "output_unit": s.output_unit})
         return
     console.print(f"The model follows {100.0 * followed:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere it misses "
-                  f"by up to {f'{np.max(np.abs(error)):.3g} {s.output_unit}'.rstrip()}." if followed < 1.0 else
+                  f"by up to {quantity(np.max(np.abs(error)), s.output_unit, 3)}." if followed < 1.0 else
                   f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
-    console.print(f"{x.size} samples of drive from {x.min():.4g} to {f'{x.max():.4g} {s.input_unit}'.rstrip()}; "
+    console.print(f"{x.size} samples of drive from {quantity(x.min(), s.input_unit)} to {quantity(x.max(), s.input_unit)}; "
                   + (f"{100 * saturated:.1f} % of them at the limits, where the reference cannot be followed."
                      if saturated else "the limits are never reached."))
     console.print(f"Drive: {out}")

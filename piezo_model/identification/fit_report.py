@@ -14,6 +14,7 @@ from piezo_model.identification.baseline import Baseline
 from piezo_model.identification.fitting import Certificate
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
+from piezo_model.units import quantity
 
 FINDINGS = 4
 """Most findings that are said after the headline; the page says all."""
@@ -67,7 +68,7 @@ class Fit:
         counted = f"{self.samples} samples" if not self.skipped else f"{self.samples} of {self.samples + self.skipped} samples"
         return (f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this model{where and ' ' + where}: RMS error "
                 f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
-                f"({f'{self.max:.2g} {unit}'.rstrip()}).")
+                f"({quantity(self.max, unit, 2)}).")
 
 
 @dataclass(frozen=True)
@@ -141,10 +142,10 @@ class FitReport:
                           f"{percent(fit.cubic_percent)}.")
         if fit.skipped_max_percent > FAR_MORE * fit.max_percent:
             yield fit.skipped_max_percent, (
-                f"The first {fit.skipped} samples ({fit.skipped * s.sample_time:.3g} s) are left out; they hold a transient that no "
+                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; they hold a transient that no "
                 f"start explains: the error there reaches {percent(fit.skipped_max_percent)}.")
         elif fit.skipped:
-            yield fit.skipped_max_percent, (f"The first {fit.skipped} samples ({fit.skipped * s.sample_time:.3g} s) are left out; the "
+            yield fit.skipped_max_percent, (f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; the "
                                             f"error there reaches {percent(fit.skipped_max_percent)}.")
         if fit.samples < fit.skipped:
             yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, which is little to trust."
@@ -159,8 +160,8 @@ class FitReport:
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """What the page says as well."""
         if self.resting_input is not None:
-            yield (f"Creep starts as if the actuator had rested at {self.resting_input:.3g} {s.input_unit}".rstrip()
-                   + ", which fits the data best.")
+            yield (f"Creep starts as if the actuator had rested at {quantity(self.resting_input, s.input_unit, 3)}, which fits the data "
+                   f"best.")
         if self.offset is not None and not self.offset.pays:
             yield _offset_sentence(self.offset, s.input_unit)
         if self.lag is not None and not self.lag.pays:
@@ -196,12 +197,12 @@ class FitReport:
 
 
 def _offset_sentence(offset: Offset, unit: str) -> str:
-    return (f"The sensor has an offset of {offset.value:.3g} {unit}".rstrip() + " at the input of S; without a free constant the error at "
+    return (f"The sensor has an offset of {quantity(offset.value, unit, 3)} at the input of S; without a free constant the error at "
             f"the input would be {percent(offset.error_without_offset_percent)} RMS instead of {percent(offset.error_percent)}.")
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
     more = " or more" if lag.at_edge else ""
-    how = (f"The sensor lags by {lag.samples:.2f} samples{more} ({lag.samples * sample_time * 1e3:.3g} ms): the error at the "
+    how = (f"The sensor lags by {lag.samples:.2f} samples{more} ({quantity(lag.samples * sample_time, 's', 3)}): the error at the "
            f"input is {lag.error_percent:.3f} % RMS with the lag and {lag.error_without_lag_percent:.3f} % without")
     return how + ("; it was removed before the fit." if lag.removed else "; removing it is left to the option lag.")

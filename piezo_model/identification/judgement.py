@@ -21,6 +21,7 @@ from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from piezo_model.units import quantity
 
 Vector = NDArray[np.float64]
 
@@ -108,6 +109,6 @@ def _refusal(u: Vector, v: Vector, stride: int, s: ModelStructure, error: float,
         return {"drift": f"the output drifts with time and does not follow the drive, {left}",
                 "channels": f"the output seems to hold two channels in turn, even samples on one curve and odd ones on another, {left}",
                 "butterfly": f"the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, {left}",
-                "delay": f"the output is the drive with a delay of {best.found * stride * seconds:.3g} s, {left}",
+                "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}, {left}",
                 "resonance": f"the output has a resonance at {best.found / seconds:.3g} Hz, {left}"}[name]
     return f"the model class does not describe these data: {compared}" if no_better else None

@@ -21,6 +21,7 @@ from piezo_model.identification.start import find_start
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+from piezo_model.units import quantity
 
 SAME = 1.001
 """Share of the reported error up to which the start that the identification found explains a recording."""
@@ -61,7 +62,7 @@ class Validation:
         """The headline, then what an engineer has to know."""
         yield self.fit.headline(self.unit, "on this recording")
         if abs(self.shift) > 0.1 * self.fit.rms:
-            yield (f"The sensor stands {self.shift:.3g} {self.unit}".rstrip() + f" ({percent(100.0 * self.shift / self.fit.span)} of the "
+            yield (f"The sensor stands {quantity(self.shift, self.unit, 3)} ({percent(100.0 * self.shift / self.fit.span)} of the "
                    f"range) from where it stood in the identification; that offset is removed.")
         if self.fitted_rms_percent is not None and self.fit.rms_percent > 2.0 * self.fitted_rms_percent:
             yield (f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the {percent(self.fitted_rms_percent)} "
