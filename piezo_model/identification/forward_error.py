@@ -15,13 +15,16 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 
+ENOUGH = 1_000_000
+"""Samples that a line and a cubic are fitted to, of a longer recording spread over all of it."""
+
 
 def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: int, state: OperatorState, span: float,
                   free_shift: bool = False) -> tuple[Fit, float]:
     """Figures over the samples after ``skipped``, per cent of ``span``, and the mean error, which ``free_shift`` removes."""
     s, state, seen = model.structure, state.copy(), 0
     skipped_worst, low, high, total, squares = 0.0, math.inf, -math.inf, 0.0, 0.0
-    gram = np.zeros((5, 5))
+    gram, stride = np.zeros((5, 5)), max(1, recording.length // ENOUGH)
     for x, y in recording.chunks():
         error = y - model.simulate(x, state)
         head = min(max(skipped - seen, 0), x.size)
@@ -32,14 +35,14 @@ def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: in
         x, y, error = x[head:], y[head:], error[head:]
         low, high = min(low, float(np.min(error))), max(high, float(np.max(error)))
         total += float(np.sum(error))
-        squares += float(error @ error)
-        columns = np.column_stack([chebvander(s.unit_input(x), 3), s.unit_output(y)])
+        squares += float(np.sum(np.square(error)))
+        columns = np.column_stack([chebvander(s.unit_input(x[::stride]), 3), s.unit_output(y[::stride])])
         gram += columns.T @ columns
-    counted = recording.length - skipped
+    counted, gram = recording.length - skipped, gram / gram[0, 0]
     shift = total / counted if free_shift else 0.0
     rms = math.sqrt(max(squares / counted - shift**2, 0.0)) if free_shift else math.sqrt(squares / counted)
     worst = max(high - shift, shift - low)
-    (line, coefficients), (cubic, _) = (_polynomial(gram / counted, degree) for degree in (1, 3))
+    (line, coefficients), (cubic, _) = (_polynomial(gram, degree) for degree in (1, 3))
     unit = 100.0 * abs(s.y_scale) / span
     return Fit(counted, skipped, 100.0 * rms / span, 100.0 * worst / span, rms, worst, 100.0 * skipped_worst / span, unit * line,
                unit * cubic, (float(coefficients[0]), float(coefficients[1])), span), shift

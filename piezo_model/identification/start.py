@@ -26,8 +26,8 @@ Vector = NDArray[np.float64]
 LEVELS = tuple(np.linspace(-1.0, 1.0, 9).tolist())
 COARSEST, COARSE, FINEST = 0.5, 2.0**-5, 2.0**-16
 """Steps of slopes and level in the refinement, halved down to COARSE, and on to FINEST for as long as that helps."""
-TRIALS = 500
-"""Starts after which the search rests."""
+TRIALS, WORK = 500, 30_000_000
+"""Starts after which the search rests, and samples seen by all of them together."""
 EXACT = 1e-12
 """Cost in unit amplitudes squared below which rounding decides and not the data."""
 FARTHEST = 2.0
@@ -92,6 +92,7 @@ def find_start(recording: Recording, s: ModelStructure, cost: Callable[[Operator
     centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))
     first = float(s.unit_input(next(recording.chunks(1))[0])[0])
     costs: dict[Start, float] = {}
+    trials = min(TRIALS, WORK // recording.length)
 
     def seen(start: Start) -> float:
         if start not in costs:
@@ -112,7 +113,7 @@ def find_start(recording: Recording, s: ModelStructure, cost: Callable[[Operator
     free, step, helped = [i for i, r in enumerate(s.play_thresholds) if r < half], COARSEST, True
     while step >= COARSE or (helped and step >= FINEST):
         before, helped = None, False
-        while best != before and len(costs) < TRIALS:
+        while best != before and len(costs) < trials:
             before = best
             for change in (step, -step):
                 for i in free:
