@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.console import AsJson, check_writable, console, print_json
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from bench.report.console import AsJson, check_writable, console, print_json
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from piezo_model.units import quantity
