@@ -9,15 +9,15 @@ from typing import Annotated
 import typer
 
 from bench.comparison import page as pages
-from bench.comparison.compare import compare_runs
+from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy import Rule, decide, deployment
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.store import Run
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
-FAILED = 3
-"""Exit status of a comparison that found what it was told to fail on."""
+FAILED, CANNOT_TELL = 3, 4
+"""Exit status of a comparison that found what it was told to fail on, and of one that could not have found it."""
 MOST_ROWS, NEAREST = 40, 5
 """Rows of a comparison that the terminal shows, the worst first; solvers of which it says why they do not qualify."""
 
@@ -34,13 +34,18 @@ def compare_verb(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; all are compared with "
                                                                                        "the first.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the comparison; compare-A-B beside the last run by default.")] = None,
-    fail_on: Annotated[FailOn, typer.Option(help=f"What ends with exit status {FAILED}.")] = FailOn.nothing,
+    fail_on: Annotated[FailOn, typer.Option(help=f"What ends with exit status {FAILED}; with {CANNOT_TELL} where "
+                                                     "nothing is found and the runs cannot tell.")] = FailOn.nothing,
+    smallest: Annotated[float, typer.Option(help="Smallest change of times that matters, as a ratio above 1.")] = SMALLEST,
     as_json: AsJson = False,
 ) -> None:
     """Compare runs: what is faster, slower, less accurate or gone.
 
-    Times count as different only beyond the noise that all rows show, corrected for so many rows.
+    Times count as different, solver lane by solver lane, only beyond the noise that the runs themselves show; where a change
+    that matters could not have been seen, it says so, and which effort would do.
     """
+    if not smallest > 1.0:
+        raise typer.BadParameter(f"a change of times is a ratio above 1, and not {smallest:g}", param_hint="--smallest")
     if len(runs) < 2:
         raise typer.BadParameter("a comparison needs two runs or more", param_hint="RUN_A RUN_B")
     opened = [Run.open(path) for path in runs]
@@ -48,7 +53,7 @@ def compare_verb(
         found = []
         for done, other in enumerate(opened[1:]):
             progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
-            found.append(compare_runs(opened[0], other))
+            found.append(compare_runs(opened[0], other, smallest))
         progress("writing the page", len(found), len(found))
         names = "-".join(run.path.resolve().name for run in opened)
         page = pages.write(found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out)
@@ -58,17 +63,18 @@ def compare_verb(
         for each in found:
             for warning in each.warnings:
                 console.print(f"WARNING: {warning}", style="bold")
-            for sentence in (*each.verdict, *each.notes):
+            for sentence in (*each.verdict, *each.doubts, *each.notes):
                 console.print(sentence)
-            grid = pages.grid(each)
-            if grid.rows:
-                print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:MOST_ROWS]], left=grid.left)
-            if (more := len(grid.rows) - MOST_ROWS) > 0:
-                console.print(f"{more} more rows stand on the page.")
+            for grid in (pages.line_grid(each, told=False), pages.grid(each)):
+                if grid.rows:
+                    console.print(f"\n{grid.title}:")
+                    print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:MOST_ROWS]], left=grid.left)
+                if (more := len(grid.rows) - MOST_ROWS) > 0:
+                    console.print(f"{more} more stand on the page.")
         console.print(f"\nComparison: {page}")
-    bad = sum(len(each.changed if fail_on is FailOn.difference else each.regressions) for each in found)
-    if fail_on is not FailOn.nothing and bad:
-        raise typer.Exit(FAILED)
+    bad = sum(each.differences if fail_on is FailOn.difference else each.regressions for each in found)
+    if fail_on is not FailOn.nothing and (bad or any(each.cannot_tell for each in found)):
+        raise typer.Exit(FAILED if bad else CANNOT_TELL)
 
 
 def deploy_verb(

@@ -1,8 +1,6 @@
 """Two runs against each other: what became faster or slower, more or less accurate, came, went or changed its status.
 
-Times are compared row by row by paired log-ratios with a noise band (`paired`, `compare_rows`): those of interleaved turns where
-both runs have them, else hot solves; all p-values together are corrected by Benjamini and Hochberg. The interval of a
-ratio is exp(θ ± t √(s² + τ²)), t of Student's distribution at 97.5 %.
+Times are compared solver lane by solver lane, and row by row only in those that differ; see `lines`.
 
 Accuracy is exact, so it needs no statistics: a row is more or less accurate where its cost gap differs by more than a factor of
 GAP_FACTOR and the larger one is above LEAST_GAP.
@@ -16,23 +14,27 @@ from typing import Any, cast
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
 
-from bench.comparison.matched import FEWEST, LEVEL, NAMES, WITNESSES, Comparison, compare, effects_of
-from bench.comparison.paired import benjamini_hochberg
+from bench.comparison.levels import FEWEST, NAMES, log_ratios, sentinel_level
+from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compare_times
+from bench.races import null_solver
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
 from solvers import Status
 
 GAP_FACTOR = 10.0
 LEAST_GAP = 1e-12
-KINDS = ("slower", "faster", "less accurate", "more accurate", "status changed", "gone", "new")
-WORSE = ("slower", "less accurate", "gone")
+SMALLEST = 1.2
+"""Smallest ratio of times that matters, unless the user says otherwise."""
+MANY = 1.0 / 3.0
+"""Share of the solver lanes that differ above which what all share may be theirs and not the machine's."""
+OTHER_KINDS = ("less accurate", "more accurate", "status changed", "gone", "new")
+"""What may change in a row beside its time."""
+WORSE = ("less accurate", "gone")
 VERBS = {"status changed": "of another status"}
 """How a sentence says it, where not by the name of the kind."""
 MOST_NAMED = 6
 """Solver lanes that have a sentence each."""
-TIMES = ("interleaved_solve", "solve")
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
 """Settings that change nothing of what is compared, or which the time itself shows."""
 
@@ -47,24 +49,22 @@ class RunComparison:
     warnings : tuple of str
         Why the two may not be comparable.
     notes : tuple of str
-        Versions that differ, and what the times cannot tell.
+        Versions that differ.
+    doubts : tuple of str
+        Why what all solvers share may be theirs and not the machine's.
+    times : Times
     rows : DataFrame
-        One row a row of either run: names, ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``timed`` (which times),
-        ``gap_a``, ``gap_b``, ``status_a``, ``status_b``, ``changes`` (of KINDS) and ``regression``.
-    noise : dict of str to float
-        Noise band by which times.
+        One row a row of either run: names, ``timed`` (how), ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``gap_a``,
+        ``gap_b``, ``status_a``, ``status_b``, ``changes`` (of CHANGES and OTHER_KINDS) and ``regression`` (worse otherwise than by its time).
     """
 
     a: Run
     b: Run
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+    times: Times
     rows: pd.DataFrame
-    noise: Mapping[str, float]
-
-    def count(self, kind: str) -> int:
-        """Rows with a change of that kind."""
-        return int(self.rows.changes.map(lambda changes: kind in changes).sum())
 
     @property
     def changed(self) -> pd.DataFrame:
@@ -72,26 +72,48 @@ class RunComparison:
         return self.rows[self.rows.changes.map(len) > 0]
 
     @property
-    def regressions(self) -> pd.DataFrame:
-        """Rows that became worse."""
-        return self.rows[self.rows.regression]
+    def regressions(self) -> int:
+        """Solver lanes that became slower, and rows that became worse otherwise."""
+        return self.times.lanes("slower") + int(self.rows.regression.sum())
+
+    @property
+    def differences(self) -> int:
+        """Solver lanes that became slower or faster, and rows with any other change."""
+        return self.times.differ + len(self._with(*OTHER_KINDS))
+
+    @property
+    def cannot_tell(self) -> bool:
+        """Whether a change of times that matters may have gone unseen."""
+        right = (self._untimed.status_a == Status.OK) & (self._untimed.status_b == Status.OK)
+        return bool(self.doubts or self.times.lanes(CANNOT_TELL) or right.any())
+
+    @property
+    def _untimed(self) -> pd.DataFrame:
+        """Rows of both runs, but for the floor, whose times are not compared."""
+        rows = self.rows[self.rows.solver != null_solver.ENTRY.name]
+        return rows[rows.ratio.isna() & (rows.in_run == "both")]
+
+    def _with(self, *kinds: str) -> pd.DataFrame:
+        return self.rows[self.rows.changes.map(lambda changes: bool(set(changes) & set(kinds)))]
 
     @property
     def verdict(self) -> list[str]:
         """In words: "no difference", or one sentence a solver lane and kind of change."""
         names = f"{self.b.path.name} against {self.a.path.name}"
-        untimed = int((self.rows.ratio.isna() & (self.rows.in_run == "both")).sum())
+        untimed = len(self._untimed)
         left_out = [f"The times of {untimed} rows are not compared, since a run has fewer than {FEWEST} of them."] if untimed else []
-        if self.changed.empty:
-            return [f"{names}: no difference in {len(self.rows)} rows.", *left_out]
-        sentences = [f"{names}: {len(self.changed)} of {len(self.rows)} rows differ."]
-        for kind in KINDS:
+        if not self.differences:
+            seen = "no difference is found, and not every one could have been," if self.cannot_tell else "no difference"
+            return [f"{names}: {seen} in {len(self.rows)} rows.", *self.times.sentences(), *left_out]
+        sentences = [f"{names}: {self.times.differ} solver lanes differ in time, {self.differences - self.times.differ} of "
+                     f"{len(self.rows)} rows otherwise.", *self.times.sentences()]
+        for kind in OTHER_KINDS:
             sentences += self._said_of(kind)
         return sentences + left_out
 
     def _said_of(self, kind: str) -> list[str]:
         """One sentence a solver lane, or one for all where they are many."""
-        those = self.rows[self.rows.changes.map(lambda changes: kind in changes)]
+        those = self._with(kind)
         lanes = those.groupby(["solver", "lane"], sort=False)
         if len(lanes) > MOST_NAMED:
             most = [f"{solver} ({lane})" for solver, lane in lanes.size().sort_values(ascending=False, kind="stable").index[:3]]
@@ -103,8 +125,6 @@ class RunComparison:
 
 
 def _how(kind: str, those: pd.DataFrame) -> str:
-    if kind in ("slower", "faster"):
-        return f", by {100.0 * (float(those.ratio.median()) - 1.0):+.1f} % in the median of these"
     if kind == "status changed":
         first = those.iloc[0]
         return f", such as from {first.status_a} to {first.status_b}"
@@ -114,8 +134,14 @@ def _how(kind: str, those: pd.DataFrame) -> str:
     return ""
 
 
-def compare_runs(a: Run, b: Run) -> RunComparison:
+def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
     """Compare run b with run a.
+
+    Parameters
+    ----------
+    a, b : Run
+    smallest : float
+        Smallest ratio of times that matters; above 1.
 
     Raises
     ------
@@ -126,17 +152,29 @@ def compare_runs(a: Run, b: Run) -> RunComparison:
         if (race := run.settings.get("race", "oneshot")) != "oneshot":
             raise RunError(f"{run.path}: is a race of the kind {race!r}, and only one-shot races can be compared row by row")
     warnings, notes = _conditions(a.settings, b.settings)
-    rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT))
-    times, noise = _times(a, b)
-    rows = rows.merge(times, on="task", how="left")
-    if 0 < (count := rows[rows.ratio.notna()].solver.nunique()) < WITNESSES:
-        notes += (f"Only {count} solvers, the one that does nothing among them, have times in both runs: what the machine changed "
-                  "cannot be told from what they changed.",)
+    times = compare_times(log_ratios(a, b), null_solver.ENTRY.name, smallest)
+    rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT)).merge(times.rows, on="task", how="left")
     records = cast(list[dict[str, Any]], rows.to_dict("records"))
     changes = [_changes(row) for row in records]
     rows["changes"] = changes
     rows["regression"] = [bool(set(found) & set(WORSE)) or _broke(row) for found, row in zip(changes, records, strict=True)]
-    return RunComparison(a, b, warnings, notes, rows, noise)
+    return RunComparison(a, b, warnings, notes, tuple(_doubts(a, b, times, smallest)), times, rows)
+
+
+def _doubts(a: Run, b: Run, times: Times, smallest: float) -> list[str]:
+    """Why what all solvers share may be theirs and not the machine's."""
+    found, work = [], sentinel_level(b) / sentinel_level(a)
+    if 0 < times.witnesses < WITNESSES:
+        found.append(f"Only {times.witnesses} solvers, the one that does nothing among them, have times in both runs: what the "
+                     "machine changed cannot be told from what they changed.")
+    lanes = times.lines.groupby(["solver", "lane"]).ngroups
+    if times.differ > MANY * lanes:
+        found.append(f"{times.differ} of {lanes} solver lanes differ from the middle of the field: so many that this middle, "
+                     "which is taken for the machine's, may have moved with them.")
+    found += [f"{str(timed).capitalize()} all solvers share a ratio of {ratio:.2f}, and the fixed piece of work beside them has one of "
+              f"{work:.2f}: either the machine changed in a way that this work does not feel, or most of the field changed."
+              for timed, ratio in times.machine.items() if abs(np.log(ratio / work)) > np.log(smallest)]
+    return found
 
 
 def _conditions(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -173,40 +211,11 @@ def _matched(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
     return both.assign(in_run=both.in_run.astype(str), status_a=both.status_a.fillna(""), status_b=both.status_b.fillna(""))
 
 
-def _times(a: Run, b: Run) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Ratios with intervals and corrected p-values by task, and the noise bands."""
-    parts: list[pd.DataFrame] = []
-    noise: dict[str, float] = {}
-    done: set[str] = set()
-    for what in TIMES:
-        try:
-            effects = effects_of(a, b, what)
-        except RunError:  # neither run need have times of every kind
-            continue
-        effects = effects[~effects.task.isin(done)]
-        if effects.empty:
-            continue
-        done |= set(effects.task)
-        found = compare(effects)
-        noise[what] = found.noise
-        parts.append(_intervals(found).assign(timed=what))
-    columns = ["task", "ratio", "own_ratio", "ratio_low", "ratio_high", "p", "timed"]
-    table = pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
-    return table.assign(adjusted=benjamini_hochberg(table.p.to_numpy(dtype=float))), noise
-
-
-def _intervals(found: Comparison) -> pd.DataFrame:
-    half = student.ppf(0.975, found.table.freedom) * np.hypot(found.table.deviation, found.noise)
-    return found.table.assign(ratio_low=np.exp(found.table.log_ratio - half), ratio_high=np.exp(found.table.log_ratio + half))
-
-
 def _changes(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Everything that changed in a row, of KINDS."""
+    """Everything that changed in a row, of CHANGES and OTHER_KINDS."""
     if row["in_run"] != "both":
         return ("gone",) if row["in_run"] == "left_only" else ("new",)
-    found = []
-    if row["adjusted"] < LEVEL and row["own_ratio"] != 1.0:
-        found.append("slower" if row["own_ratio"] > 1.0 else "faster")
+    found = [row["change"]] if row["change"] in CHANGES else []
     gaps = (row["gap_a"], row["gap_b"])
     if max(gaps) > LEAST_GAP and max(gaps) > GAP_FACTOR * min(gaps):
         found.append("less accurate" if gaps[1] > gaps[0] else "more accurate")

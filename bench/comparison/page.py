@@ -13,28 +13,36 @@ import numpy as np
 import pandas as pd
 
 from bench.comparison.compare import RunComparison
-from bench.comparison.matched import NAMES
-from bench.races import null_solver
+from bench.comparison.lines import CANNOT_TELL, LINE, SAME
 from bench.rendering import markdown_templates
 from bench.report import charts
 from bench.report.markdown import settings_label
 from bench.report.page import Cell, Figure, Grid, save
 from piezo_model.atomic_file import write_text
 
-FORMAT, VERSION = "piezobench-comparison", 1
+FORMAT, VERSION = "piezobench-comparison", 2
+LINE_HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "could have shown", "repeats that would do", "rows", "adjusted p")
 HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "tier", "start", "settings",
             "adjusted p", "cost gaps", "statuses")
-MOST_LANES = 20
-"""Solver lanes of which the ratios are drawn."""
-COLOURS = {"slower": "#d55e00", "faster": "#009e73", "no difference": "#999999"}
+LINE_COLUMNS = [*LINE, "rows", "finding", "ratio", "ratio_low", "ratio_high", "shown", "repeats", "p", "adjusted"]
+MOST_LINES = 40
+"""Solver lanes whose ratios are drawn."""
+COLOURS = {"slower": "#d55e00", "faster": "#009e73", CANNOT_TELL: "#cc79a7", SAME: "#999999"}
+SHAPES = ("triangle-right", "triangle-left", "diamond", "circle")
 TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.5, 2, 3, 5, 10, 20, 50, 100]
 DEFINITIONS = (
-    "ratio: median over pairs of the time of the second run over that of the first, in interleaved turns where both runs have "
-    "them and hot otherwise; what rows share that were measured together is taken for the machine's before testing.",
-    "interval: 95 %, from a circular block bootstrap and the noise band, the spread of the rows that do not differ.",
-    "adjusted p: corrected for so many rows (Benjamini and Hochberg); a row is faster or slower where it is below 5 %.",
+    "ratio: the time of update and solve in the second run over that in the first, medians, in turns where both runs have them and "
+    "hot otherwise. What all solvers share that were timed together, the median over them, is the machine's and is taken off.",
+    "A solver lane is one hypothesis: its ratio is the mean over problems without the largest and smallest fifth.",
+    "interval: 95 %, of Student's distribution, from the spread over problems and from that between processes, of which the spread "
+    "of the solver lanes that do not differ tells, and repeats where the runs have some.",
+    "could have shown: the smallest change that these two runs would have shown nine times in ten. Where it is above the smallest "
+    "that matters and nothing was found, the finding is 'cannot tell'.",
+    "repeats that would do: --repeats of both runs for the smallest change that matters, if noise falls as with fresh processes.",
+    "adjusted p: corrected for so many solver lanes (Benjamini and Hochberg); one is faster or slower where it is below 5 %. Rows "
+    "are tested in these solver lanes only.",
     "more or less accurate: the exact cost gap differs by more than a factor of 10 and the larger one is above 1e-12.",
-    "A regression is a row that is slower, less accurate or gone, or that was right and is so no more.")
+    "A regression is a solver lane that is slower, or a row that is less accurate or gone, or that was right and is so no more.")
 
 
 def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
@@ -43,7 +51,8 @@ def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
     write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
     content: dict[str, Any] = {
         "title": "Comparison of " + ", ".join([comparisons[0].a.path.name, *(each.b.path.name for each in comparisons)]),
-        "comparisons": comparisons, "grids": [grid(each) for each in comparisons], "definitions": DEFINITIONS}
+        "comparisons": comparisons, "grids": [table for each in comparisons for table in (line_grid(each), grid(each))],
+        "definitions": DEFINITIONS}
     write_text(folder / "comparison.md", markdown_templates("bench.report").get_template("comparison.md.jinja").render(**content))
     figures = [figure for i, each in enumerate(comparisons) for figure in ratios(each, i)]
     return save(folder / "comparison.html", "comparison.html.jinja", figures, **content)
@@ -52,10 +61,15 @@ def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
 def to_dict(comparisons: Sequence[RunComparison]) -> dict[str, Any]:
     """Everything as JSON can hold it; null stands for what is not known."""
     return {"format": FORMAT, "version": VERSION, "baseline": str(comparisons[0].a.path), "comparisons": [
-        {"run": str(each.b.path), "warnings": list(each.warnings), "notes": list(each.notes), "verdict": each.verdict,
-         "difference": bool(len(each.changed)), "regressions": len(each.regressions), "noise": dict(each.noise),
-         "rows": [{name: _plain(value) for name, value in row.items()} for row in each.rows.to_dict("records")]}
+        {"run": str(each.b.path), "warnings": list(each.warnings), "notes": [*each.doubts, *each.notes], "verdict": each.verdict,
+         "difference": bool(each.differences), "regressions": each.regressions, "cannot_tell": each.cannot_tell,
+         "smallest": each.times.smallest, "machine": {timed: float(ratio) for timed, ratio in each.times.machine.items()},
+         "lines": _records(each.times.lines[LINE_COLUMNS]), "rows": _records(each.rows)}
         for each in comparisons]}
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(name): _plain(value) for name, value in row.items()} for row in table.to_dict("records")]
 
 
 def _plain(value: Any) -> Any:
@@ -63,6 +77,20 @@ def _plain(value: Any) -> Any:
         return list(value)
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def line_grid(comparison: RunComparison, told: bool = True) -> Grid:
+    """Solver lanes, those that differ first, then those of which nothing can be told, then those told not to differ unless left out."""
+    lines = comparison.times.lines
+    lines = lines if told else lines[lines.finding != SAME]
+    ordered = lines.assign(order=lines.finding.map(list(COLOURS).index)).sort_values(["order", "p"])
+    rows = [[*(Cell(line[name], line[name]) for name in (*LINE, "finding")), Cell(f"{line['ratio']:.3f}", line["ratio"]),
+             Cell(f"{line['ratio_low']:.3f} to {line['ratio_high']:.3f}", line["ratio_low"]), Cell(f"{line['shown']:.2f}", line["shown"]),
+             Cell(str(line["repeats"]), line["repeats"]), Cell(str(line["rows"]), line["rows"]),
+             Cell(f"{line['adjusted']:.1e}", line["adjusted"])]
+            for line in cast(list[dict[str, Any]], ordered.to_dict("records"))]
+    return Grid(f"Solver lanes: {comparison.b.path.name} against {comparison.a.path.name}", LINE_HEADINGS, rows, 4,
+                ("lane", "times", "finding"))
 
 
 def grid(comparison: RunComparison) -> Grid:
@@ -89,30 +117,33 @@ def _number(value: float, how: str) -> str:
 
 
 def ratios(comparison: RunComparison, number: int) -> list[Figure]:
-    """Ratios of all rows, one line a solver lane; nothing where no times can be compared."""
-    rows = comparison.rows[comparison.rows.ratio.notna()]
-    if rows.empty:
+    """Ratios of the solver lanes with their intervals, and of their rows; nothing where no times can be compared."""
+    lines = comparison.times.lines
+    if lines.empty:
         return []
-    change = rows.changes.map(lambda changes: next((kind for kind in ("slower", "faster") if kind in changes), "no difference"))
-    names = (rows.solver + " (" + rows.lane + ")").where(rows.solver != null_solver.ENTRY.name, "the machine's floor")
-    table = rows.assign(name=names, change=change)[
-        ["name", *NAMES, "ratio", "ratio_low", "ratio_high", "adjusted", "timed", "change"]]
-    farthest = np.log(table.ratio).abs().groupby(table.name).max().sort_values(ascending=False).index[:MOST_LANES]
-    shown = table[table.name.isin(farthest)]
-    colour = alt.Color("change:N", scale=alt.Scale(domain=[*COLOURS], range=[*COLOURS.values()]), legend=alt.Legend(columns=2))
-    tips = [alt.Tooltip(f"{name}:N") for name in ("name", "tier", "problem", "scaling", "change")] + [
-        alt.Tooltip(f"{name}:Q", format=".3f") for name in ("ratio", "ratio_low", "ratio_high")]
-    source = charts.data(shown.assign(same=1.0))
-    base = alt.Chart(source).encode(y=alt.Y("name:N", title=None, sort=list(farthest), axis=alt.Axis(labelLimit=220)))
-    points = base.mark_point(filled=True, size=45, opacity=0.7).encode(
-        x=alt.X("ratio:Q", title="second run over first", axis=alt.Axis(values=TICKS, format="~g"),
-                scale=alt.Scale(type="log", nice=False, domain=[min(0.8, table.ratio.min()), max(1.25, table.ratio.max())])),
-        shape=alt.Shape("change:N", scale=alt.Scale(domain=[*COLOURS], range=["triangle-right", "triangle-left", "circle"])),
-        color=colour, tooltip=tips)
-    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(same):Q")
-    bands = ", ".join(f"{100.0 * band:.1f} % for {what.replace('_', ' ')}" for what, band in comparison.noise.items())
-    plot = charts.finished(alt.layer(rule, points), None, 40 + charts.ROW * len(farthest))
+    table = lines.assign(name=lines.solver + " (" + lines.lane + ", " + lines.timed + ")")[["name", *LINE_COLUMNS]]
+    shown = table.loc[np.log(table.ratio).abs().sort_values(ascending=False, kind="stable").index[:MOST_LINES]]
+    rows = comparison.rows[comparison.rows.ratio.notna()]
+    rows = rows.assign(name=rows.solver + " (" + rows.lane + ", " + rows.timed + ")")[["name", "problem", "scaling", "tier", "ratio"]]
+    rows = rows[rows.name.isin(shown.name)]
+    y = alt.Y("name:N", title=None, sort=list(shown.name), axis=alt.Axis(labelLimit=240))
+    low, high = min(0.8, rows.ratio.min(), shown.ratio.min()), max(1.25, rows.ratio.max(), shown.ratio.max())
+    x = alt.X("ratio:Q", title="second run over first", axis=alt.Axis(values=TICKS, format="~g"),
+              scale=alt.Scale(type="log", nice=False, domain=[low, high], clamp=True))
+    colour = alt.Color("finding:N", scale=alt.Scale(domain=[*COLOURS], range=[*COLOURS.values()]), legend=alt.Legend(columns=2))
+    tips = [alt.Tooltip(f"{name}:N") for name in ("name", "finding")] + [
+        alt.Tooltip(f"{name}:Q", format=".3f") for name in ("ratio", "ratio_low", "ratio_high", "shown")]
+    base = alt.Chart(charts.data(shown)).encode(y=y, color=colour, tooltip=tips)
+    faint = alt.Chart(charts.data(rows)).mark_tick(color=charts.INK, opacity=0.25, thickness=1).encode(
+        x=x, y=y, tooltip=[alt.Tooltip(f"{name}:N") for name in ("name", "problem", "scaling", "tier")] + [
+            alt.Tooltip("ratio:Q", format=".3f")])
+    intervals = base.mark_rule(strokeWidth=2).encode(x=alt.X("ratio_low:Q", title=None), x2="ratio_high:Q")
+    points = base.mark_point(filled=True, size=60).encode(
+        x=x, shape=alt.Shape("finding:N", scale=alt.Scale(domain=[*COLOURS], range=list(SHAPES))))
+    same = alt.Chart(charts.data(pd.DataFrame({"same": [1.0]}))).mark_rule(strokeDash=[5, 4]).encode(x="same:Q")
+    plot = charts.finished(alt.layer(same, faint, intervals, points), None, 40 + charts.ROW * len(shown))
+    machine = ", ".join(f"{ratio:.2f} {timed}" for timed, ratio in comparison.times.machine.items())
     return [Figure(f"ratios_{number + 1}", f"Times of {comparison.b.path.name} over those of {comparison.a.path.name}",
-                   "Each point is one problem in one scaling at one tier; the solver lanes with the largest changes come first"
-                   + (f", {len(farthest)} of {table.name.nunique()}" if len(farthest) < table.name.nunique() else "")
-                   + f". Noise band: {bands}.", table, [plot])]
+                   "Each point is a solver lane with its interval, each faint line one of its rows; the largest changes come first"
+                   + (f", {len(shown)} of {len(table)}" if len(shown) < len(table) else "")
+                   + f". All solvers share a ratio of {machine}, which is taken off as the machine's.", table, [plot])]

@@ -1,4 +1,4 @@
-"""Comparisons of runs: a run with itself, with a copy in which something changed, with one from elsewhere."""
+"""Comparisons of runs: a run with itself, with one in which a solver was slowed, with a copy in which something changed."""
 
 import json
 import re
@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import slowed_solver
 from browser import Browser, screenshots
 from command_line import CommandLine
 from conftest import Race
 
 from bench.comparison import page as comparison
-from bench.comparison.compare import compare_runs
+from bench.comparison.compare import RunComparison, compare_runs
+from bench.comparison.lines import CHANGES
 from bench.store import Run, RunError
 from solvers import Status
 
 Change = Callable[[Path], None]
 SLOWED = ("osqp", "direct")
-REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
 EVIL = "<script>document.title='run'</script>|`x`"
 
 
@@ -34,12 +35,21 @@ def of_solver(rows: pd.DataFrame) -> pd.Series:
     return (rows.solver == SLOWED[0]) & (rows.lane == SLOWED[1])
 
 
+def times_longer(folder: Path, which: Callable[[pd.DataFrame], pd.Series], factor: float) -> None:
+    rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
+    tasks = set(rows[which(rows)].task)
+    times["ns"] = [np.round(factor * ns).astype(np.int64) if task in tasks else ns for task, ns in zip(times.task, times.ns, strict=True)]
+    times.to_parquet(folder / "times.parquet")
+
+
 def slower(folder: Path) -> None:
     """Every time of one solver lane 20 % longer."""
-    rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
-    tasks = set(rows[of_solver(rows)].task)
-    times["ns"] = [np.round(1.2 * ns).astype(np.int64) if task in tasks else ns for task, ns in zip(times.task, times.ns, strict=True)]
-    times.to_parquet(folder / "times.parquet")
+    times_longer(folder, of_solver, 1.2)
+
+
+def slower_all(folder: Path) -> None:
+    """Every time of every solver 50 % longer, and of the fixed piece of work none."""
+    times_longer(folder, lambda rows: rows.solver != "", 1.5)
 
 
 def less_accurate(folder: Path) -> None:
@@ -71,6 +81,10 @@ def evil(folder: Path) -> None:
     rows.to_parquet(folder / "rows.parquet")
 
 
+def count(found: RunComparison, kind: str) -> int:
+    return int(found.rows.changes.map(lambda changes: kind in changes).sum())
+
+
 def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
     path = wide_race.run.path
     call = piezobench("compare", path, path, path, "--out", tmp_path / "c", "--fail-on", "difference")
@@ -79,32 +93,51 @@ def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_rac
     assert "WARNING" not in call.stdout
 
 
-def test_a_solver_that_is_slowed_by_a_fifth_is_found_and_no_other(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    other = copied(wide_race, tmp_path / "slow", slower)
-    found = compare_runs(wide_race.run, other)
-    timed = of_solver(found.rows) & (found.rows.status_a != Status.SOLVER_FAILED)
-    assert set(found.changed.task) == set(found.rows[timed].task)
-    assert set(found.changed.changes) == {("slower",)}
-    assert found.changed.ratio.to_numpy() == pytest.approx(1.2, rel=1e-3)
-    assert (found.changed.ratio_low <= found.changed.ratio).all()
-    assert (found.changed.ratio <= found.changed.ratio_high).all()
-    back = compare_runs(other, wide_race.run)
-    assert set(back.changed.changes) == {("faster",)}
-    assert back.regressions.empty
+@pytest.fixture(scope="module")
+def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two races of a small field and a solver of one's own, which in the second one waits as long again as it works."""
+    folder, words = tmp_path_factory.mktemp("slowed"), []
+    for solver in ("daqp", "quadprog", "clarabel", "piqp", "proxsuite", "qpalm", "scs", "osqp", "box_active_set"):
+        words += ["--solver", solver]
+    for name, factor in (("before", 1.0), ("after", 2.0)):
+        call = piezobench("race", *words, "--solver", slowed_solver.write(folder / name, factor), "--lane", "direct", "--tier",
+                          "high", "--limit", 3, "--budget", 0.002, "--name", name, "--out", folder / "runs")
+        assert call.status == 0, call.stderr
+    return folder / "runs" / "before", folder / "runs" / "after"
+
+
+def test_a_solver_that_waits_as_long_as_it_works_is_found_between_two_races_and_no_other(
+        piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path) -> None:
+    before, after = slowed_races
+    call = piezobench("compare", before, after, "--out", tmp_path / "c", "--fail-on", "regression")
+    assert call.status == 3, call.stdout
+    assert re.search(r"slowed \(direct, in turns\) is slower: [12]\.\d\d times", call.stdout)
+    lines = compare_runs(Run.open(before), Run.open(after)).times.lines
+    assert set(lines.solver[lines.finding.isin(CHANGES)]) == {"slowed"}
+    (line,) = lines[(lines.solver == "slowed") & (lines.timed == "in turns")].itertuples()
+    assert line.ratio_low < 2.0 < 1.2 * line.ratio_high  # the wait is as long as the work, and not as the call around it
+    assert line.ratio > line.shown
+
+
+def test_between_the_same_races_the_other_way_round_nothing_is_worse(
+        piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path) -> None:
+    words = ("compare", *reversed(slowed_races), "--out", tmp_path / "c", "--fail-on")
+    assert piezobench(*words, "difference").status == 3
+    assert piezobench(*words, "regression", "--smallest", 100).status == 0
+    assert piezobench(*words, "regression", "--smallest", 1.001).status == 4
+    assert "a ratio above 1" in piezobench(*words, "regression", "--smallest", 1).refusal
+
+
+def test_where_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_it_says_so_and_cannot_tell(
+        piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    other = copied(wide_race, tmp_path / "slow", slower_all)
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
-    assert call.status == 3
-    assert re.search(r"osqp \(direct\) is slower in \d+ of \d+ rows, by \+20\.0 %", call.stdout)
+    assert call.status == 4
+    assert "In turns all solvers share a ratio of 1.50, and the fixed piece of work beside them has one of 1.00" in call.stdout
 
 
-def test_every_row_of_it_is_found_in_the_reference_run_too(piezobench: CommandLine, tmp_path: Path) -> None:
-    shutil.copytree(REFERENCE, tmp_path / "slow")
-    slower(tmp_path / "slow")
-    found = compare_runs(Run.open(REFERENCE), Run.open(tmp_path / "slow"))
-    assert set(found.changed.task) == set(found.rows[of_solver(found.rows)].task)
-    assert set(found.changed.changes) == {("slower",)}
-
-
-def test_a_solver_that_raced_alone_is_not_taken_for_the_machine(wide_race: Race, tmp_path: Path) -> None:
+def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_be_told_of_it(
+        piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
     def alone(folder: Path) -> None:
         rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
         rows = rows[of_solver(rows) | (rows.solver == "null")]
@@ -113,10 +146,10 @@ def test_a_solver_that_raced_alone_is_not_taken_for_the_machine(wide_race: Race,
 
     before = copied(wide_race, tmp_path / "before", alone)
     after = copied(wide_race, tmp_path / "after", lambda folder: alone(folder) or slower(folder))
-    found = compare_runs(before, after)
-    assert set(found.changed.solver) == {SLOWED[0]}
-    assert set(found.changed.changes) == {("slower",)}
-    assert any("cannot be told" in note for note in found.notes)
+    call = piezobench("compare", before.path, after.path, "--out", tmp_path / "c", "--fail-on", "regression")
+    assert call.status == 4
+    assert "what the machine changed cannot be told from what they changed" in call.stdout
+    assert "Cannot tell of 1 of 1 solver lanes whether they changed by 1.2 times: osqp (direct" in call.stdout
 
 
 def test_rows_without_times_are_said_to_be_left_out(wide_race: Race, tmp_path: Path) -> None:
@@ -132,26 +165,19 @@ def test_rows_without_times_are_said_to_be_left_out(wide_race: Race, tmp_path: P
     assert int(found.verdict[-1].split()[3]) >= of_solver(found.rows).sum()
 
 
-def test_the_other_way_round_is_no_regression(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    other = copied(wide_race, tmp_path / "slow", slower)
-    words = ("compare", other.path, wide_race.run.path, "--out", tmp_path / "c", "--fail-on")
-    assert piezobench(*words, "regression").status == 0
-    assert piezobench(*words, "difference").status == 3
-
-
 def test_what_is_less_accurate_changes_its_status_and_is_a_regression(wide_race: Race, tmp_path: Path) -> None:
     found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "worse", less_accurate))
-    assert found.count("less accurate") == len(found.regressions) == of_solver(found.rows).sum()
-    assert found.count("slower") == found.count("faster") == 0
+    assert count(found, "less accurate") == found.regressions == of_solver(found.rows).sum()
+    assert found.times.differ == 0
     assert any("less accurate" in sentence for sentence in found.verdict)
 
 
 def test_what_is_gone_is_a_regression_and_what_is_new_is_not(wide_race: Race, tmp_path: Path) -> None:
     fewer = copied(wide_race, tmp_path / "fewer", without)
     gone, new = compare_runs(wide_race.run, fewer), compare_runs(fewer, wide_race.run)
-    assert gone.count("gone") == len(gone.regressions) == of_solver(wide_race.rows).sum()
-    assert new.count("new") == of_solver(wide_race.rows).sum()
-    assert new.regressions.empty
+    assert count(gone, "gone") == gone.regressions == of_solver(wide_race.rows).sum()
+    assert count(new, "new") == of_solver(wide_race.rows).sum()
+    assert new.regressions == 0
 
 
 def test_other_settings_and_another_machine_are_said_first(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
@@ -170,10 +196,11 @@ def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--json")
     said, written = json.loads(call.stdout), json.loads((tmp_path / "c" / "comparison.json").read_text())
     assert said == written
-    assert (said["format"], said["version"]) == ("piezobench-comparison", 1)
+    assert (said["format"], said["version"]) == ("piezobench-comparison", 2)
     (one,) = said["comparisons"]
     assert len(one["rows"]) == len(wide_race.rows)
-    assert one["regressions"] == sum("slower" in row["changes"] for row in one["rows"]) > 0
+    assert one["regressions"] == len({(line["solver"], line["lane"]) for line in one["lines"] if line["finding"] == "slower"}) == 1
+    assert not one["cannot_tell"]
 
 
 def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
@@ -191,9 +218,9 @@ def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_ra
         browser.screenshot(screenshots(tmp_path) / f"comparison-{width}.png")
     assert browser.run("return document.title") == "Comparison of <b>a, b"
     assert browser.run("return document.querySelectorAll('main b').length") == 0
-    assert EVIL in browser.run("return document.querySelector('tbody').textContent")
+    assert EVIL in browser.run("return document.querySelector('main').textContent")
     table = [line for line in page.with_suffix(".md").read_text().splitlines() if line.startswith("|")]
-    assert len({line.count("|") for line in table}) == 1
+    assert {line.count("|") for line in table} == {len(comparison.LINE_HEADINGS) + 1, len(comparison.HEADINGS) + 1}
     assert "<script>" not in page.with_suffix(".md").read_text()
 
 

@@ -1,0 +1,58 @@
+"""What an answer takes in a run, row by row: the logarithm of the median time of update and solve, in turns or hot.
+
+In turns all solvers of a problem share the machine's moment, so these times are taken wherever both runs have them; hot times
+serve for the rows that had no turns.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from bench.races.oneshot.rows import ONESHOT
+from bench.store import Run
+from bench.timing.clock import Effort
+
+FEWEST = Effort().fewest
+"""Times that a level needs: what the slowest solver is timed at the least."""
+NAMES = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "start", "settings"]
+
+
+class Timed(NamedTuple):
+    """A way of timing, by the names under which a run keeps it."""
+
+    name: str
+    update: str
+    solve: str
+
+
+WAYS = (Timed("in turns", "interleaved_update", "interleaved_solve"), Timed("hot", "update", "solve"))
+"""The better one first."""
+
+
+def log_ratios(a: Run, b: Run) -> pd.DataFrame:
+    """One row a task and repeat that both runs timed: ``task``, ``repeat``, ``timed``, ``log_ratio`` (b over a) and NAMES."""
+    both = levels(a).merge(levels(b), on=["task", "repeat", "timed"], suffixes=("_a", "_b"))
+    better = both.task.isin(both.task[both.timed == WAYS[0].name])
+    both = both[(both.timed == WAYS[0].name) | ~better]
+    both = both.assign(log_ratio=both.level_b - both.level_a).drop(columns=["level_a", "level_b"])
+    return both.merge(a.rows(ONESHOT)[["task", *NAMES]], on="task")
+
+
+def levels(run: Run) -> pd.DataFrame:
+    """One row a task, repeat and way of timing: ``task``, ``repeat``, ``timed`` and ``level``, the logarithm of ns."""
+    times, found = run.times(), []
+    for way in WAYS:
+        both = [times[times.what == what].set_index(["task", "repeat"]).ns for what in (way.update, way.solve)]
+        joined = pd.concat(both, axis=1, join="inner", keys=("updates", "solves"))
+        for (task, repeat), updates, solves in zip(joined.index, joined.updates, joined.solves, strict=True):
+            if min(len(updates), len(solves)) >= FEWEST:
+                found.append((task, repeat, way.name, np.log(max(np.median(updates) + np.median(solves), 1.0))))
+    return pd.DataFrame(found, columns=["task", "repeat", "timed", "level"])
+
+
+def sentinel_level(run: Run) -> float:
+    """Nanoseconds of the fixed piece of work: the median over all looks at the machine."""
+    return float(pd.read_parquet(run.path / "sentinel.parquet").level_ns.median())

@@ -1,0 +1,38 @@
+"""A real solver that waits after each update and solve, as a file of one's own."""
+
+from pathlib import Path
+
+SOURCE = '''"""Clarabel with a wait: each call takes {factor} times as long."""
+
+from time import perf_counter_ns
+
+from solvers.direct.clarabel import Clarabel
+
+
+class Slowed(Clarabel):
+    """The solver with a wait."""
+
+    name = "slowed"
+
+    def update(self, P=None, q=None):
+        self._slowly(lambda: super(Slowed, self).update(P, q))
+
+    def solve(self, warm_start=None):
+        return self._slowly(lambda: super(Slowed, self).solve(warm_start))
+
+    def _slowly(self, call):
+        began = perf_counter_ns()
+        result = call()
+        until = began + {factor} * (perf_counter_ns() - began)
+        while {factor} > 1.0 and perf_counter_ns() < until:
+            pass
+        return result
+'''
+
+
+def write(folder: Path, factor: float) -> Path:
+    """The solver's file, in a folder of its own; it has the same name whatever the factor."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "slowed.py"
+    path.write_text(SOURCE.format(factor=factor))
+    return path
