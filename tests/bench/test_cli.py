@@ -349,6 +349,7 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
     call = piezobench("compensate", "model.json", "path.csv", "--out", "drive.csv", folder=desk)
     assert (call.status, call.stderr) == (0, "")
     assert call.stdout.splitlines()[-1] == "Drive: drive.csv"
+    assert "of the reference" in call.stdout.splitlines()[0]
     assert (desk / "drive.csv").read_text().startswith("time_s,drive_V\n")
     time, drive = np.loadtxt(desk / "drive.csv", delimiter=",", skiprows=1, unpack=True)
     wanted = np.loadtxt(desk / "path.csv", delimiter=",", skiprows=1)[:, 1]
@@ -364,3 +365,33 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
         error = (actuator().run(x) - wanted)[2000:]  # after the way from where each of them rests
         errors.append(np.sqrt(np.mean(error**2)))
     assert errors[0] < 0.3 * errors[1], errors
+
+
+def test_validate_and_simulate_take_a_model_to_other_data(piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path) -> None:
+    x = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1)[:3000, 1]
+    y = actuator().run(x[::-1]) + 2.0
+    write_table(tmp_path / "other.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x[::-1], "displacement_um": y})
+    call = piezobench("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
+    assert (call.status, call.stderr) == (0, "")
+    assert "with this model on this recording" in call.stdout
+    assert "that offset is removed" in call.stdout
+    assert (tmp_path / "other.html").is_file()
+    call = piezobench("simulate", desk / "model.json", "other.csv", "--out", "output.csv", folder=tmp_path)
+    assert (call.status, call.stderr) == (0, "")
+    assert (tmp_path / "output.csv").read_text().startswith("time_s,drive_V,output_um\n")
+    found = np.loadtxt(tmp_path / "output.csv", delimiter=",", skiprows=1)[:, 2]
+    np.testing.assert_allclose(found, HysteresisCreepModel.load(desk / "model.json").simulate(x[::-1]), rtol=1e-12)
+
+
+def test_what_the_model_does_not_describe_gives_status_two_and_no_model_unless_forced(piezobench: CommandLine, tmp_path: Path) -> None:
+    k = np.arange(4000)
+    noise = np.random.default_rng(0).standard_normal(k.size)
+    write_table(tmp_path / "noise.csv", {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": noise})
+    call = piezobench("identify", "noise.csv", "--out", "model.json", folder=tmp_path)
+    assert call.status == 2
+    assert "noise.csv: the output is noise that does not follow the drive" in call.stderr
+    assert not (tmp_path / "model.json").exists()
+    call = piezobench("identify", "noise.csv", "--out", "model.json", "--force", folder=tmp_path)
+    assert call.status == 0
+    assert "The model was asked for although the output is noise" in call.stdout
+    assert (tmp_path / "model.json").is_file()
