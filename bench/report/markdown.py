@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,8 +73,3 @@ def number(value: float) -> str:
 def gap(value: float) -> str:
     """A relative cost gap."""
     return "–" if not math.isfinite(value) else f"{value:.1e}"
-
-
-def texts(rows: Iterable[Iterable[Any]]) -> list[list[str]]:
-    """Cells as text."""
-    return [[str(cell) for cell in row] for row in rows]

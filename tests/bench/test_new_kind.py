@@ -65,7 +65,7 @@ def race(run, progress, workers):
 def report(run):
     rows = run.rows(TOY)
     return Report([f"{rows.heads.sum()} of {len(rows)} tosses show heads."],
-                  [Table("Tosses", ("solver", "toss", "heads"), markdown.texts(rows[["solver", "repeat", "heads"]].values), 1)])
+                  [Table("Tosses", ("solver", "toss", "heads"), rows[["solver", "repeat", "heads"]].astype(str).values.tolist(), 1)])
 
 
 def write(run):
