@@ -172,16 +172,19 @@ class Compensator:
 
         The states are those of the actuator and stay. What the new model would drive differently at this very moment is
         added to its drive and decays with the time constant ``fade_s``; with 0 the drive jumps. The new structure may
-        differ in what concerns the output.
+        have other ranges; the states are carried over to other thresholds of the drive as of ``OperatorState.on``.
         """
         old, new = self._model.structure, model.structure
-        for name in ("play_thresholds", "creep_rates", "sample_time", "x_centre", "x_scale"):
+        for name in ("play_thresholds", "creep_rates", "sample_time"):
             if getattr(old, name) != getattr(new, name):
                 raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
-        arrays = self.state.play, self.state.creep, self.fade
-        before = _drive_now(self.inverse, self.limits, *arrays)
+        before = _drive_now(self.inverse, self.limits, self.state.play, self.state.creep, self.fade)
+        if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
+            self.state = self.state.on(old, new)
+            before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
+            self.fade[BUMP] *= old.x_scale / new.x_scale
         self._use(model)
-        bump = before - _drive_now(self.inverse, self.limits, *arrays)
+        bump = before - _drive_now(self.inverse, self.limits, self.state.play, self.state.creep, self.fade)
         self.fade[BUMP] = self.fade[BUMP] + bump if fade_s > 0.0 else 0.0
         self.fade[DECAY] = math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
 

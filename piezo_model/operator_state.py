@@ -82,11 +82,18 @@ class OperatorState:
         return state
 
     def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
-        """Return the same memory over the thresholds of another structure that has the same input range and creep rates."""
-        r, wanted = ((0.0, *s.play_thresholds) for s in (structure, other))
-        play = np.interp(wanted, r, self.play[:structure.n + 1])
-        creep = [np.interp(wanted, r, z[:structure.n + 1]) for z in self.creep.reshape(-1, structure.lanes)]
-        return self.from_dict({"play": play, "creep": creep}, other)
+        """Return the same memory over the thresholds and the input range of another structure that has the same creep rates.
+
+        Beyond the largest old threshold the last state is taken; an input that goes through the range wipes out what is wrong with it.
+        """
+        scale, shift = other.x_scale / structure.x_scale, (other.x_centre - structure.x_centre) / structure.x_scale
+        r, wanted = np.array((0.0, *structure.play_thresholds)), scale * np.array((0.0, *other.play_thresholds))
+
+        def read(states: Vector) -> Vector:
+            return (np.interp(wanted, r, states[:structure.n + 1]) - shift) / scale
+
+        creep = [read(z) for z in self.creep.reshape(-1, structure.lanes)]
+        return self.from_dict({"play": read(self.play), "creep": creep}, other)
 
     def copy(self) -> OperatorState:
         """Return an independent copy."""

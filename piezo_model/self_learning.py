@@ -62,6 +62,9 @@ class SelfLearningCompensator:
     find_centre : bool, optional
         Whether a structure without a constant term gets one, since no range given beforehand has the centre of the actuator's
         loop in its middle. By default where the structure has none and no model is given.
+    follow_range : bool, optional
+        Whether the thresholds follow the range that is really driven (`driven_range`), which takes a structure with a constant. By
+        default where no model is given.
     proximal : float
         Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of the
         variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
@@ -87,15 +90,18 @@ class SelfLearningCompensator:
                  solver: str = "projected_difference", x_limits: tuple[float, float] | None = None,
                  mode: Mode = "cyclic", *, memory_s: float = 2.0, hand_over_s: float = 0.01,
                  fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int | None = None,
-                 find_centre: bool | None = None, proximal: float = 1e-6,
+                 find_centre: bool | None = None, follow_range: bool | None = None,
+                 proximal: float = 1e-6,
                  solver_options: Mapping[str, Any] | None = None, model: HysteresisCreepModel | None = None,
                  state: OperatorState | None = None) -> None:
         if x_limits is None:
             x_limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         if find_centre is None:
             find_centre = model is None and not structure.offset
+        if follow_range is None:
+            follow_range = model is None and (structure.offset or find_centre)
         self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, memory_s, hand_over_s, fade_s,
-                                         rate_limit, samples_to_solve, find_centre, proximal, solver_options)
+                                         rate_limit, samples_to_solve, find_centre, follow_range, proximal, solver_options)
         if model is None:
             model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
         elif model.structure != structure:

@@ -25,6 +25,7 @@ from piezo_model.compensator import DECAY, Compensator
 from piezo_model.learning import continuous_step as step
 from piezo_model.learning.continuous_step import ContinuousArrays
 from piezo_model.learning.cyclic_learning import MIN_EXCITATION
+from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
 from piezo_model.learning.events import (
     CHECKPOINT,
     FAILED,
@@ -40,6 +41,7 @@ from piezo_model.learning.events import (
 )
 from piezo_model.learning.sensor_guard import fresh_memory
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
+from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
 from piezo_model.structure import ModelStructure
 from solvers.kernels.recursive_engine import RecursiveEngine
@@ -80,7 +82,8 @@ class ContinuousLearning:
 
     def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:
         s = compensator.model.structure
-        self._compensator, self._log = compensator, log
+        self._compensator, self._log, self._settings = compensator, log, settings
+        self._driven = DrivenRange(round(PIECE_S / CHECKPOINT_S))
         self._checkpoints: deque[Snapshot] = deque(maxlen=2)
         self._fallback: Snapshot | None = None
         state, regressors = compensator.state.copy(), RegressorArrays.of(s, "slope")
@@ -102,6 +105,7 @@ class ContinuousLearning:
         numbers[step.SMOOTHING] = 1.0 / samples(1.0)
         numbers[step.EXCITATION] = 2.0 * MIN_EXCITATION
         compensator.fade[DECAY] = math.exp(-s.sample_time / settings.fade_s)
+        self.arrays.numbers[step.X_LOW:step.Y_HIGH + 1] = math.inf, -math.inf, math.inf, -math.inf
         self._begin_anew(0.0)
         self._enter(RESET)
 
@@ -146,7 +150,9 @@ class ContinuousLearning:
         if signal == NONE:
             return
         if signal == CHECKPOINT:
-            self._checkpoints.append(self._snapshot())
+            if self.counts[step.ESTABLISHED]:
+                self._checkpoints.append(self._snapshot())
+            self._follow_range()
         elif signal == FIRST_HAND_OVER:
             self._note("hand-over", "the first new weights since learning began; further ones are counted only")
         elif signal == FAULT:
@@ -157,6 +163,22 @@ class ContinuousLearning:
             self._recover()
         else:
             self._end_of_probation()
+
+    def _follow_range(self) -> None:
+        """Go on in other ranges, where those that are driven are others."""
+        arrays, old = self.arrays, self._compensator.model.structure
+        span = arrays.numbers[step.X_LOW:step.Y_HIGH + 1]
+        new = self._driven.look(span, old) if self._settings.follow_range and np.all(np.isfinite(span)) else None
+        span[:] = math.inf, -math.inf, math.inf, -math.inf
+        if new is None:
+            return
+        self._compensator.change_model(carried_over(self._compensator.model, new), self._settings.fade_s)
+        state = OperatorState(arrays.play, arrays.creep).on(old, new)
+        arrays.play[:], arrays.creep[:], arrays.guard[:] = state.play, state.creep, fresh_memory()
+        self.arrays = arrays._replace(limits=self._compensator.limits)
+        self._fallback = None
+        self._begin_anew(float(arrays.numbers[step.LEVEL]) * (old.x_scale / new.x_scale) ** 2)
+        self._note("range", "the thresholds follow the range that was driven")
 
     def _recover(self) -> None:
         """Go on from the data so far with the cold exact solver, where they have an optimum."""
@@ -219,7 +241,7 @@ class ContinuousLearning:
         """Everything that changes while it runs, copied."""
         return {**{name: getattr(self.arrays, name).copy() for name in MEMORY},
                 "checkpoints": [dict(snapshot) for snapshot in self._checkpoints],
-                "fallback": None if self._fallback is None else dict(self._fallback)}
+                "driven": self._driven.memory(), "fallback": None if self._fallback is None else dict(self._fallback)}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before."""
@@ -228,6 +250,8 @@ class ContinuousLearning:
                 raise ValueError(f"the array {name!r} of continuous learning is that of another structure")
         for name in MEMORY:
             getattr(self.arrays, name)[:] = memory[name]
+        self.arrays = self.arrays._replace(limits=self._compensator.limits)
+        self._driven.restore(memory["driven"])
         self._checkpoints.clear()
         self._checkpoints.extend(memory["checkpoints"])
         self._fallback = memory["fallback"]

@@ -43,10 +43,11 @@ weights have been handed over since learning began anew; whether the drive says 
 whether the candidate takes the place of the weights in use at the end of the interval whatever it predicts; samples still to
 be learned from before any hand-over."""
 
-(OLD, NEW, LEVEL, SMOOTHING, PROBATION, LOW, HIGH, LOW_BEFORE, HIGH_BEFORE, EXCITATION, NUMBERS) = range(11)
+(OLD, NEW, LEVEL, SMOOTHING, PROBATION, LOW, HIGH, LOW_BEFORE, HIGH_BEFORE, EXCITATION, X_LOW, X_HIGH, Y_LOW, Y_HIGH,
+ NUMBERS) = range(15)
 """Entries of the numbers: squared errors of the weights in use and of the coming ones in this interval; the mean squared error
 of those in use, its smoothing factor, and its sum since the last fault; lowest and highest drive in this half window and the
-one before; the range that excites enough."""
+one before; the range that excites enough; lowest and highest drive and output since the last checkpoint."""
 
 
 class ContinuousArrays(NamedTuple):
@@ -114,8 +115,11 @@ def excited(c: ContinuousArrays, x: float) -> bool:
 
 
 @inlined
-def learn_step(c: ContinuousArrays, error: float) -> int:
+def learn_step(c: ContinuousArrays, error: float, y: float) -> int:
     """Take the row of this sample."""
+    n, x = c.numbers, c.row[c.regressors.width]
+    n[X_LOW], n[X_HIGH] = min(n[X_LOW], x), max(n[X_HIGH], x)
+    n[Y_LOW], n[Y_HIGH] = min(n[Y_LOW], y), max(n[Y_HIGH], y)
     other = error_of(c.candidate, c.row)
     c.numbers[OLD] += error * error
     c.numbers[NEW] += other * other
@@ -147,8 +151,7 @@ def end_interval(c: ContinuousArrays, inverse: InverseArrays, play: Vector, cree
             c.candidate[1 + i] = c.work[swept.ANSWER * c.iwork[swept.LEADING] + i]
     c.numbers[OLD] = c.numbers[NEW] = 0.0
     c.counts[PREDICTED] = 0
-    if (signal == NONE and c.counts[PHASE] == LEARN and c.counts[ESTABLISHED] != 0
-            and c.counts[SAMPLE] % c.counts[CHECKPOINTS] == 0):
+    if signal == NONE and c.counts[PHASE] == LEARN and c.counts[SAMPLE] % c.counts[CHECKPOINTS] == 0:
         signal = CHECKPOINT
     return signal
 
@@ -173,7 +176,7 @@ def continuous_step(c: ContinuousArrays, inverse: InverseArrays, play: Vector, c
         else:
             c.counts[EXCITED] = 1 if excited(c, unit_x) else 0
             if c.counts[EXCITED] != 0 or c.counts[ESTABLISHED] == 0:
-                signal = learn_step(c, error)
+                signal = learn_step(c, error, unit_y)
     else:
         advance(c.regressors.operators, unit_x, c.play, c.creep)
         if verdict != MISSING:

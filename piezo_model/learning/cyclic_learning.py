@@ -36,6 +36,7 @@ from piezo_model.compensator import Compensator
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.learning import cyclic_step as step
+from piezo_model.learning.driven_range import DrivenRange, carried_over
 from piezo_model.learning.events import BUILD, FAULT, LEARN, NONE, PHASES, RESET, Event, Log, Phase
 from piezo_model.learning.phase import LearningPhase, no_steps
 from piezo_model.learning.sensor_guard import fresh_memory
@@ -84,6 +85,7 @@ class CyclicLearning:
         self._past: IdentificationProblem | None = None
         self._problem: IdentificationProblem | None = None
         self._past_share, self._learns_since = 0.0, 0
+        self._driven = DrivenRange()
         self._enter(RESET)
 
     @property
@@ -134,6 +136,7 @@ class CyclicLearning:
             self._end_of_build()
         else:
             self._hand_over()
+            self._follow_range()
             self._enter(RESET)
 
     def _enter(self, phase: int, lasts: int = 0) -> None:
@@ -197,11 +200,23 @@ class CyclicLearning:
         else:
             self._past, self._past_share = recalled(self._this_cycle(), self._past, weights), share
 
+    def _follow_range(self) -> None:
+        """Go on in other ranges, where those that are driven are others."""
+        if not self._settings.follow_range:
+            return
+        e, old = self._basis.excitation, self._compensator.model.structure
+        new = self._driven.look((e.x_min, e.x_max, e.y_min, e.y_max), old)
+        if new is not None:
+            self._compensator.change_model(carried_over(self._compensator.model, new), self._settings.fade_s)
+            self._basis = DataBasis(new, self._basis.state.on(old, new))
+            self._past, self._past_share, self.guard[:] = None, 0.0, fresh_memory()
+            self._note("range", "the thresholds follow the range that was driven")
+
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied."""
         return {"counts": self.counts.copy(), "guard": self.guard.copy(), "basis": self._basis.memory(),
-                "problem": _saved(self._problem), "past": _saved(self._past), "past_share": self._past_share,
-                "learns_since": self._learns_since,
+                "problem": None if self._learning is None else _saved(self._problem), "past": _saved(self._past),
+                "past_share": self._past_share, "driven": self._driven.memory(), "learns_since": self._learns_since,
                 "answer": None if self._learning is None else self._learning.answer.copy()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
@@ -213,6 +228,7 @@ class CyclicLearning:
         self._basis.restore(memory["basis"])
         self._problem, self._past = (self._restored(memory[name]) for name in ("problem", "past"))
         self._past_share, self._learns_since = float(memory["past_share"]), int(memory["learns_since"])
+        self._driven.restore(memory["driven"])
         answer, self._learning = memory["answer"], None
         if answer is not None and self._problem is not None:
             self._learning = LearningPhase(self._settings.solver, self._problem, self._compensator.model.weights,

@@ -49,7 +49,7 @@ class Event:
     """Something worth knowing: a hand-over, a refusal, a fault of the sensor; times in samples."""
 
     sample: int
-    what: Literal["hand-over", "refused", "sensor"]
+    what: Literal["hand-over", "refused", "sensor", "range"]
     message: str
     error_old: float = math.nan
     """RMS error (5) of the weights in use on the data that were learned from, unit amplitudes."""

@@ -20,8 +20,8 @@ from solvers.compiled import inlined, kernel
 Vector = NDArray[np.float64]
 Flags = NDArray[np.int8]
 
-PLAUSIBLE = 2.0
-"""Largest output in unit amplitudes: half a range beyond either end."""
+PLAUSIBLE = 4.0
+"""Largest output in unit amplitudes: a range given half as wide as it is must not be for ever."""
 FROZEN_DRIVE = 0.02
 """Part of the drive, in unit amplitudes (1 % of its range), in which the output must change at all: an actuator has about half
 its mean slope after a turning point, so the converter may be as coarse as 0.5 % of the range."""
@@ -88,7 +88,7 @@ class SensorGuard:
     --------
     >>> guard = SensorGuard()
     >>> x = np.array([0.0, 0.1, 0.2, 0.3, 0.3])
-    >>> guard.judge(x, np.array([0.0, 0.1, np.nan, 0.3, 2.5])).tolist()
+    >>> guard.judge(x, np.array([0.0, 0.1, np.nan, 0.3, 4.5])).tolist()
     [0, 0, 1, 0, 2]
     """
 

@@ -31,6 +31,7 @@ class LearningSettings:
     rate_limit: float | None = None
     samples_to_solve: int | None = None
     find_centre: bool | None = None
+    follow_range: bool | None = None
     proximal: float = 1e-6
     solver_options: Mapping[str, Any] | None = None
 

@@ -1,0 +1,116 @@
+"""Thresholds follow the range that is really driven.
+
+    widen    at once, where drive or output went beyond OVER of the structure's range
+    narrow   where at least PATIENCE and at most MEMORY cycles, or pieces of PIECE_S, in a row stayed within UNDER of its width
+
+wider to what holds both the old range and the driven one, narrower to the range of those cycles, with MARGIN on either side,
+drive and output each for itself. The thresholds stay where they are
+in unit amplitudes and the model is carried over: with x̃ = h + g x̃' the play of threshold r is h + g times the play of
+threshold r/g, so that the weights follow from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; creep
+likewise, and S⁻¹ has the mean slopes of the old one between the new thresholds. The shifts go into the constant.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.structure import ModelStructure
+
+Vector = NDArray[np.float64]
+Span = tuple[float, float, float, float]
+"""Lowest and highest drive and output, in unit amplitudes."""
+
+OVER, UNDER, MARGIN = 1.25, 0.6, 0.05
+PATIENCE, MEMORY, PIECE_S = 6, 60, 10.0
+
+
+class DrivenRange:
+    """What was driven lately.
+
+    Parameters
+    ----------
+    looks : int
+        Looks that make a piece.
+    """
+
+    def __init__(self, looks: int = 1) -> None:
+        self.looks, self.looked = looks, 0
+        self.spans: deque[Span] = deque(maxlen=MEMORY)
+        """Of each piece, the last one perhaps not whole."""
+
+    def look(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
+        """Take what was driven since the last look; returns a structure of other ranges, where they should change."""
+        x_low, x_high, y_low, y_high = (float(value) for value in span)
+        if self.looked % self.looks and self.spans:
+            before = self.spans.pop()
+            x_low, x_high = min(x_low, before[0]), max(x_high, before[1])
+            y_low, y_high = min(y_low, before[2]), max(y_high, before[3])
+        self.spans.append((x_low, x_high, y_low, y_high))
+        self.looked += 1
+        spans = np.array(self.spans)
+        ranges: dict[str, Any] = {}
+        for name, low, high in (("x", 0, 1), ("y", 2, 3)):
+            bottom, top = float(spans[:, low].min()), float(spans[:, high].max())
+            if beyond := max(-bottom, top) > OVER:
+                bottom, top = min(bottom, -1.0), max(top, 1.0)
+            half = 0.5 * (top - bottom)
+            if beyond or (self.looked >= PATIENCE * self.looks and 0.0 < half < UNDER):
+                centre, scale = getattr(s, f"{name}_centre"), getattr(s, f"{name}_scale")
+                ranges |= {f"{name}_centre": centre + scale * 0.5 * (bottom + top), f"{name}_scale": scale * half * (1.0 + 2.0 * MARGIN)}
+        if not ranges:
+            return None
+        self.spans.clear()
+        self.looked = 0
+        return replace(s, **ranges)
+
+    def memory(self) -> dict[str, Any]:
+        """What changes while it runs."""
+        return {"spans": list(self.spans), "looked": self.looked}
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`memory` gave."""
+        self.spans.clear()
+        self.spans.extend(map(tuple, memory["spans"]))
+        self.looked = int(memory["looked"])
+
+
+def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:
+    """Return the model in a structure with a constant that differs from its own in the ranges.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> structure = ModelStructure.equidistant(n=3, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(),
+    ...                                        sample_time=1e-3, offset=True)
+    >>> model = HysteresisCreepModel.from_weights(structure, [0.0, 0.4, 0.0, 1.0, 0.1])
+    >>> carried_over(model, replace(structure, x_scale=2.0)).w_H.round(12).tolist()  # the play of threshold ½ is now at ¼
+    [1.0, 0.4, 0.0, 0.0]
+    """
+    old, S = model.structure, model.arrays.S_inverse
+    g, h = new.x_scale / old.x_scale, (new.x_centre - old.x_centre) / old.x_scale
+    r = np.array((0.0, *old.play_thresholds))
+    ends = g * np.append(r, 2.0 * r[-1] - r[-2] if r.size > 1 else 1.0)
+
+    def at_new_thresholds(w: Vector) -> Vector:
+        virgin = np.maximum(ends[:, None] - r, 0.0) @ w
+        return np.maximum(np.diff(np.diff(virgin) / np.diff(ends), prepend=0.0), 0.0)  # φ is convex but for rounding
+
+    def inverse_superposition(y: Vector) -> Vector:
+        return (np.maximum(0.0, y[:, None] - S.high) + np.minimum(0.0, y[:, None] - S.low)) @ S.w
+
+    thresholds = np.array(new.dead_zone_thresholds)
+    edges = np.array([min(-1.0, 2.0 * thresholds[0]), *thresholds[thresholds != 0.0], max(1.0, 2.0 * thresholds[-1])])
+    centre = (new.y_centre - old.y_centre) / old.y_scale
+    u = inverse_superposition(centre + new.y_scale / old.y_scale * edges)
+    block = new.slices[1]
+    w_S = new.slope_map[block, block] @ (np.diff(u) / np.diff(edges)) / g
+    w_K = at_new_thresholds(model.w_K) if model.w_K.size else model.w_K
+    shift = h * (model.w_H.sum() + len(old.creep_rates) * model.w_K.sum()) - float(inverse_superposition(np.array([centre]))[0])
+    return HysteresisCreepModel(new, at_new_thresholds(model.w_H), w_S, w_K, (model.offset + shift) / g)

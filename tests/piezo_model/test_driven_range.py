@@ -1,0 +1,77 @@
+"""Thresholds that follow the driven range: the model carried over, the states, and a loop whose ranges were given wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_sensor import rms_percent, steps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from learning_loops import learner_for, sensor, structure_for
+from random_models import drive
+
+from piezo_model import HysteresisCreepModel, OperatorState, SelfLearningCompensator
+from piezo_model.learning.driven_range import PATIENCE, DrivenRange, carried_over
+from piezo_model.structure import ModelStructure
+
+
+def wide_enough(m: int = 0) -> ModelStructure:
+    return ModelStructure.equidistant(3, m, (0.0, 10.0), (-2.0, 5.0), (10.0, 1.0), 1e-3, offset=True)
+
+
+@settings(max_examples=30)
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.5, 2.0), st.integers(0, 99))
+def test_a_model_straight_between_the_new_thresholds_does_in_other_ranges_what_it_did(h: float, k: float, y: float, seed: int) -> None:
+    old = wide_enough()
+    new = replace(old, x_centre=5.0 + 5.0 * h, x_scale=2.5, y_centre=1.5 + 3.5 * k, y_scale=3.5 * y)  # thresholds at ⅛, ¼, ⅜ of the old
+    model = HysteresisCreepModel.from_weights(old, [0.3, 0.0, 0.0, 1.3, 0.02, 0.01, 0.0, 0.0, 0.1])
+    carried = carried_over(model, new)
+    x = 5.0 + 5.0 * h + 1.2 * drive(np.random.default_rng(seed), 400)
+    begin = OperatorState.at_rest(old, h)
+    after = begin.on(old, new)
+    np.testing.assert_allclose(carried.simulate(x, after), model.simulate(x, begin), atol=1e-12)
+
+
+def test_a_range_grows_at_once_and_shrinks_with_patience_and_an_axis_at_a_time() -> None:
+    s, driven = wide_enough(), DrivenRange()
+    grown = driven.look((-1.5, 0.9, -1.0, 1.0), s)
+    assert grown is not None
+    assert grown.x_centre - grown.x_scale < 5.0 - 1.5 * 5.0
+    assert grown.x_centre + grown.x_scale > 10.0
+    assert (grown.y_centre, grown.y_scale) == (s.y_centre, s.y_scale)
+    looks = [driven.look((0.1, 0.5, -0.9, 0.9), s) for _ in range(PATIENCE)]
+    assert looks[:-1] == [None] * (PATIENCE - 1)
+    shrunk = looks[-1]
+    assert shrunk is not None
+    assert shrunk.x_scale == pytest.approx(1.1)
+    assert shrunk.x_centre == pytest.approx(6.5)
+    assert shrunk.y_scale == s.y_scale
+
+
+@pytest.mark.parametrize("mode", ["cyclic", "continuous"])
+@pytest.mark.parametrize("guess", [0.5, 3.0])
+def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: float) -> None:
+    errors = []
+    for factor in (1.0, guess):
+        one = sensor()
+        true = structure_for(one)
+        s = replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
+        state = OperatorState.at_rest(s, -1.0 / factor, 1.0)
+        learner = SelfLearningCompensator(s, 0.1, 4.0, 0.5, "box_active_set", one.x_range, mode, hand_over_s=0.02, state=state,  # type: ignore[arg-type]
+                                          samples_to_solve=5)
+        y_ref = steps(one, 90.0)
+        y = learner.run(y_ref, one.run)[1]
+        errors.append(rms_percent(y[-8000:], y_ref[-8000:], one))
+        assert learner.structure.x_scale == pytest.approx(true.x_scale, rel=0.2)
+    assert errors[1] < 1.5 * errors[0]
+
+
+def test_a_model_that_is_given_keeps_its_thresholds() -> None:
+    one = sensor()
+    s = structure_for(one)
+    wide = replace(s, x_scale=3.0 * s.x_scale, y_scale=3.0 * s.y_scale)
+    model = HysteresisCreepModel.from_weights(wide, wide.straight_line)
+    learner = SelfLearningCompensator(wide, 0.1, 1.0, 0.1, "box_active_set", one.x_range, model=model, samples_to_solve=5)
+    learner.run(steps(one, 8.0), one.run)
+    assert learner.structure == wide
+    assert learner_for(one).settings.follow_range
