@@ -1,6 +1,6 @@
 """How often a comparison of independent races is right on this machine: an hour or more, so no test runs it.
 
-    python tests/bench/power_of_comparison.py FOLDER [--pairs 6] [-- OPTIONS OF THE RACE]
+    python tests/bench/power_of_comparison.py FOLDER [--pairs 6] [OPTIONS OF THE RACE]
 
 Beside the default field races a solver of one's own that can be made to wait. Compared are pairs of races in which nothing
 changed, pairs in which it takes 1.5 times as long, and, with the repeats that the pairs without a change recommend for it, pairs in
@@ -46,12 +46,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--pairs", type=int, default=6)
-    parser.add_argument("race", nargs="*", help="options of the race, after --")
-    asked = parser.parse_args()
-    same = [pair(asked.folder, f"same{i}", 1.0, 1, asked.race) for i in range(asked.pairs)]
-    half = [pair(asked.folder, f"half{i}", 1.5, 1, asked.race) for i in range(asked.pairs)]
+    asked, words = parser.parse_known_args()
+    same = [pair(asked.folder, f"same{i}", 1.0, 1, words) for i in range(asked.pairs)]
+    half = [pair(asked.folder, f"half{i}", 1.5, 1, words) for i in range(asked.pairs)]
     repeats = max(int(each.times.lines[each.times.lines.solver == "slowed"].repeats.min()) for each in same)
-    fifth = [pair(asked.folder, f"fifth{i}", 1.2, repeats, asked.race) for i in range(asked.pairs)]
+    fifth = [pair(asked.folder, f"fifth{i}", 1.2, repeats, words) for i in range(asked.pairs)]
     changed = [each.times.lines.finding.isin(CHANGES) for each in same]
     print(f"Nothing changed: {sum(map(sum, changed))} of {sum(map(len, changed))} lines differ.")
     for text, pairs in (("1.5 times, default effort", half), (f"1.2 times, {repeats} repeats", fifth)):
