@@ -27,7 +27,7 @@ Vector = NDArray[np.float64]
 Span = tuple[float, float, float, float]
 """Lowest and highest drive and output, in unit amplitudes."""
 
-OVER, UNDER, MARGIN = 1.25, 0.6, 0.05
+OVER, UNDER, MARGIN = 1.25, 0.5, 0.05
 PATIENCE, MEMORY, PIECE_S = 6, 60, 10.0
 
 
