@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.inverse_model import InverseArrays, all_weights, model_of, set_weights, wanted_drive
-from piezo_model.model import HysteresisCreepModel, advance
-from piezo_model.operator_state import OperatorState
+from piezo_model.core import State, face
+from piezo_model.inverse_model import InverseArrays, all_weights, model_of
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
-from solvers.compiled import inlined, kernel
 
 Vector = NDArray[np.float64]
 
@@ -56,59 +56,6 @@ class DriveLimits(NamedTuple):
                    (high - s.x_centre) / s.x_scale, max_step)
 
 
-@inlined
-def unit_reference(p: DriveLimits, y_ref: float) -> float:
-    """A finite reference in unit amplitudes, far-away ones brought near."""
-    return max(-FARTHEST, min(FARTHEST, (y_ref - p.y_centre) / p.y_scale))
-
-
-@inlined
-def within_limits(p: DriveLimits, x: float) -> float:
-    """Unit drive inside the limits."""
-    return max(p.unit_low, min(p.unit_high, x))
-
-
-@inlined
-def drive_step(p: InverseArrays, limits: DriveLimits, y_ref: float, play: Vector, creep: Vector, fade: Vector) -> float:
-    """Drive sample in the input unit for one reference sample in the output unit; moves the states on.
-
-    A reference that is not finite holds the drive where it is.
-    """
-    last = play[0]
-    x = last
-    if math.isfinite(y_ref):
-        fade[LAST_Y_REF] = y_ref
-        x = wanted_drive(p, unit_reference(limits, y_ref), play, creep) + fade[BUMP]
-        fade[BUMP] *= fade[DECAY]
-        x = max(last - limits.max_step, min(last + limits.max_step, x))
-    x = limits.x_centre + limits.x_scale * within_limits(limits, x)
-    x = max(limits.low, min(limits.high, x))  # rounding may have passed a limit by its last bit
-    advance(p.operators, (x - limits.x_centre) / limits.x_scale, play, creep)
-    return x
-
-
-@inlined
-def hand_over_step(p: InverseArrays, limits: DriveLimits, weights: Vector, play: Vector, creep: Vector,
-                   fade: Vector) -> None:
-    """Take new weights over without a bump: what they would drive differently at this moment is added and fades away."""
-    y_ref = unit_reference(limits, fade[LAST_Y_REF])
-    before = within_limits(limits, wanted_drive(p, y_ref, play, creep))
-    set_weights(p, weights)
-    fade[BUMP] += before - within_limits(limits, wanted_drive(p, y_ref, play, creep))
-
-
-@kernel
-def _run(p: InverseArrays, limits: DriveLimits, y_ref: Vector, play: Vector, creep: Vector, fade: Vector, x: Vector) -> None:
-    for k in range(y_ref.size):
-        x[k] = drive_step(p, limits, y_ref[k], play, creep, fade)
-
-
-@kernel
-def _drive_now(p: InverseArrays, limits: DriveLimits, play: Vector, creep: Vector, fade: Vector) -> float:
-    """What the model would drive for the last reference at this moment; nothing is moved on."""
-    return within_limits(limits, wanted_drive(p, unit_reference(limits, fade[LAST_Y_REF]), play, creep))
-
-
 class Compensator:
     """Open-loop compensation of hysteresis and creep.
 
@@ -139,32 +86,60 @@ class Compensator:
                  rate_limit: float | None = None, state: OperatorState | None = None) -> None:
         s = model.structure
         self._x_limits, self._rate_limit = x_limits, rate_limit
-        self.state = OperatorState.at_rest(s) if state is None else state.copy()
-        self.state.require(s)
-        self.fade = np.array([0.0, 0.0, s.y_centre])
-        self._use(model)
+        state = OperatorState.at_rest(s) if state is None else state
+        state.require(s)
+        self._use(model, state, np.array([0.0, 0.0, s.y_centre]))
 
-    def _use(self, model: HysteresisCreepModel) -> None:
-        self._model, self.limits = model, DriveLimits.of(model.structure, self._x_limits, self._rate_limit)
-        self.inverse = InverseArrays.of(model.structure)
-        set_weights(self.inverse, all_weights(model))
+    def _use(self, model: HysteresisCreepModel, state: OperatorState, fade: Vector) -> None:
+        s, self._model = model.structure, model
+        self.limits = DriveLimits.of(s, self._x_limits, self._rate_limit)
+        zones, operators = SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)), OperatorArrays.of(s)
+        self._core = State(face.compensator_bytes(*s.shape), lambda block: face.compensator_setup(block, *s.shape))
+        for name, values in (("r", operators.r), ("a", operators.a), ("low", zones.low), ("high", zones.high),
+                             ("limits", self.limits), ("play", state.play), ("creep", state.creep), ("fade", fade)):
+            self._core[name][:] = values
+        face.compensator_take(self._core.block, all_weights(model))
+
+    @property
+    def state(self) -> OperatorState:
+        """The operators' states before the coming sample; what is written to its arrays is taken."""
+        return OperatorState(self._core["play"], self._core["creep"])
+
+    @state.setter
+    def state(self, state: OperatorState) -> None:
+        state.require(self._model.structure)
+        self._core["play"][:], self._core["creep"][:] = state.play, state.creep
+
+    @property
+    def fade(self) -> Vector:
+        """The fade memory (3,); what is written to it is taken."""
+        return self._core["fade"]
+
+    @fade.setter
+    def fade(self, fade: Vector) -> None:
+        self._core["fade"][:] = fade
+
+    @property
+    def inverse(self) -> InverseArrays:
+        """Views of the inverse in use."""
+        return InverseArrays.of(self._model.structure, self._core)
 
     @property
     def model(self) -> HysteresisCreepModel:
         """The model in use."""
-        if not np.array_equal(all_weights(self._model), self.inverse.weights):  # compiled code handed weights over
-            self._model = model_of(self._model.structure, self.inverse.weights)
+        if not np.array_equal(all_weights(self._model), self._core["weights"]):  # the learner handed weights over
+            self._model = model_of(self._model.structure, self._core["weights"])
         return self._model
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) that brings the actuator to the reference sample (output unit)."""
-        return float(self.run(np.array([y_ref], dtype=np.float64))[0])
+        return float(face.compensator_step(self._core.block, y_ref))
 
     def run(self, y_ref: ArrayLike) -> Vector:
         """Drive samples (N,) for reference samples (N,); the same, to the last bit, as ``step`` one by one."""
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
         x = np.empty_like(y_ref)
-        _run(self.inverse, self.limits, y_ref, self.state.play, self.state.creep, self.fade, x)
+        face.compensator_run(self._core.block, y_ref, x)
         return x
 
     def change_model(self, model: HysteresisCreepModel, fade_s: float = 0.0) -> None:
@@ -178,13 +153,13 @@ class Compensator:
         for name in ("play_thresholds", "creep_rates", "sample_time"):
             if getattr(old, name) != getattr(new, name):
                 raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
-        before = _drive_now(self.inverse, self.limits, self.state.play, self.state.creep, self.fade)
+        before, state = face.compensator_now(self._core.block), self.state
         if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
-            self.state = self.state.on(old, new)
+            state = state.on(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             self.fade[BUMP] *= old.x_scale / new.x_scale
-        self._use(model)
-        bump = before - _drive_now(self.inverse, self.limits, self.state.play, self.state.creep, self.fade)
+        self._use(model, state, self.fade)
+        bump = before - face.compensator_now(self._core.block)
         self.fade[BUMP] = self.fade[BUMP] + bump if fade_s > 0.0 else 0.0
         self.fade[DECAY] = math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
 
@@ -196,9 +171,8 @@ class Compensator:
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; ModelError or ValueError says why not."""
         model = HysteresisCreepModel.from_dict(memory["model"])
-        state = OperatorState(memory["play"], memory["creep"]).copy()
+        state = OperatorState(memory["play"], memory["creep"])
         state.require(model.structure)
         if memory["fade"].shape != self.fade.shape:
             raise ValueError(f"the fade memory must have {self.fade.size} numbers, not {memory['fade'].size}")
-        self._use(model)
-        self.state, self.fade = state, memory["fade"].copy()
+        self._use(model, state, memory["fade"])

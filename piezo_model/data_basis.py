@@ -19,22 +19,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model.core import face
 from piezo_model.identification_problem import Excitation, IdentificationProblem
-from piezo_model.model import advance
-from piezo_model.operator_state import OperatorArrays, OperatorState
-from piezo_model.operators import play_step
-from piezo_model.regressors import RegressorArrays as RegressorArrays  # rows and their sums are one topic to most users
-from piezo_model.regressors import regressor_step as regressor_step
+from piezo_model.operator_state import OperatorState
+from piezo_model.regressors import RegressorArrays
 from piezo_model.structure import ModelStructure
-from solvers.compiled import inlined, kernel
-from solvers.vector8 import load8, padded, splat8, store8
+from solvers.core import padded
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BLOCK = 64
-"""Rows gathered before they are added to the Gram matrix, few enough to stay in the first-level cache."""
+"""BASIS_BLOCK of ``core/data_basis.h``."""
 
 FILLED, SAMPLES = range(2)
 """Entries of ``BasisArrays.counts``: rows that wait for their block to be full; samples counted since the last clear."""
@@ -44,7 +41,7 @@ X_MIN, X_MAX, Y_MIN, Y_MAX = range(4)
 
 
 class BasisArrays(NamedTuple):
-    """Everything that the compiled kernels read and write of a data basis."""
+    """Views of everything in a data basis of the core."""
 
     regressors: RegressorArrays
     play: Vector
@@ -58,63 +55,6 @@ class BasisArrays(NamedTuple):
     counts: Integers
     stride: int
     forgetting: float
-
-
-@kernel
-def _add_rows(p: RegressorArrays, rows: Vector, count: int, stride: int, forgetting: float, gram: Vector) -> None:
-    """gram ← λ^N gram + Σ λ^(N−1−k) row_k row_kᵀ, upper triangle, in tiles of four rows by eight columns."""
-    if forgetting != 1.0:
-        weight = 1.0
-        for k in range(count - 1, -1, -1):
-            for i in range(k * stride, k * stride + stride, 8):
-                store8(rows, i, load8(rows, i) * np.sqrt(weight))
-            weight *= forgetting
-        for i in range(0, gram.size, 8):
-            store8(gram, i, load8(gram, i) * weight)
-    for i in range(0, p.width, 4):
-        for j in range(i, p.width, 8):
-            sum_0 = sum_1 = sum_2 = sum_3 = splat8(0.0)
-            for at in range(0, count * stride, stride):
-                right = load8(rows, at + j)
-                sum_0 = sum_0 + splat8(rows[at + i]) * right
-                sum_1 = sum_1 + splat8(rows[at + i + 1]) * right
-                sum_2 = sum_2 + splat8(rows[at + i + 2]) * right
-                sum_3 = sum_3 + splat8(rows[at + i + 3]) * right
-            at = i * stride + j
-            store8(gram, at, load8(gram, at) + sum_0)
-            store8(gram, at + stride, load8(gram, at + stride) + sum_1)
-            store8(gram, at + 2 * stride, load8(gram, at + 2 * stride) + sum_2)
-            store8(gram, at + 3 * stride, load8(gram, at + 3 * stride) + sum_3)
-
-
-@inlined
-def count_step(b: BasisArrays, x: float, y: float) -> None:
-    """Count one sample in unit amplitudes and move the operator states on; a full block goes into the Gram matrix."""
-    if b.counts[SAMPLES] == 0:
-        for i in range(b.play.size):
-            b.start_play[i] = play_step(x, b.regressors.operators.r[i], b.play[i])
-        for i in range(b.creep.size):
-            b.start_creep[i] = b.creep[i]
-    regressor_step(b.regressors, x, y, b.play, b.creep, b.rows, b.counts[FILLED] * b.stride)
-    b.counts[SAMPLES] += 1
-    b.counts[FILLED] += 1
-    if b.counts[FILLED] == BLOCK:
-        _add_rows(b.regressors, b.rows, BLOCK, b.stride, b.forgetting, b.gram)
-        b.counts[FILLED] = 0
-    b.span[X_MIN], b.span[X_MAX] = min(b.span[X_MIN], x), max(b.span[X_MAX], x)
-    b.span[Y_MIN], b.span[Y_MAX] = min(b.span[Y_MIN], y), max(b.span[Y_MAX], y)
-
-
-@kernel
-def _count(b: BasisArrays, x: Vector, y: Vector) -> None:
-    for k in range(x.size):
-        count_step(b, x[k], y[k])
-
-
-@kernel
-def _advance(p: OperatorArrays, x: Vector, play: Vector, creep: Vector) -> None:
-    for k in range(x.size):
-        advance(p, x[k], play, creep)
 
 
 MEMORY = ("play", "creep", "start_play", "start_creep", "rows", "gram", "span", "counts")
@@ -148,22 +88,28 @@ class DataBasis:
     def __init__(self, structure: ModelStructure, state: OperatorState | None = None, forgetting: float = 1.0) -> None:
         if not 0.0 < forgetting <= 1.0:
             raise ValueError(f"forgetting must be above 0 and at most 1, not {forgetting}")
-        self.structure = structure
-        self.forgetting = forgetting
-        self.state = OperatorState.at_rest(structure) if state is None else state.copy()
-        self.state.require(structure)
-        self._arrays = RegressorArrays.of(structure)
-        rows, gram = np.zeros(BLOCK * self._arrays.stride), np.zeros(padded(self._arrays.width) * self._arrays.stride)
-        self.arrays = BasisArrays(self._arrays, self.state.play, self.state.creep, self.state.play.copy(),
-                                  self.state.creep.copy(), rows, gram, np.zeros(4), np.zeros(2, dtype=np.int64),
-                                  self._arrays.stride, forgetting)
-        self.clear()
+        self.structure, self.forgetting = structure, forgetting
+        self._regressors = RegressorArrays.of(structure)
+        self._core = self._regressors.new_core(forgetting)
+        state = OperatorState.at_rest(structure) if state is None else state
+        state.require(structure)
+        self.state.play[:], self.state.creep[:] = state.play, state.creep
+
+    @property
+    def state(self) -> OperatorState:
+        """The operators' states before the coming sample; what is written to its arrays is taken."""
+        return OperatorState(self._core["play"], self._core["creep"])
+
+    @property
+    def arrays(self) -> BasisArrays:
+        """Views of everything that the basis holds."""
+        core = self._core
+        return BasisArrays(self._regressors, core["play"], core["creep"], core["start_play"], core["start_creep"], core["rows"],
+                           core["gram"], core["span"], core["counts"].view(np.int64), self._regressors.stride, self.forgetting)
 
     def clear(self) -> None:
         """Forget P, q and c; the operator states stay, since they follow the actuator for as long as it is powered."""
-        self.arrays.gram[:] = 0.0
-        self.arrays.counts[:] = 0
-        self.arrays.span[:] = np.inf, -np.inf, np.inf, -np.inf
+        face.basis_clear(self._core.block)
 
     @property
     def samples(self) -> int:
@@ -194,11 +140,10 @@ class DataBasis:
                 raise ValueError(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not a finite number")
         if x.size == 0:
             return
-        unit_x, unit_y = s.unit_input(x), s.unit_output(y)
-        if not count:
-            _advance(self._arrays.operators, unit_x, self.state.play, self.state.creep)
-            return
-        _count(self.arrays, unit_x, unit_y)
+        if count:
+            face.basis_update(self._core.block, s.unit_input(x), s.unit_output(y))
+        else:
+            face.basis_advance(self._core.block, s.unit_input(x))
 
     @property
     def total_weight(self) -> float:
@@ -210,10 +155,10 @@ class DataBasis:
     def _mean_gram(self) -> Matrix:
         if self.samples == 0:
             raise ValueError("the data basis is empty: no sample was counted")
-        gram, width, stride, waiting = self.arrays.gram.copy(), self._arrays.width, self._arrays.stride, self.arrays.counts[FILLED]
-        if waiting:
-            _add_rows(self._arrays, self.arrays.rows.copy(), int(waiting), stride, self.forgetting, gram)
-        upper = np.triu(gram.reshape(-1, stride)[:width, :width])
+        width, stride = self._regressors.width, self._regressors.stride
+        gram = np.empty((padded(width), stride))
+        face.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
+        upper = np.triu(gram[:width, :width])
         full: Matrix = (upper + np.triu(upper, 1).T) / self.total_weight
         return full
 
@@ -235,9 +180,10 @@ class DataBasis:
     @property
     def excitation(self) -> Excitation:
         """Range of input and output over the counted samples, and which operators moved in it."""
-        s, (x_min, x_max, y_min, y_max) = self.structure, (float(value) for value in self.arrays.span)
+        s, (x_min, x_max, y_min, y_max) = self.structure, (float(value) for value in self._core["span"])
         # From its state at the first counted sample an operator moves when the input leaves z − r … z + r.
-        r, play, creep = self._arrays.operators.r, self.arrays.start_play, self.arrays.start_creep.reshape(-1, s.lanes)
+        r, play, creep = (self._core[name] for name in ("r", "start_play", "start_creep"))
+        creep = creep.reshape(-1, s.lanes)
         play_moved = (x_max - r > play) | (x_min + r < play)
         creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
         return Excitation(x_min, x_max, y_min, y_max, tuple(play_moved[1:s.n + 1].tolist()),
@@ -251,7 +197,8 @@ class DataBasis:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that changes while samples stream by, waiting rows included."""
-        return {name: getattr(self.arrays, name).copy() for name in MEMORY}
+        arrays = self.arrays
+        return {name: getattr(arrays, name).copy() for name in MEMORY}
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave.
@@ -261,8 +208,9 @@ class DataBasis:
         ValueError
             Where an array is missing or of another size; nothing is changed then.
         """
+        arrays = self.arrays
         for name in MEMORY:
-            if name not in memory or memory[name].shape != getattr(self.arrays, name).shape:
+            if name not in memory or memory[name].shape != getattr(arrays, name).shape:
                 raise ValueError(f"the memory of the data basis has no array {name!r} of the size that this structure needs")
         for name in MEMORY:
-            getattr(self.arrays, name)[:] = memory[name]
+            getattr(arrays, name)[:] = memory[name]

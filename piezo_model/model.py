@@ -22,16 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import write_text
+from piezo_model.core import State, face
 from piezo_model.inverse import invert_play, invert_superposition
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays, pad
-from piezo_model.operators import creep_step, dead_zone_step, play_step
-from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure, StructureError
-from solvers.compiled import inlined, kernel
-from solvers.vector8 import load8, splat8, store8, sum8
 
 if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
+    from piezo_model.recordings import Recording
 
 Vector = NDArray[np.float64]
 
@@ -44,7 +42,7 @@ class ModelError(ValueError):
 
 
 class ModelArrays(NamedTuple):
-    """The parameters of a model as the compiled kernels take them: unit amplitudes, padded to whole blocks of eight.
+    """The parameters of a model as the core takes them: unit amplitudes, padded to whole blocks of eight.
 
     Padding has threshold zero and weight zero, so padded operators run along and do nothing.
     """
@@ -60,53 +58,6 @@ class ModelArrays(NamedTuple):
     w_H_inverse: Vector
     S_inverse: SuperpositionArrays
     offset: float
-
-
-@inlined
-def superposition(u: float, S: SuperpositionArrays) -> float:
-    """S[u] = Σ w_i S_ri(u)."""
-    total = splat8(0.0)
-    for i in range(0, S.w.size, 8):
-        total = total + load8(S.w, i) * dead_zone_step(splat8(u), load8(S.low, i), load8(S.high, i))
-    return sum8(total)
-
-
-@inlined
-def creep_sum(model: ModelArrays, creep: Vector) -> float:
-    """K at this sample, which the samples before determine."""
-    total = splat8(0.0)
-    for i in range(0, creep.size, 8):
-        total = total + load8(model.w_K, i) * load8(creep, i)
-    return sum8(total)
-
-
-@inlined
-def advance(p: OperatorArrays, x: float, play: Vector, creep: Vector) -> None:
-    """Move the states on by the sample x that the actuator really saw."""
-    lanes = p.r.size
-    for i in range(0, lanes, 8):
-        r = load8(p.r, i)
-        store8(play, i, play_step(splat8(x), r, load8(play, i)))
-        for j in range(p.rates):
-            at = j * lanes + i
-            store8(creep, at, creep_step(splat8(x), r, load8(p.a, at), load8(creep, at)))
-
-
-@inlined
-def model_step(model: ModelArrays, x: float, play: Vector, creep: Vector) -> float:
-    """Return the output of (2) at the sample x and move the states on."""
-    u = creep_sum(model, creep) + model.offset
-    advance(model.operators, x, play, creep)
-    hysteresis = splat8(0.0)
-    for i in range(0, play.size, 8):
-        hysteresis = hysteresis + load8(model.w_H, i) * load8(play, i)
-    return superposition(u + sum8(hysteresis), model.S)
-
-
-@kernel
-def _simulate(model: ModelArrays, x: Vector, play: Vector, creep: Vector, y: Vector) -> None:
-    for k in range(x.size):
-        y[k] = model_step(model, x[k], play, creep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +147,7 @@ class HysteresisCreepModel:
 
     @cached_property
     def arrays(self) -> ModelArrays:
-        """Parameters for the compiled kernels."""
+        """Parameters in unit amplitudes, those of the inverse too."""
         s = self.structure
         operators = OperatorArrays.of(s)
         r_H, r_S_inverse = np.array((0.0, *s.play_thresholds)), np.array(s.dead_zone_thresholds)
@@ -207,6 +158,17 @@ class HysteresisCreepModel:
                            np.tile(w_K, len(s.creep_rates)), SuperpositionArrays.of(w_S, r_S),
                            pad(r_H_inverse, s.lanes), pad(w_H_inverse, s.lanes),
                            SuperpositionArrays.of(self.w_S_inverse, r_S_inverse), self.offset)
+
+    @cached_property
+    def _core(self) -> State:
+        """The model of ``core/model.h``."""
+        p = self.arrays
+        core = State(face.model_bytes(*self.structure.shape),
+                     lambda block: face.model_setup(block, *self.structure.shape, float(self.offset)))
+        for name, values in (("r", p.operators.r), ("a", p.operators.a), ("low", p.S.low), ("high", p.S.high), ("w_S", p.S.w),
+                             ("w_H", p.w_H), ("w_K", p.w_K)):
+            core[name][:] = values
+        return core
 
     def simulate(self, x: ArrayLike | Recording, state: OperatorState | None = None) -> Vector:
         """Output of the model.
@@ -234,7 +196,7 @@ class HysteresisCreepModel:
         [0.0, 0.75, 0.25]
         """
         s = self.structure
-        if isinstance(x, Recording):
+        if hasattr(x, "chunks"):  # a recording, whose class brings the readers of every format with it
             from piezo_model.identification.validation import start_in  # which simulates with this method
 
             state, x = start_in(self, x) if state is None else state, x.arrays()[0]
@@ -242,7 +204,7 @@ class HysteresisCreepModel:
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
         y = np.empty_like(unit_x)
-        _simulate(self.arrays, unit_x, state.play, state.creep, y)
+        face.model_simulate(self._core.block, state.play, state.creep, unit_x, y)
         return s.y_centre + s.y_scale * y
 
     def validate(self, recording: Recording) -> Validation:

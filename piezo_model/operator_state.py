@@ -1,6 +1,6 @@
-"""States and parameters of the operators of one structure, laid out for the compiled kernels.
+"""States and parameters of the operators of one structure, laid out as the core takes them.
 
-The operators come in blocks of eight (`solvers.vector8`). Play and creep share the thresholds r_0 = 0 < r_1 < … < r_n,
+The operators come in blocks of eight (``solvers/core/vec8.h``). Play and creep share the thresholds r_0 = 0 < r_1 < … < r_n,
 padded with zeros to a multiple of eight, the structure's ``lanes``; creep states stand rate by rate.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
-from solvers.vector8 import padded
+from solvers.core import padded
 
 Vector = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class OperatorState:
         return cls(x + branch * r, np.tile(x + branch * r, len(structure.creep_rates)))
 
     def require(self, structure: ModelStructure) -> None:
-        """Refuse (ValueError) to be the states of a structure of another size, which compiled code does not check."""
+        """Refuse (ValueError) to be the states of a structure of another size, which would be taken for its own."""
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes
         if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
             raise ValueError(f"the operator states are those of another structure: {self.play.size} of play and "

@@ -11,11 +11,8 @@ dz(x − z, r) = play(x, r, z) − z, it is a play that is followed with a lag. 
 inverse of the whole model explicit.
 
 Source: K. Kuhnen, "Modeling, Identification and Compensation of Complex Hysteretic Nonlinearities: A Modified
-Prandtl–Ishlinskii Approach", European Journal of Control 9 (2003) 407–418, and its references for creep.
-
-The ``*_step`` kernels below advance one operator by one sample and are the single source of the operators: batch
-simulation, data basis, compensator and learning loop all call them, on floats or on eight operators at once
-(`solvers.vector8`).
+Prandtl–Ishlinskii Approach", European Journal of Control 9 (2003) 407–418, and its references for creep. The arithmetic is
+``core/operators.h``.
 """
 
 from __future__ import annotations
@@ -23,54 +20,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solvers.compiled import kernel
+from piezo_model.core import face
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-
-@kernel
-def play_step(x: float, r: float, z: float) -> float:
-    """Output, and new state, of the play operator with threshold r ≥ 0 at the sample x.
-
-    A sample that is NaN leaves the state where it is: max and min return their first argument then.
-    """
-    return max(min(z, x + r), x - r)
-
-
-@kernel
-def creep_step(x: float, r: float, a: float, z: float) -> float:
-    """State of the creep operator one sampling period after x, with a = 1 − e^(−rate·Ts)."""
-    return z + a * (play_step(x, r, z) - z)
-
-
-@kernel
-def dead_zone_step(u: float, low: float, high: float) -> float:
-    """Output of the dead zone between two limits; one-sided ones have the other limit at infinity."""
-    return max(0.0, u - high) + min(0.0, u - low)
-
-
-@kernel
-def _play_batch(x: Vector, r: Vector, z: Vector, out: Matrix) -> None:
-    for k in range(x.size):
-        for i in range(r.size):
-            z[i] = play_step(x[k], r[i], z[i])
-            out[k, i] = z[i]
-
-
-@kernel
-def _creep_batch(x: Vector, r: Vector, a: Vector, z: Vector, out: Matrix) -> None:
-    for k in range(x.size):
-        for i in range(r.size):
-            out[k, i] = z[i]
-            z[i] = creep_step(x[k], r[i], a[i], z[i])
-
-
-@kernel
-def _dead_zone_batch(u: Vector, low: Vector, high: Vector, out: Matrix) -> None:
-    for k in range(u.size):
-        for i in range(low.size):
-            out[k, i] = dead_zone_step(u[k], low[i], high[i])
 
 
 def _as_vector(values: ArrayLike) -> Vector:
@@ -103,7 +56,7 @@ def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix,
     """
     x, r, z = _as_vector(x), _as_vector(thresholds), np.array(state, dtype=np.float64)
     out = np.empty((x.size, r.size))
-    _play_batch(x, r, z, out)
+    face.play(x, r, z, out)
     return out, z
 
 
@@ -138,7 +91,7 @@ def creep(x: ArrayLike, thresholds: ArrayLike, rates: ArrayLike, sample_time: fl
     """
     x, r, z = _as_vector(x), _as_vector(thresholds), np.array(state, dtype=np.float64)
     out = np.empty((x.size, r.size))
-    _creep_batch(x, r, creep_gain(rates, sample_time), z, out)
+    face.creep(x, r, creep_gain(rates, sample_time), z, out)
     return out, z
 
 
@@ -168,7 +121,7 @@ def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
     u = _as_vector(u)
     low, high = dead_zone_limits(thresholds)
     out = np.empty((u.size, low.size))
-    _dead_zone_batch(u, low, high, out)
+    face.dead_zone(u, low, high, out)
     return out
 
 

@@ -12,18 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.core import State, face
 from piezo_model.identification_problem import Coordinates
-from piezo_model.operator_state import OperatorArrays, SuperpositionArrays
-from piezo_model.operators import creep_step, dead_zone_step, play_step
+from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
-from solvers.compiled import inlined
-from solvers.vector8 import LANES, load8, padded, splat8, store8
+from solvers.core import padded
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 
 class RegressorArrays(NamedTuple):
-    """Parameters of the regressor row as the compiled kernels take them."""
+    """Parameters of the regressor row as the core takes them."""
 
     operators: OperatorArrays
     dead_zones: SuperpositionArrays
@@ -33,6 +33,7 @@ class RegressorArrays(NamedTuple):
     width: int
     """d + 1."""
     offset: bool
+    zones: int
 
     @classmethod
     def of(cls, s: ModelStructure, coordinates: Coordinates = "weight") -> RegressorArrays:
@@ -47,38 +48,28 @@ class RegressorArrays(NamedTuple):
             # The piece around zero ends at the next threshold on both sides.
             outer.low[middle] = low[middle - 1] if middle > 0 else -np.inf
             outer.high[middle] = high[middle + 1] if middle < last else np.inf
-        return cls(OperatorArrays.of(s), zones, outer, s.n, s.d + 1, s.offset)
+        return cls(OperatorArrays.of(s), zones, outer, s.n, s.d + 1, s.offset, s.dead_zones)
+
+    def new_core(self, forgetting: float = 1.0) -> State:
+        """The data basis of ``core/data_basis.h`` with these parameters."""
+        shape = self.n, self.zones, self.operators.rates, int(self.offset)
+        core = State(face.basis_bytes(*shape), lambda block: face.basis_setup(block, *shape, forgetting))
+        for name, values in (("r", self.operators.r), ("a", self.operators.a), ("low", self.dead_zones.low),
+                             ("high", self.dead_zones.high), ("outer_low", self.outer.low), ("outer_high", self.outer.high)):
+            core[name][:] = values
+        return core
 
     @property
     def stride(self) -> int:
         """Length of a row in memory: blocks of eight are written and read beyond the last column."""
-        return padded(self.width + LANES)
+        return padded(self.width + 8)
 
 
-@inlined
-def regressor_step(p: RegressorArrays, x: float, y: float, play: Vector, creep: Vector, rows: Vector, at: int) -> None:
-    """Write the row (x, Ξ) of one sample to ``rows[at:]`` and move the operator states on.
-
-    Blocks are written from left to right, so that each one overwrites the padding of the one before it.
-    """
-    lanes = p.operators.r.size
-    vx, vy = splat8(x), splat8(y)
-    for i in range(0, lanes, 8):
-        play_i = play_step(vx, load8(p.operators.r, i), load8(play, i))
-        store8(play, i, play_i)
-        store8(rows, at + i, play_i)
-    column = at + p.n + 1
-    for i in range(0, p.dead_zones.w.size, 8):
-        inner = dead_zone_step(vy, load8(p.dead_zones.low, i), load8(p.dead_zones.high, i))
-        store8(rows, column + i, dead_zone_step(vy, load8(p.outer.low, i), load8(p.outer.high, i)) - inner)
-    if p.operators.rates > 0:
-        column = at + p.width - p.offset - p.n - 1
-        for i in range(0, lanes, 8):
-            r, total = load8(p.operators.r, i), splat8(0.0)
-            for j in range(p.operators.rates):
-                z = load8(creep, j * lanes + i)
-                total = total + z
-                store8(creep, j * lanes + i, creep_step(vx, r, load8(p.operators.a, j * lanes + i), z))
-            store8(rows, column + i, total)
-    if p.offset:
-        rows[at + p.width - 1] = 1.0
+def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y: Vector) -> Matrix:
+    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes; the state moves on."""
+    p = RegressorArrays.of(structure)
+    core, rows = p.new_core(), np.empty((x.size, p.stride))
+    core["play"][:], core["creep"][:] = state.play, state.creep
+    face.basis_rows(core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows)
+    state.play[:], state.creep[:] = core["play"], core["creep"]
+    return rows[:, :p.width].copy()

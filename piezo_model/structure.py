@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.vector8 import padded
+from solvers.core import padded
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -161,8 +161,13 @@ class ModelStructure:
         return self.n + 1 if self.creep_rates else 0
 
     @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """How many there are of what, as the core asks for it: n, dead zones, creep rates, and 1 with an offset."""
+        return self.n, self.dead_zones, len(self.creep_rates), int(self.offset)
+
+    @property
     def lanes(self) -> int:
-        """Number of thresholds of play and creep, padded to whole blocks of eight (`solvers.vector8`)."""
+        """Number of thresholds of play and creep, padded to whole blocks of eight (``solvers/core/vec8.h``)."""
         return padded(self.n + 1)
 
     @property

@@ -1,7 +1,8 @@
-"""Quadratic programs and everything that solves them; knows nothing of piezo actuators."""
+"""Quadratic programs and everything that solves them; knows nothing of piezo actuators.
 
-from solvers.protocol import Lane, Solver, Status, Tier, Unsupported
-from solvers.registry import add_file, available, describe, entries, find, from_file, get
+The public names are in ``__init__.pyi``; each is imported from its file when it is first used.
+"""
 
-__all__ = ["Lane", "Solver", "Status", "Tier", "Unsupported", "add_file", "available", "describe", "entries", "find", "from_file",
-           "get"]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

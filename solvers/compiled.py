@@ -1,10 +1,10 @@
 """How hot arithmetic is compiled, entered from Python and given memory.
 
-Four ways to compile a function of arrays and numbers. Fast-math flags are only ever contraction and reassociation, never those
-that assume NaN and infinity away, since the guards live on them.
+Four ways to compile a function of arrays and numbers. The only fast-math flag is contraction, never one that assumes NaN and
+infinity away, since the guards live on them.
 
 ============  ==============================  =========================================================================
-``kernel``    products fused, sums reordered  loops over samples, where LLVM may choose the order of a sum
+``kernel``    as written                      loops over samples, whose bits are those of the C core
 ``inlined``   as its caller                   steps that become a part of the function that calls them
 ``compiled``  products fused                  linear algebra: sums are reordered by hand only, so that answers repeat to
                                               the last bit, and 1/0 is inf as in NumPy
@@ -28,10 +28,8 @@ import numpy as np
 from numba import njit, typeof, types
 from numpy.typing import NDArray
 
-FASTMATH = {"contract", "reassoc"}
-
-kernel = njit(cache=True, fastmath=FASTMATH, _nrt=False)
-inlined = njit(cache=True, fastmath=FASTMATH, _nrt=False, inline="always")
+kernel = njit(cache=True, _nrt=False)
+inlined = njit(cache=True, _nrt=False, inline="always")
 compiled = njit(cache=True, fastmath={"contract"}, error_model="numpy")
 literal = njit(cache=True, error_model="numpy")
 

@@ -19,12 +19,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.compensator import DriveLimits, drive_step, hand_over_step
+from piezo_model.compensator import DriveLimits
 from piezo_model.inverse_model import InverseArrays
 from piezo_model.learning.events import CHECKPOINT, FAILED, FAULT, FIRST_HAND_OVER, LEARN, NONE, OVER, RESET
+from piezo_model.learning.inlined_steps import advance, drive_step, hand_over_step, regressor_step
 from piezo_model.learning.sensor_guard import GOOD, MISSING, judge_step
-from piezo_model.model import advance
-from piezo_model.regressors import RegressorArrays, regressor_step
+from piezo_model.regressors import RegressorArrays
 from solvers.compiled import inlined, kernel
 from solvers.kernels import swept_gram as swept
 from solvers.kernels.box_data import OK

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.compensator import DriveLimits, drive_step
-from piezo_model.data_basis import BasisArrays, count_step
+from piezo_model.compensator import DriveLimits
+from piezo_model.data_basis import BasisArrays
 from piezo_model.inverse_model import InverseArrays
 from piezo_model.learning.events import BUILD, FAULT, LEARN, NONE, OVER, RESET
+from piezo_model.learning.inlined_steps import advance, count_step, drive_step
 from piezo_model.learning.sensor_guard import GOOD, MISSING, judge_step
-from piezo_model.model import advance
 from solvers.compiled import inlined, kernel
 from solvers.kernels.projected_step import run
 

@@ -22,25 +22,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.operators import creep_gain, creep_step
+from piezo_model.core import face
+from piezo_model.operators import creep_gain
 from piezo_model.plants.protocol import Memory, Plant, Vector, replace
-
-
-@njit(cache=True)
-def log_creep(u: Vector, a: Vector, z: Vector, u_previous: Vector) -> Vector:
-    """K[u] (N,) for u (N,) and a = 1 − e^(−a_j Ts) (J,); advances the states z (J,) and u_previous (1,)."""
-    K = np.empty_like(u)
-    for k in range(u.size):
-        total = 0.0
-        for j in range(z.size):
-            z[j] = creep_step(u_previous[0], 0.0, a[j], z[j])
-            total += z[j]
-        K[k] = total / z.size
-        u_previous[0] = u[k]
-    return K
 
 
 def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:
@@ -130,7 +116,8 @@ class Actuator(Plant):
 
     def _with_log_creep(self, hysteresis: Vector, u: Vector) -> Vector:
         """Mix the answer of a hysteresis operator, (N,) and in [−1, 1], with the creep of the module."""
-        K: Vector = log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"])
+        K = np.empty_like(u)
+        face.log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"], K)
         return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
 
     def _rest_of_log_creep(self) -> Memory:

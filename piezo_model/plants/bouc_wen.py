@@ -15,48 +15,14 @@ to 1, after many cycles; the major loop takes about 0.8 of ``y_range``.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Memory, Vector
-
-LONGEST_STEP = 1.0 / 1024.0
-"""Largest move of u that one Runge-Kutta step takes: the kink of |h|^n at h = 0 costs the method its order there."""
-
-
-@njit(cache=True)
-def slope(h: float, direction: float, A: float, beta: float, gamma: float, n: float) -> float:
-    """dh/du where u moves in the given direction (±1)."""
-    power = math.pow(abs(h), n)
-    return A - beta * direction * math.copysign(power, h) - gamma * power
-
-
-@njit(cache=True)
-def bouc_wen(u: Vector, A: float, beta: float, gamma: float, n: float, h: Vector, u_before: Vector) -> Vector:
-    """h (N,) along u (N,) by the classical Runge-Kutta method in u; advances h (1,) and u_before (1,)."""
-    path = np.empty_like(u)
-    state = h[0]
-    for k in range(u.size):
-        move = u[k] - u_before[0]
-        if move != 0.0:
-            direction = math.copysign(1.0, move)
-            steps = math.ceil(abs(move) / LONGEST_STEP)
-            d = move / steps
-            for _ in range(steps):
-                s1 = slope(state, direction, A, beta, gamma, n)
-                s2 = slope(state + 0.5 * d * s1, direction, A, beta, gamma, n)
-                s3 = slope(state + 0.5 * d * s2, direction, A, beta, gamma, n)
-                s4 = slope(state + d * s3, direction, A, beta, gamma, n)
-                state += d * (s1 + 2.0 * s2 + 2.0 * s3 + s4) / 6.0
-        u_before[0] = u[k]
-        path[k] = state
-    h[0] = state
-    return path
 
 
 @dataclass(kw_only=True, eq=False)
@@ -122,5 +88,6 @@ class BoucWen(Actuator):
                 "exponent": random.uniform(1.0, 1.8)}
 
     def _h_along(self, u: Vector, h: Vector, u_before: Vector) -> Vector:
-        path: Vector = bouc_wen(u, self.loading_slope, self.beta, self.gamma, self.exponent, h, u_before)
+        path = np.empty_like(u)
+        face.bouc_wen(u, self.loading_slope, self.beta, self.gamma, self.exponent, h, u_before, path)
         return path

@@ -15,30 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from piezo_model.operators import creep_step, play_step
+from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory, Vector
-
-
-@njit(cache=True)
-def plays_and_creep(u: Vector, r: Vector, w_H: Vector, w_K: Vector, a: Vector, z_play: Vector, z_creep: Vector,
-                    u_previous: Vector) -> Vector:
-    """The sum inside S for u (N,); advances z_play (n + 1,), z_creep (n + 1, J) and u_previous (1,)."""
-    total = np.empty_like(u)
-    for k in range(u.size):
-        value = 0.0
-        for i in range(r.size):
-            z_play[i] = play_step(u[k], r[i], z_play[i])
-            creep = 0.0
-            for j in range(a.size):
-                z_creep[i, j] = creep_step(u_previous[0], r[i], a[j], z_creep[i, j])
-                creep += z_creep[i, j]
-            value += w_H[i] * z_play[i] + w_K[i] * creep / a.size
-        total[k] = value
-        u_previous[0] = u[k]
-    return total
 
 
 @dataclass(kw_only=True, eq=False)
@@ -97,8 +77,8 @@ class DensePrandtlIshlinskii(Actuator):
 
     def _respond(self, u: Vector) -> Vector:
         memory = self._memory
-        v: Vector = plays_and_creep(u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"],
-                                    memory["u_previous"])
+        v = np.empty_like(u)
+        face.plays_and_creep(u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"], memory["u_previous"], v)
         return curved(v, self.saturation, self.asymmetry)
 
     @staticmethod

@@ -11,28 +11,14 @@ S is the cubic of `actuator.curved`, v_1 what v reaches at u = 1.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory, Vector
-
-
-@njit(cache=True)
-def deviation_along(u: Vector, alpha: float, b: float, e: Vector, u_before: Vector) -> Vector:
-    """e (N,) along u (N,); advances e (1,) and u_before (1,)."""
-    path = np.empty_like(u)
-    for k in range(u.size):
-        move = u[k] - u_before[0]
-        goal = -math.copysign(1.0 - b, move) / alpha
-        e[0] = goal + (e[0] - goal) * math.exp(-alpha * abs(move))
-        u_before[0] = u[k]
-        path[k] = e[0]
-    return path
 
 
 @dataclass(kw_only=True, eq=False)
@@ -73,12 +59,18 @@ class Duhem(Actuator):
 
     def _rest(self) -> Memory:
         e, u_before = np.zeros(1), np.zeros(1)
-        deviation_along(np.array([1.0, -1.0] * 20), self.alpha, self.slope_after_turn, e, u_before)
+        self._deviation(np.array([1.0, -1.0] * 20), e, u_before)
         return {"e": e, "u_before": u_before, **self._rest_of_log_creep()}
 
     def _respond(self, u: Vector) -> Vector:
-        e = deviation_along(u, self.alpha, self.slope_after_turn, self._memory["e"], self._memory["u_before"])
+        e = self._deviation(u, self._memory["e"], self._memory["u_before"])
         return self._with_log_creep(curved((u + e) / self._half, self.saturation, self.asymmetry), u)
+
+    def _deviation(self, u: Vector, e: Vector, u_before: Vector) -> Vector:
+        """e (N,) along u (N,); advances e (1,) and u_before (1,)."""
+        path = np.empty_like(u)
+        face.deviation(u, self.alpha, self.slope_after_turn, e, u_before, path)
+        return path
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:

@@ -14,36 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory, Vector
-
-
-@njit(cache=True)
-def charge_along(u: Vector, spring: float, k: Vector, f: Vector, force: Vector, q: Vector, u_before: Vector) -> Vector:
-    """q (N,) along u (N,); advances the forces (J,), q (1,) and u_before (1,)."""
-    path = np.empty_like(u)
-    for i in range(u.size):
-        left = abs(u[i] - u_before[0])
-        direction = 1.0 if u[i] > u_before[0] else -1.0
-        while left > 0.0:
-            stiffness, way = spring, np.inf
-            for j in range(k.size):
-                room = (f[j] - direction * force[j]) / k[j]
-                if room > 1e-15:
-                    stiffness += k[j]
-                    way = min(way, room)
-            way = min(way, left / stiffness)
-            for j in range(k.size):
-                force[j] = max(-f[j], min(f[j], force[j] + direction * k[j] * way))
-            q[0] += direction * way
-            left -= stiffness * way
-            if left < 1e-15:
-                left = 0.0
-        u_before[0] = u[i]
-        path[i] = q[0]
-    return path
 
 
 @dataclass(kw_only=True, eq=False)
@@ -94,7 +68,8 @@ class MaxwellSlip(Actuator):
         return {"force": np.zeros(self.sliders), "q": np.zeros(1), "u_before": np.zeros(1)}
 
     def _charge(self, u: Vector, memory: Memory) -> Vector:
-        path: Vector = charge_along(u, self._spring, self._k, self._f, memory["force"], memory["q"], memory["u_before"])
+        path = np.empty_like(u)
+        face.charge(u, self._spring, self._k, self._f, memory["force"], memory["q"], memory["u_before"], path)
         return path
 
     def _rest(self) -> Memory:

@@ -26,25 +26,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from piezo_model.operators import play_step
+from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Memory, Vector
-
-
-@njit(cache=True)
-def sum_of_relay_lines(u: Vector, r: Vector, c: Vector, sigma: Vector, gain: Vector, shift: float, z: Vector) -> Vector:
-    """Σ_i q_i(z_i) for u (N,), with q_i(s) = gain_i t / sqrt(1 + t²), less the shift; advances the plays z (n,)."""
-    total = np.empty_like(u)
-    for k in range(u.size):
-        value = -shift
-        for i in range(r.size):
-            z[i] = play_step(u[k], r[i], z[i])
-            t = (z[i] - c[i]) / sigma[i]
-            value += gain[i] * t / np.sqrt(1.0 + t * t)
-        total[k] = value
-    return total
 
 
 @dataclass(kw_only=True, eq=False)
@@ -106,7 +91,8 @@ class RelayPreisach(Actuator):
         return {"z_play": -(1.0 - self._r), **self._rest_of_log_creep()}
 
     def _respond(self, u: Vector) -> Vector:
-        relays = sum_of_relay_lines(u, self._r, self._c, self._sigma, self._gain, self._shift, self._memory["z_play"])
+        relays = np.empty_like(u)
+        face.relay_lines(u, self._r, self._c, self._sigma, self._gain, self._shift, self._memory["z_play"], relays)
         return self._with_log_creep(self.reversible_share * u + (1.0 - self.reversible_share) * relays, u)
 
     @staticmethod

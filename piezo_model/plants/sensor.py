@@ -16,20 +16,18 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from piezo_model.plants.protocol import Memory, Plant, Vector, replace
 
 
-@njit(cache=True)
 def gain_from(first: int, count: int, sample_time: float, rate_per_s: float, swing: float, period_s: float) -> Vector:
-    """g at the samples first, first + 1, …, shape (count,); compiled so that one sample has the same bits as many."""
-    gain = np.empty(count)
-    for k in range(count):
-        t = (first + k) * sample_time
-        gain[k] = 1.0 + rate_per_s * t + swing * math.sin(2.0 * math.pi * t / period_s)
+    """g at the samples first, first + 1, …, shape (count,)."""
+    t: Vector = np.arange(first, first + count, dtype=np.float64) * sample_time
+    gain: Vector = 1.0 + rate_per_s * t
+    if swing:  # sine by sine, so that one sample has the same bits as many
+        gain += swing * np.array([math.sin(angle) for angle in (2.0 * math.pi * t / period_s).tolist()])
     return gain
 
 

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Memory, Plant, Vector, replace
 from piezo_model.plants.sensor import gain_from
@@ -36,18 +36,6 @@ Matrix = NDArray[np.float64]
 
 FOREVER_S = 1e12
 """A sampling period in which every creep has settled; the states of an actuator do not depend on its own."""
-
-
-@njit(cache=True)
-def structure_response(f: Vector, F: Matrix, s: Vector) -> Vector:
-    """Positions (N,) at the ends of the periods in which f (N,) was held; advances s = (z, ż/ω)."""
-    z = np.empty_like(f)
-    for k in range(f.size):
-        deviation, speed = s[0] - f[k], s[1]
-        s[0] = f[k] + F[0, 0] * deviation + F[0, 1] * speed
-        s[1] = F[1, 0] * deviation + F[1, 1] * speed
-        z[k] = s[0]
-    return z
 
 
 @dataclass(kw_only=True, eq=False)
@@ -133,8 +121,8 @@ class Axis(Plant):
         gain = gain_from(int(samples[0]), force.size, self.sample_time, self.gain_drift_per_s, self.gain_swing,
                          self.gain_swing_period_s)
         samples += force.size
-        p: Vector = structure_response(self.lever * (self._centre + gain * (force - self._centre)), self._F,
-                                       self._memory["structure"])
+        p = np.empty_like(force)
+        face.structure_response(self.lever * (self._centre + gain * (force - self._centre)), self._F, self._memory["structure"], p)
         return p
 
     def _force(self, x: Vector) -> Vector:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.plants.protocol import Memory, replace
@@ -24,13 +23,9 @@ from piezo_model.stage.axis import Axis
 Matrix = NDArray[np.float64]
 
 
-@njit(cache=True)
 def coupled(C: Matrix, p: Matrix) -> Matrix:
     """C p(k) for p (N, 2); written out, since a matrix product may round one sample and many in different ways."""
-    y = np.empty_like(p)
-    for k in range(p.shape[0]):
-        y[k, 0] = C[0, 0] * p[k, 0] + C[0, 1] * p[k, 1]
-        y[k, 1] = C[1, 0] * p[k, 0] + C[1, 1] * p[k, 1]
+    y: Matrix = C[:, 0] * p[:, :1] + C[:, 1] * p[:, 1:]
     return y
 
 

@@ -74,6 +74,11 @@ def _open(package: Path, instructions: str) -> ModuleType:
     return module
 
 
+def padded(size: int) -> int:
+    """The next multiple of eight."""
+    return -(-size // 8) * 8
+
+
 def block(size: int) -> NDArray[np.uint8]:
     """So many zero bytes from a cache line on: the memory of a state, whose bytes are all there is to save and restore."""
     raw = np.zeros(size + 64, dtype=np.uint8)

@@ -21,6 +21,8 @@ from pathlib import Path
 
 CORES = ("solvers", "piezo_model")
 """Packages with a folder ``core`` of C; each may call the C of those before it."""
+BESIDE = {"piezo_model": ("plants", "stage")}
+"""Folders of a package with C beside their Python, which goes into its library too."""
 ROOT = Path(__file__).resolve().parents[2]
 ZIGLANG = "ziglang==0.17.1"
 """What a machine without a C compiler is given."""
@@ -52,7 +54,8 @@ def library(package: Path, instructions: str) -> Path:
 
 def folders(package: Path) -> list[Path]:
     """The folders of C that a package is built from: its own, and those of the packages below it."""
-    return [package.parent / name / "core" for name in CORES[:CORES.index(package.name) + 1]]
+    cores = [package.parent / name / "core" for name in CORES[:CORES.index(package.name) + 1]]
+    return cores + [package / name for name in BESIDE.get(package.name, ())]
 
 
 def digest(package: Path) -> str:
@@ -111,7 +114,7 @@ def _compile(package: Path, target: Path, command: list[str], instructions: str,
     machine = [] if instructions == "native" else [f"-{'mcpu' if zig else 'march'}={name}"]
     own = package / "core" / "module.c"
     others = [file for folder in folders(package) for file in sorted(folder.glob("*.c")) if file.name != "module.c"]
-    others = [file for file in others if file.parent == own.parent or not file.name.startswith("face_")]
+    others = [file for file in others if package in file.parents or not file.name.startswith("face_")]
     flags = [*FLAGS, *(f"-I{folder}" for folder in folders(package)), *(SANITIZERS if debug else ())]
     words = {"CORE_SOURCES": digest(package), "CORE_COMPILER": _version(command), "CORE_INSTRUCTIONS": instructions}
     with tempfile.TemporaryDirectory() as scratch:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plain_model import one_sided_dead_zones
 
-from piezo_model.operators import creep, creep_gain, creep_step, dead_zone, dead_zone_step, play, play_step
+from piezo_model.operators import creep, creep_gain, dead_zone, play
 
 signals = st.lists(st.floats(-2, 2), min_size=1, max_size=40).map(np.array)
 thresholds = st.lists(st.floats(0, 1.5), min_size=1, max_size=5).map(lambda values: np.sort(np.array(values)))
@@ -102,16 +102,6 @@ def test_chunks_of_a_signal_give_the_same_bits_as_the_whole(x: np.ndarray, r: np
         np.testing.assert_array_equal(z, last)
 
 
-def test_the_batch_forms_are_the_steps_one_after_the_other() -> None:
-    x, rate = np.random.default_rng(1).uniform(-1, 1, 50), 20.0
-    z = w = 0.2
-    for k, value in enumerate(x):
-        z = play_step(value, 0.3, z)
-        assert play(x[:k + 1], [0.3], [0.2])[0][-1, 0] == z
-        assert creep(x[:k + 1], [0.3], [rate], 1e-3, [0.2])[0][-1, 0] == w
-        w = creep_step(value, 0.3, creep_gain([rate], 1e-3)[0], w)
-
-
 def test_states_handed_in_are_not_written_to_and_strided_inputs_are_taken() -> None:
     z = np.array([0.1, 0.2])
     backward = np.linspace(-1, 1, 21)[::-2]
@@ -121,7 +111,6 @@ def test_states_handed_in_are_not_written_to_and_strided_inputs_are_taken() -> N
 
 
 def test_a_sample_that_is_not_a_number_leaves_the_state_where_it_is() -> None:
-    for step in (play_step, play_step.py_func):
-        assert step(np.nan, 0.1, 0.3) == 0.3
-    assert creep_step(np.nan, 0.1, 0.5, 0.3) == 0.3
-    assert dead_zone_step(np.nan, -0.5, 0.5) == 0.0
+    assert play([np.nan], [0.1], [0.3])[1] == [0.3]
+    assert creep([np.nan], [0.1], [1.0], 1e-3, [0.3])[1] == [0.3]
+    assert dead_zone([np.nan], [-0.5, 0.0, 0.5]).tolist() == [[0.0, 0.0, 0.0]]

@@ -65,7 +65,7 @@ def test_a_run_in_chunks_equals_one_run_bit_for_bit(make, name, cuts, seed):
 def test_steps_equal_a_run_bit_for_bit(make, name):
     x = walk(0.3)
     plant = make(name)
-    assert [plant.step(v) for v in x] == make(name).run(x).tolist()
+    np.testing.assert_array_equal([plant.step(v) for v in x], make(name).run(x))
 
 
 @contract

@@ -24,11 +24,10 @@ from qpsolvers import Problem
 import solvers
 from bench.problem_files.npz import opened, packed_program, unpacked_program
 from bench.problems.simulation import SAMPLE_TIME, Experiment
-from piezo_model import DataBasis, ModelStructure, OperatorState
+from piezo_model import DataBasis, OperatorState
 from piezo_model.atomic_file import replacing
-from piezo_model.data_basis import RegressorArrays, regressor_step
+from piezo_model.regressors import regressor_rows
 from solvers.certificate import Certificate, certify
-from solvers.compiled import kernel
 from solvers.kernels.forgetting import absorb
 
 Vector = NDArray[np.float64]
@@ -98,20 +97,6 @@ class StreamProblem:
         instants = tuple(Instant(sample, Problem(P[i], q[i], lb=start.lb, ub=start.ub), c, Certificate.from_json(text))
                          for i, (sample, c, text) in enumerate(meta["instants"]))
         return cls(meta["name"], start, meta["c"], answer, rows, meta["forgetting"], instants)
-
-
-@kernel
-def _write_rows(p: RegressorArrays, x: Vector, y: Vector, play: Vector, creep: Vector, rows: Vector, stride: int) -> None:
-    for k in range(x.size):
-        regressor_step(p, x[k], y[k], play, creep, rows, k * stride)
-
-
-def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y: Vector) -> Matrix:
-    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes; the state moves on."""
-    arrays = RegressorArrays.of(structure)
-    rows = np.zeros((x.size + 1) * arrays.stride)  # blocks are written beyond the last row
-    _write_rows(arrays, structure.unit_input(x), structure.unit_output(y), state.play, state.creep, rows, arrays.stride)
-    return rows.reshape(-1, arrays.stride)[:x.size, :arrays.width].copy()
 
 
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:

@@ -1,0 +1,42 @@
+#include "model.h"
+
+int64_t model_bytes(Shape s)
+{
+    return HEAD_BYTES + (int64_t)sizeof(real) * (2 * lanes(s) + 2 * creep_lanes(s) + 3 * zone_lanes(s));
+}
+
+Model model_at(void *memory)
+{
+    Model m;
+    Room room = after_head(memory);
+    m.head = memory;
+    m.shape = SHAPE(&m.head->shaped);
+    m.operators = take_operators(&room, m.shape);
+    m.S = take_superposition(&room, m.shape);
+    m.w_H = reals(&room, 1, lanes(m.shape));
+    m.w_K = reals(&room, 1, creep_lanes(m.shape));
+    return m;
+}
+
+Model model_setup(void *memory, Shape shape, real offset)
+{
+    const ModelHead head = {{MODEL_KIND, unknowns(shape), model_bytes(shape), shape}, offset};
+    memset(memory, 0, (size_t)model_bytes(shape));
+    memcpy(memory, &head, sizeof head);
+    return model_at(memory);
+}
+
+real model_step(const Model *m, real x, real *play, real *creep)
+{
+    /* K belongs to this sample already: the samples before determine it. */
+    const real K = weighted_sum(m->w_K, creep, creep_lanes(m->shape)) + m->head->offset;
+    advance(m->operators, m->shape, x, play, creep);
+    return superposition(m->S, m->shape, K + weighted_sum(m->w_H, play, lanes(m->shape)));
+}
+
+void model_simulate(const Model *m, const real *x, int64_t count, real *play, real *creep, real *y)
+{
+    for (int64_t k = 0; k < count; ++k) {
+        y[k] = model_step(m, x[k], play, creep);
+    }
+}

@@ -1,0 +1,53 @@
+/* The extension module piezo_model.core._core. */
+#include "face_model.h"
+
+#define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))face_##name, METH_FASTCALL, text}
+
+static PyMethodDef methods[] = {
+    METHOD(play, "play(x, r, z, out): play operators over samples; z moves on."),
+    METHOD(creep, "creep(x, r, a, z, out): creep operators over samples; z moves on."),
+    METHOD(dead_zone, "dead_zone(u, low, high, out): dead zones over samples."),
+    METHOD(model_bytes, "model_bytes(n, zones, rates, offset): size of a model."),
+    METHOD(model_setup, "model_setup(state, n, zones, rates, offset, constant): make a block a model; where its vectors stand."),
+    METHOD(model_simulate, "model_simulate(state, play, creep, x, y): outputs for inputs; the states move on."),
+    METHOD(basis_bytes, "basis_bytes(n, zones, rates, offset): size of a data basis."),
+    METHOD(basis_setup, "basis_setup(state, n, zones, rates, offset, forgetting): make a block a data basis; where its vectors stand."),
+    METHOD(basis_clear, "basis_clear(state): forget the rows."),
+    METHOD(basis_update, "basis_update(state, x, y): count samples."),
+    METHOD(basis_advance, "basis_advance(state, x): move the states on and count nothing."),
+    METHOD(basis_gram, "basis_gram(state, rows, gram): the Gram matrix with the rows that wait; rows is room."),
+    METHOD(basis_rows, "basis_rows(state, x, y, rows): the rows of samples; the states move on."),
+    METHOD(compensator_bytes, "compensator_bytes(n, zones, rates, offset): size of a compensator."),
+    METHOD(compensator_setup, "compensator_setup(state, n, zones, rates, offset): make a block a compensator; where its vectors stand."),
+    METHOD(compensator_take, "compensator_take(state, weights): invert the model of these weights."),
+    METHOD(compensator_hand_over, "compensator_hand_over(state, weights): the same without a bump."),
+    METHOD(compensator_now, "compensator_now(state): the unit drive for the last reference at this moment."),
+    METHOD(compensator_step, "compensator_step(state, y_ref): the drive for one reference."),
+    METHOD(compensator_run, "compensator_run(state, y_ref, x): drives for references."),
+    METHOD(log_creep, "log_creep(u, a, z, u_previous, K): creep of an actuator."),
+    METHOD(bouc_wen, "bouc_wen(u, A, beta, gamma, n, h, u_before, path): h along u."),
+    METHOD(plays_and_creep, "plays_and_creep(u, r, w_H, w_K, a, z_play, z_creep, u_previous, total): their weighted sum along u."),
+    METHOD(relay_lines, "relay_lines(u, r, c, sigma, gain, shift, z, total): sum over lines of relays along u."),
+    METHOD(charge, "charge(u, spring, k, f, force, q, u_before, path): charge along u."),
+    METHOD(deviation, "deviation(u, alpha, b, e, u_before, path): deviation along u."),
+    METHOD(structure_response, "structure_response(f, F, s, z): positions while forces are held."),
+    {NULL, NULL, 0, NULL},
+};
+
+static PyModuleDef definition = {
+    {{1, NULL}, NULL, 0, NULL}, "_core", "Model, data basis and compensator in C; see the headers in piezo_model/core.", -1, methods, NULL, NULL, NULL, NULL,
+};
+
+PY_EXPORT PyObject *PyInit__core(void);
+
+PyObject *PyInit__core(void)
+{
+    PyObject *const module = PyModule_Create2(&definition, PYTHON_ABI_VERSION);
+    if (module != NULL
+        && (PyModule_AddStringConstant(module, "sources", CORE_SOURCES) != 0
+            || PyModule_AddStringConstant(module, "compiler", CORE_COMPILER) != 0
+            || PyModule_AddStringConstant(module, "instructions", CORE_INSTRUCTIONS) != 0)) {
+        return NULL;
+    }
+    return module;
+}

@@ -1,0 +1,40 @@
+/* How many operators of each kind a model has, and the sizes of vectors that follow from it. */
+#ifndef CORE_SHAPE_H
+#define CORE_SHAPE_H
+
+#include "room.h"
+
+typedef struct {
+    int32_t n;      /* thresholds above zero of play and creep */
+    int32_t zones;  /* dead zones of S^-1 */
+    int32_t rates;  /* creep rates */
+    int32_t offset; /* 1 with a free constant, else 0 */
+} Shape;
+
+/* What every state of this package begins with. */
+typedef struct {
+    int32_t kind, d;
+    int64_t bytes;
+    Shape shape;
+} ShapedHead;
+
+/* The shape in a head; an exported folder compiles with its own as a constant, -DCORE_SHAPE={5,7,3,0}. */
+#ifdef CORE_SHAPE
+static const Shape exported_shape = CORE_SHAPE;
+#define SHAPE(head) exported_shape
+#else
+#define SHAPE(head) (head)->shape
+#endif
+
+/* Play and creep come in whole blocks of eight: n + 1 thresholds, then padding with threshold and weight zero. Creep states and
+ * their weights stand rate by rate. */
+CORE_INLINE int lanes(Shape s) { return padded(s.n + 1); }
+CORE_INLINE int creep_lanes(Shape s) { return s.rates * lanes(s); }
+CORE_INLINE int zone_lanes(Shape s) { return padded(s.zones); }
+CORE_INLINE int creep_weights(Shape s) { return s.rates > 0 ? s.n + 1 : 0; }
+/* d: w_H1 ... w_Hn, w'_S, w_K, [offset]. */
+CORE_INLINE int unknowns(Shape s) { return s.n + s.zones + creep_weights(s) + s.offset; }
+/* The weights of a model: w_H0 ... w_Hn, w'_S, w_K, offset. */
+CORE_INLINE int weight_count(Shape s) { return s.n + 2 + s.zones + creep_weights(s); }
+
+#endif

@@ -1,0 +1,57 @@
+/* The Bouc-Wen equation along a path, as of bouc_wen.py. */
+#include "face_model.h"
+
+#include <math.h>
+
+#define LONGEST_STEP (1.0 / 1024.0) /* of u in one Runge-Kutta step: the kink of |h|^n at h = 0 costs the method its order there */
+
+typedef struct { double A, beta, gamma, n; } BoucWen;
+
+/* dh/du where u moves in the given direction (1 or -1). */
+static double slope(const BoucWen *p, double h, double direction)
+{
+    const double power = pow(fabs(h), p->n);
+    return p->A - p->beta * direction * copysign(power, h) - p->gamma * power;
+}
+
+/* h after u has moved, by the classical Runge-Kutta method in u. */
+static double moved(const BoucWen *p, double h, double move)
+{
+    const double direction = copysign(1, move), steps = ceil(fabs(move) / LONGEST_STEP), d = move / steps;
+    for (double i = 0; i < steps; ++i) {
+        const double s1 = slope(p, h, direction), s2 = slope(p, h + d * s1 / 2, direction);
+        const double s3 = slope(p, h + d * s2 / 2, direction), s4 = slope(p, h + d * s3, direction);
+        h += d * (s1 + 2 * s2 + 2 * s3 + s4) / 6;
+    }
+    return h;
+}
+
+FACE(face_bouc_wen)
+{
+    Arguments a;
+    BoucWen p;
+    const double *u;
+    double *h, *before, *path;
+    Py_ssize_t samples;
+    (void)module;
+    take_arguments(&a, "bouc_wen(u, A, beta, gamma, n, h, u_before, path)", given, count, 8);
+    u = take_array(&a, VECTOR, ANY_LENGTH);
+    samples = taken_length(&a);
+    p.A = take_number(&a);
+    p.beta = take_number(&a);
+    p.gamma = take_number(&a);
+    p.n = take_number(&a);
+    h = take_output(&a, VECTOR, 1);
+    before = take_output(&a, VECTOR, 1);
+    path = take_output(&a, VECTOR, (int)samples);
+    if (good(&a)) {
+        begin_long_if(&a, samples > 100);
+        for (Py_ssize_t k = 0; k < samples; ++k) {
+            const double move = u[k] - *before;
+            *h = move > 0 || move < 0 ? moved(&p, *h, move) : *h;
+            *before = u[k];
+            path[k] = *h;
+        }
+    }
+    return finish_integer(&a, 0);
+}

@@ -1,0 +1,77 @@
+/* The charge of a chain of springs and sliders along a path of the voltage, as of maxwell_slip.py. */
+#include "face_model.h"
+
+#include <math.h>
+
+#define NO_ROOM 1e-15 /* what rounding leaves of the way to the next slider, and of the path */
+
+typedef struct {
+    double spring;         /* the one that does not slide */
+    const double *k, *f;   /* stiffness of the others, and the force at which each slides */
+    double *force;
+    int sliders;
+} Chain;
+
+/* How far the charge goes before the next slider begins to slide, at most `left` in voltage, and the stiffness on that way. */
+static double straight_way(const Chain *p, double direction, double left, double *stiffness)
+{
+    double way = INFINITY;
+    *stiffness = p->spring;
+    for (int j = 0; j < p->sliders; ++j) {
+        const double room = (p->f[j] - direction * p->force[j]) / p->k[j];
+        if (room > NO_ROOM) {
+            *stiffness += p->k[j];
+            way = room < way ? room : way;
+        }
+    }
+    return left / *stiffness < way ? left / *stiffness : way;
+}
+
+/* The charge after the voltage has moved. */
+static double moved(const Chain *p, double q, double move)
+{
+    const double direction = move > 0 ? 1 : -1;
+    double left = fabs(move);
+    while (left > 0) {
+        double stiffness;
+        const double way = straight_way(p, direction, left, &stiffness);
+        for (int j = 0; j < p->sliders; ++j) {
+            const double force = p->force[j] + direction * p->k[j] * way;
+            p->force[j] = force > p->f[j] ? p->f[j] : force < -p->f[j] ? -p->f[j] : force;
+        }
+        q += direction * way;
+        left -= stiffness * way;
+        left = left < NO_ROOM ? 0 : left;
+    }
+    return q;
+}
+
+FACE(face_charge)
+{
+    Arguments a;
+    Chain p;
+    const double *u;
+    double *q, *before, *path;
+    Py_ssize_t samples;
+    (void)module;
+    take_arguments(&a, "charge(u, spring, k, f, force, q, u_before, path)", given, count, 8);
+    u = take_array(&a, VECTOR, ANY_LENGTH);
+    samples = taken_length(&a);
+    p.spring = take_number(&a);
+    p.k = take_array(&a, VECTOR, ANY_LENGTH);
+    p.sliders = (int)taken_length(&a);
+    p.f = take_array(&a, VECTOR, p.sliders);
+    p.force = take_output(&a, VECTOR, p.sliders);
+    q = take_output(&a, VECTOR, 1);
+    before = take_output(&a, VECTOR, 1);
+    path = take_output(&a, VECTOR, (int)samples);
+    if (good(&a)) {
+        begin_long_if(&a, samples > 100);
+        for (Py_ssize_t k = 0; k < samples; ++k) {
+            *q = moved(&p, *q, u[k] - *before);
+            *before = u[k];
+            path[k] = *q;
+        }
+    }
+    return finish_integer(&a, 0);
+}
