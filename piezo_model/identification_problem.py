@@ -19,13 +19,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from qpsolvers import Problem
 
 from piezo_model.structure import ModelStructure
+
+if TYPE_CHECKING:
+    from qpsolvers import Problem
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -170,6 +172,8 @@ class IdentificationProblem:
         """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates."""
         if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
             raise ValueError(f"there is no form {coordinates!r}, {scaling!r}")
+        from qpsolvers import Problem  # which imports every solver that is installed
+
         s = self.structure
         P, q, c = self._in_slopes
         lb = s.lower_bounds(self.min_slope)

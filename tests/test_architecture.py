@@ -116,6 +116,23 @@ def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) 
     assert not unneeded & set(json.loads(done.stderr))
 
 
+def test_model_data_basis_and_compensator_need_numpy_and_the_core_alone() -> None:
+    program = ("import sys; before = set(sys.modules); from piezo_model import (Compensator, DataBasis, HysteresisCreepModel, "
+               "ModelStructure, OperatorState); import json; "
+               "files = {name: getattr(sys.modules[name], '__file__', None) or '' for name in set(sys.modules) - before}; "
+               "print(json.dumps([name for name, file in files.items() if 'site-packages' in file]))")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert {name.partition(".")[0] for name in json.loads(done.stdout)} <= {"numpy", "lazy_loader"}
+
+
+def test_an_identification_compiles_nothing() -> None:
+    program = ("import sys; import numpy as np; from piezo_model import Recording, identify, plants; "
+               "x = 75 + 70 * np.sin(np.arange(4000) / 100) * np.cos(np.arange(4000) / 900); "
+               "identify(Recording.from_arrays(x, plants.get('relay_preisach', sample_time=1e-3).run(x), 1e-3, input_unit='V', "
+               "output_unit='um')); sys.exit('numba' in sys.modules)")
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
 def test_nothing_is_compiled_when_everything_is_imported(tmp_path: Path) -> None:
     program = "from piezo_model import *; from bench.cli.app import command_line; command_line()"
     subprocess.run([sys.executable, "-c", program], env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, check=True)

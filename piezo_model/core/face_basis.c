@@ -5,11 +5,11 @@
 static Shape take_basis(Arguments *a, Basis *b)
 {
     void *const memory = take_state(a, BASIS_KIND);
-    const Shape none = {0, 0, 0, 0};
-    if (memory == NULL) {
-        return none;
+    if (memory != NULL) {
+        *b = basis_at(memory);
+    } else {
+        memset(b, 0, sizeof *b);
     }
-    *b = basis_at(memory);
     return b->shape;
 }
 

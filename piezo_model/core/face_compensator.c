@@ -5,11 +5,11 @@
 static Shape take_compensator(Arguments *a, Compensator *c)
 {
     void *const memory = take_state(a, COMPENSATOR_KIND);
-    const Shape none = {0, 0, 0, 0};
-    if (memory == NULL) {
-        return none;
+    if (memory != NULL) {
+        *c = compensator_at(memory);
+    } else {
+        memset(c, 0, sizeof *c);
     }
-    *c = compensator_at(memory);
     return c->shape;
 }
 

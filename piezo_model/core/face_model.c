@@ -133,17 +133,17 @@ FACE(face_model_simulate)
     void *memory;
     const double *x;
     double *play, *creep, *y;
-    Shape s = {0, 0, 0, 0};
     Py_ssize_t samples;
     (void)module;
     take_arguments(&a, "model_simulate(state, play, creep, x, y)", given, count, 5);
     memory = take_state(&a, MODEL_KIND);
-    if (good(&a)) {
+    if (memory != NULL) {
         m = model_at(memory);
-        s = m.shape;
+    } else {
+        memset(&m, 0, sizeof m);
     }
-    play = take_output(&a, VECTOR, lanes(s));
-    creep = take_output(&a, VECTOR, creep_lanes(s));
+    play = take_output(&a, VECTOR, lanes(m.shape));
+    creep = take_output(&a, VECTOR, creep_lanes(m.shape));
     x = take_array(&a, VECTOR, ANY_LENGTH);
     samples = taken_length(&a);
     y = take_output(&a, VECTOR, (int)samples);

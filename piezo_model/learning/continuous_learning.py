@@ -44,8 +44,8 @@ from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
 from piezo_model.structure import ModelStructure
+from solvers.core import padded
 from solvers.kernels.recursive_engine import RecursiveEngine
-from solvers.vector8 import padded
 
 Vector = NDArray[np.float64]
 Snapshot = dict[str, NDArray[Any]]

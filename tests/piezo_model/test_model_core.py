@@ -1,0 +1,140 @@
+"""The C of model, data basis and compensator: what it may call, its warnings, its bits on every compiler, its copies."""
+
+import copy
+import pickle
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piezo_model import Compensator, DataBasis, HysteresisCreepModel, ModelStructure, core
+from piezo_model.core import face
+from solvers.core import compile_core
+from solvers.core import face as solvers_face
+
+PACKAGE = Path(core.__file__).parents[1]
+FOLDERS = compile_core.folders(PACKAGE)
+OWN = [file for folder in FOLDERS[1:] for file in sorted(folder.glob("*.c"))]
+ALGORITHMS = [PACKAGE / "core" / name for name in ("model.c", "data_basis.c", "compensator.c")]
+"""What an exported folder may hold."""
+INCLUDES = [f"-I{folder}" for folder in FOLDERS]
+WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
+STRUCTURE = ModelStructure.equidistant(n=9, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(100, 10, 1), sample_time=1e-3,
+                                       offset=True)
+SHAPE = "-DCORE_SHAPE={9,7,3,1}"
+MAIN = """
+#include "compensator.h"
+#include "data_basis.h"
+#include "model.h"
+#include <stdio.h>
+
+static _Alignas(64) char model[1 << 16], basis[1 << 20], compensator[1 << 16];
+static double x[SAMPLES], y[SAMPLES], play[64], creep[256];
+
+int main(void)
+{
+    const size_t sizes[] = {SIZES};
+    Model m;
+    Basis b;
+    Compensator c;
+    if (fread(model, 1, sizes[0], stdin) + fread(basis, 1, sizes[1], stdin) + fread(compensator, 1, sizes[2], stdin)
+        + fread(x, 1, sizeof x, stdin) != sizes[0] + sizes[1] + sizes[2] + sizeof x) {
+        return 1;
+    }
+    m = model_at(model);
+    b = basis_at(basis);
+    c = compensator_at(compensator);
+    model_simulate(&m, x, SAMPLES, play, creep, y);
+    for (int k = 0; k < SAMPLES; ++k) {
+        basis_count(&b, x[k], y[k]);
+        y[k] = compensator_step(&c, y[k]);
+        if (k == SAMPLES / 2) {
+            compensator_hand_over(&c, (const double *)c.weights);
+        }
+    }
+    fwrite(y, 1, sizeof y, stdout);
+    fwrite(basis, 1, sizes[1], stdout);
+    fwrite(compensator, 1, sizes[2], stdout);
+    return 0;
+}
+"""
+
+
+def a_model() -> HysteresisCreepModel:
+    rng = np.random.default_rng(0)
+    return HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.slope_map @ rng.uniform(0.1, 1.0, STRUCTURE.d))
+
+
+@pytest.mark.parametrize(("compiler", "options"), [
+    ("gcc", ["-march=x86-64-v2"]), ("gcc", ["-march=x86-64-v4"]), ("clang", ["-march=x86-64-v3"]), ("clang", ["-DCORE_PLAIN"]),
+    ("gcc", ["-DCORE_FLOAT", SHAPE]), ("clang", ["-DCORE_FLOAT", SHAPE])])
+def test_the_sources_compile_without_a_warning(compiler: str, options: list[str], tmp_path: Path) -> None:
+    files = ALGORITHMS if "-DCORE_FLOAT" in options else OWN
+    words = [f'-D{name}="x"' for name in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
+    done = subprocess.run([compiler, *WARNINGS, "-O2", "-c", *options, *words, *INCLUDES, *map(str, files)], capture_output=True,
+                          text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_and_sqrt(tmp_path: Path) -> None:
+    subprocess.run(["gcc", "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
+    said = subprocess.run(["nm", *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
+    wanted = set(re.findall(r" U (\w+)", said.stdout)) - set(re.findall(r" T (\w+)", said.stdout)) - {"_GLOBAL_OFFSET_TABLE_"}
+    assert wanted <= {"memcpy", "memset", "sqrt"}
+    assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_gives(compiler: str, tmp_path: Path) -> None:
+    model, samples = a_model(), 1000
+    x = np.sin(np.arange(samples) / 30) * np.cos(np.arange(samples) / 170)
+    basis, compensator = DataBasis(STRUCTURE, forgetting=0.999), Compensator(model, (0.0, 150.0), rate_limit=5e4)
+    given = b"".join(state.block.tobytes() for state in (model._core, basis._core, compensator._core)) + x.tobytes()
+    sizes = [state.block.size for state in (model._core, basis._core, compensator._core)]
+
+    y, drive, play, creep = np.empty(samples), np.empty(samples), np.zeros(STRUCTURE.lanes), np.zeros(3 * STRUCTURE.lanes)
+    face.model_simulate(model._core.block, play, creep, x, y)
+    face.basis_update(basis._core.block, x, y)
+    for k in range(samples):
+        drive[k] = face.compensator_step(compensator._core.block, float(y[k]))
+        if k == samples // 2:
+            face.compensator_hand_over(compensator._core.block, compensator._core["weights"].copy())
+    expected = drive.tobytes() + basis._core.block.tobytes() + compensator._core.block.tobytes()
+
+    source, program = tmp_path / "main.c", tmp_path / "program"
+    source.write_text(MAIN, encoding="utf-8")
+    words = [f"-DSAMPLES={samples}", f"-DSIZES={','.join(map(str, sizes))}"]
+    sets = [f"-march=x86-64-v{level}" for level in range(2, solvers_face.processor_level() + 1)] or ["-DCORE_PLAIN"]
+    for options in [["-O0", sets[-1]], ["-O1", sets[-1], SHAPE], *(["-O2", each] for each in sets), ["-O3", sets[-1], SHAPE],
+                    ["-O3", "-DCORE_PLAIN"]]:
+        subprocess.run([compiler, "-std=c11", "-ffp-contract=off", *options, *words, *INCLUDES, str(source), *map(str, ALGORITHMS),
+                        "-o", str(program), "-lm"], check=True)
+        got = subprocess.run([program], input=given, stdout=subprocess.PIPE, check=True).stdout
+        assert got == expected, options
+
+
+def test_copies_deep_or_pickled_go_on_by_themselves_with_the_same_bits() -> None:
+    x, compensator, basis = np.sin(np.arange(300) / 20), Compensator(a_model()), DataBasis(STRUCTURE)
+    compensator.run(10 * x)
+    basis.update(75 + 70 * x, 15 * x)
+    for duplicate in (copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))):
+        one, other = duplicate(compensator), duplicate(compensator)
+        one.run(-5 * x)
+        np.testing.assert_array_equal(other.run(3 * x), duplicate(compensator).run(3 * x))
+        assert not np.array_equal(one.state.play, other.state.play)
+        more = duplicate(basis)
+        more.update(75 - 70 * x, 10 * x)
+        assert (basis.samples, more.samples) == (300, 600)
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda block: face.basis_update(block, np.zeros(3), np.zeros(2)), "argument 3 has not the shape"),
+    (lambda block: face.basis_advance(block[:-8].copy(), np.zeros(3)), "not the state"),
+    (lambda block: face.compensator_run(block, np.zeros(3), np.zeros(3)), "argument 1 is not the state"),
+    (lambda block: face.basis_setup(block[:1000], 5, 7, 3, 0, 1.0), "has room for 1000 bytes and needs"),
+])
+def test_a_state_of_another_kind_and_arrays_that_do_not_fit_are_refused(call, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(DataBasis(STRUCTURE)._core.block)
