@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -196,7 +196,7 @@ class HysteresisCreepModel:
         [0.0, 0.75, 0.25]
         """
         s = self.structure
-        if hasattr(x, "chunks"):  # a recording, whose class brings the readers of every format with it
+        if _is_recording(x):
             from piezo_model.identification.validation import start_in  # which simulates with this method
 
             state, x = start_in(self, x) if state is None else state, x.arrays()[0]
@@ -278,3 +278,8 @@ class HysteresisCreepModel:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_recording(x: object) -> TypeGuard[Recording]:
+    """Whether it is a recording, without its class, which brings the readers of every format with it."""
+    return hasattr(x, "sample_time")
