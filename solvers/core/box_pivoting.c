@@ -143,7 +143,7 @@ static int proximal_point(Box *s)
             length = moved > length ? moved : length;
         }
         rounding = box_gradient_tolerance(s);
-        if (BOX_PROXIMAL * length <= rounding) {
+        if (BOX_PROXIMAL * length <= rounding / 8) { /* the residual that is asked of g_F everywhere */
             break;
         }
         if ((real)0.99 * last < length && length < (real)1.01 * last && BOX_PROXIMAL * length > 16 * rounding) {

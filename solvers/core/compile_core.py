@@ -26,7 +26,7 @@ BESIDE = {"piezo_model": ("plants", "stage")}
 ROOT = Path(__file__).resolve().parents[2]
 ZIGLANG = "ziglang==0.17.1"
 """What a machine without a C compiler is given."""
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
 """No -ffast-math and no fused products: the bits of an answer depend on the sources alone."""
 SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 PROBE = """typedef double four __attribute__((vector_size(32)));
