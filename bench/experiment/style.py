@@ -5,23 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.report.charts import COLOURS
-from bench.report.svg import HINDSIGHT, LEARNED, STRAIGHT, look
 from piezo_model.atomic_file import replacing
 
-__all__ = ["CONTINUOUS", "HINDSIGHT", "LEARNED", "OTHER", "PALE", "REFERENCE", "STRAIGHT", "Exhibit", "legend_above"]
-
+STRAIGHT, LEARNED, HINDSIGHT, OTHER = (COLOURS[lane] for lane in ("kernel", "direct", "qpsolvers", "cvxpy"))
 REFERENCE = "#000000"
-OTHER = COLOURS["cvxpy"]
 CONTINUOUS = "#56b4e9"
 """One colour for one thing in every figure, of Okabe and Ito's palette."""
 PALE = "#d9d9d9"
 WIDTH_IN = 9.0
+LOOK: dict[Any, Any] = {"svg.hashsalt": "piezobench", "svg.fonttype": "none", "font.size": 9.0, "axes.titlesize": 10.0,
+        "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+        "grid.alpha": 0.3, "legend.fontsize": 8.0, "legend.frameon": False, "lines.linewidth": 1.2}
+"""The same numbers draw the same SVG."""
+
 
 @dataclass(frozen=True)
 class Exhibit:
@@ -50,7 +54,7 @@ class Exhibit:
 
     def write(self, folder: Path) -> None:
         """Write ``<name>.png``, ``.svg`` and ``.csv``; each is there whole or not at all."""
-        with look():
+        with mpl.rc_context(LOOK):
             figure = Figure(figsize=(WIDTH_IN, self.height_in), layout="constrained")
             self.draw(figure)
             with replacing(folder / f"{self.name}.png") as temporary:

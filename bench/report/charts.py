@@ -46,9 +46,13 @@ CONFIG: dict[str, Any] = {
 
 def library() -> str:
     """The JavaScript that draws, of the version that Altair writes for; it holds no end of a script element."""
-    version = alt.SCHEMA_VERSION.removeprefix("v").rpartition(".")[0]
-    text: str = vl_convert.javascript_bundle(vl_version=version)  # type: ignore[call-arg]
+    text: str = vl_convert.javascript_bundle(vl_version=vega_lite_version())  # type: ignore[call-arg]
     return text.replace("</script", "<\\/script")
+
+
+def vega_lite_version() -> str:
+    """The version that Altair writes for, as vl-convert calls it."""
+    return alt.SCHEMA_VERSION.removeprefix("v").rpartition(".")[0]
 
 
 def specification(chart: alt.TopLevelMixin) -> dict[str, Any]:
@@ -71,8 +75,13 @@ def views(table: pd.DataFrame, column: str = "view", called: str = "Show ") -> a
     names = list(dict.fromkeys(map(str, table[column])))
     if len(names) < 2:
         return None
-    first = min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name))  # min takes the first of equals
-    return alt.param(name=column, value=first, bind=alt.binding_select(options=names, name=called))
+    return alt.param(name=column, value=first_view(table, column), bind=alt.binding_select(options=names, name=called))
+
+
+def first_view(table: pd.DataFrame, column: str = "view") -> str:
+    """The view that is shown unasked, "" of an empty table."""
+    names = dict.fromkeys(map(str, table[column]))  # min takes the first of equals
+    return min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name), default="")
 
 
 def finished(chart: Any, choice: alt.Parameter | None, height: int = HEIGHT) -> alt.TopLevelMixin:

@@ -1,47 +1,42 @@
-"""Plots as SVG beside a report in Markdown, with what they have in common."""
+"""Charts as SVG files beside a report in Markdown: of a fixed width, in dark ink on white, without what needs a pointer."""
 
 from __future__ import annotations
 
-import math
-from contextlib import AbstractContextManager
+import json
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+import altair as alt
+import pandas as pd
+import vl_convert
 
-from bench.report.charts import COLOURS
-from piezo_model.atomic_file import replacing
+from bench.report import charts
+from piezo_model.atomic_file import write_text
 
-STRAIGHT, LEARNED, HINDSIGHT = COLOURS["kernel"], COLOURS["direct"], COLOURS["qpsolvers"]
-LOOK: dict[Any, Any] = {"svg.hashsalt": "piezobench", "svg.fonttype": "none", "font.size": 9.0, "axes.titlesize": 10.0,
-        "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-        "grid.alpha": 0.3, "legend.fontsize": 8.0, "legend.frameon": False, "lines.linewidth": 1.2}
+WIDTH = 780
+INK = "#222222"
 
 
-def look() -> AbstractContextManager[None]:
-    """The look, for as long as it lasts; the same numbers draw the same SVG."""
-    return mpl.rc_context(LOOK)
+def text(shown: Sequence[alt.TopLevelMixin], title: str = "") -> str:
+    """The charts under each other as SVG; those over the whole width of their page are ``WIDTH`` pixels wide."""
+    parts = [chart.to_dict() for chart in shown]
+    for part in parts:
+        if part.get("width") == "container":
+            part["width"] = WIDTH
+    found = {"vconcat": parts, "title": title, "config": {**charts.CONFIG, "background": "white", "font": "sans-serif"}}
+    drawn: str = vl_convert.vegalite_to_svg(
+        json.dumps(found).replace(charts.INK, INK), vl_version=charts.vega_lite_version(), allowed_base_urls=[])
+    numbers: dict[str, int] = {}  # Vega counts its clip paths on through a process; the same chart shall be the same file
+    return re.sub(r'(id="|url\(#)clip(\d+)', lambda found: f"{found[1]}clip{numbers.setdefault(found[2], len(numbers))}", drawn)
 
 
-def page(height_in: float = 5.5) -> tuple[Figure, Axes]:
-    """An empty plot; the same run draws the same file."""
-    mpl.rcParams["svg.hashsalt"] = "piezobench"
-    mpl.rcParams["svg.fonttype"] = "none"
-    figure = Figure(figsize=(9, height_in), layout="constrained")
-    return figure, figure.add_subplot()
-
-
-def save(figure: Figure, path: Path) -> None:
+def write(shown: Sequence[alt.TopLevelMixin], path: Path, title: str = "") -> None:
     """Write the file, whole or not at all."""
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="svg", metadata={"Date": None})
+    write_text(path, text(shown, title))
 
 
-def finish(figure: Figure, axes: Axes, path: Path, columns: int = 1, fontsize: int = 7) -> None:
-    """Add grid and legend and write the file."""
-    axes.grid(alpha=0.3)
-    if count := len(axes.get_legend_handles_labels()[0]):  # somebody answered
-        axes.legend(fontsize=fontsize, ncols=min(columns, math.ceil(count / 10)))
-    save(figure, path)
+def write_first_view(table: pd.DataFrame, draw: Callable[[pd.DataFrame], list[alt.TopLevelMixin]], path: Path) -> None:
+    """Write the view of a table that its page shows first, with the name of the view as title; a table may be empty."""
+    view = charts.first_view(table)
+    write(draw(table[table["view"] == view]), path, view)

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.races.oneshot import plot_data, plots
+from bench.races.oneshot import charts, plot_data
+from bench.report import svg
 from solvers import Status
 
 SPEED = {"box_active_set": 1.0, "recursive_active_set": 2.0, "a": 3.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0, "f": 8.0}
@@ -42,7 +43,7 @@ def test_one_size_gives_no_table(rows: pd.DataFrame) -> None:
 
 
 def test_the_same_table_draws_the_same_file(rows: pd.DataFrame, tmp_path: Path) -> None:
-    table = plot_data.time_by_size(rows)
+    table = plot_data.sizes(rows)
     for name in ("one.svg", "two.svg"):
-        plots.time_against_size(table, tmp_path / name)
+        svg.write_first_view(table, charts.sizes, tmp_path / name)
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.races.anytime import charts, figures, plot_data, plots
+from bench.races.anytime import charts, figures, plot_data
 from bench.races.anytime.race import ANYTIME, BUDGETS
-from bench.report import markdown
+from bench.report import markdown, svg
 from bench.report.markdown import Report, Table, gap
 from bench.report.page import Grid
 from bench.report.race_page import Content, figure, grids
@@ -35,7 +35,7 @@ def report(run: Run) -> Report:
 def write(run: Run) -> Path:
     """Write ``report.md``, ``summary.csv`` and ``anytime.svg``; returns the report's path."""
     rows = run.rows(ANYTIME)
-    plots.anytime(rows, run.path / "anytime.svg")
+    svg.write_first_view(plot_data.anytime(rows), charts.anytime, run.path / "anytime.svg")
     return markdown.write(run, __package__, figures.summary(rows), report=report(run), failures=figures.failures(rows),
                           wrong=WRONG)
 

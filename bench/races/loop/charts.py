@@ -1,6 +1,8 @@
-"""The interactive plot of a closed-loop race."""
+"""The interactive plots of a closed-loop race."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import altair as alt
 import numpy as np
@@ -10,17 +12,23 @@ from bench.report.charts import LEAST_GAP, PALETTE, data, finished, log, named, 
 
 
 def closed_loop(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Tracking error against cost gap, by stage."""
+    """Tracking error by stage, against cost gap and, where it took any, against the time to learn."""
     table = table.assign(drawn=np.maximum(table.cost_gap, LEAST_GAP), view="", front=False)
-    table["named"] = named(table, "drawn", "rms_percent", "name")
+    timed = table[table.learn_samples > 0.0]
+    return [_against("drawn", log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True), table),
+            *([_against("learn_samples", log("learn_samples", "time to learn, samples", timed.learn_samples), timed)]
+              if len(timed) else [])]
+
+
+def _against(column: str, x: dict[str, Any], table: pd.DataFrame) -> alt.TopLevelMixin:
+    """Tracking error against a column on a logarithmic axis."""
+    table = table.assign(named=named(table, column, "rms_percent", "name"))
     source = data(table)
-    base = alt.Chart(source).encode(
-        x=alt.X(**log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True)),
-        y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
+    base = alt.Chart(source).encode(x=alt.X(**x), y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
     stage = alt.Color("problem:N", scale=alt.Scale(range=PALETTE[:2]))
     points = base.mark_point(filled=True, size=70, opacity=0.9).encode(
         color=stage, shape="problem:N", tooltip=[
             alt.Tooltip("name:N"), alt.Tooltip("problem:N", title="stage"), alt.Tooltip("cost_gap:Q", format=".1e"),
             alt.Tooltip("rms_percent:Q", format=".3~g"), alt.Tooltip("learn_samples:Q", format=".3~s")])
     rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(y="median(straight_rms_percent):Q")
-    return [finished(alt.layer(rule, points, *names_beside(base, "name")), None)]
+    return finished(alt.layer(rule, points, *names_beside(base, "name")), None)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.races.loop import charts, figures, plots
+from bench.races.loop import charts, figures
 from bench.races.loop.race import LOOP
-from bench.report import markdown
+from bench.report import markdown, svg
 from bench.report.markdown import Report, Table
 from bench.report.race_page import Content, figure, grids
 from bench.store import Run
@@ -53,7 +53,7 @@ def write(run: Run) -> Path:
     """Write ``report.md``, ``summary.csv`` and ``loop.svg``; returns the report's path."""
     rows = run.rows(LOOP)
     table = figures.summary(rows)
-    plots.closed_loop(table, run.path / "loop.svg")
+    svg.write(charts.closed_loop(figures.closed_loop(rows)), run.path / "loop.svg")
     who = ["problem", "solver", "lane", "tier"]
     failures = rows[rows.message != ""].drop_duplicates(who)[[*who, "status", "message"]].values.tolist()
     return markdown.write(run, __package__, table, report=report(run), failures=failures, wrong=WRONG)
@@ -62,9 +62,9 @@ def write(run: Run) -> Path:
 def content(run: Run) -> Content:
     """What stands on the page."""
     found = report(run)
-    shown = figure("closed_loop", "Tracking against cost gap",
+    shown = figure("closed_loop", "Tracking against cost gap and time to learn",
                    "RMS error of both axes over the last window, per cent of the reference's range, against the exact cost gap "
-                   "of the weights in use (gaps below 1e-17 drawn at that), for a stage that stays as it is and one whose "
-                   "actuators drift. Dashed: a straight line in place of a model.",
+                   "of the weights in use (gaps below 1e-17 drawn at that) and against the time to learn them, for a stage that stays as it is "
+                   "and one whose actuators drift. Dashed: a straight line in place of a model.",
                    figures.closed_loop(run.rows(LOOP)), charts.closed_loop)
     return Content(found.sentences, shown, grids(found), DEFINITIONS)

@@ -7,9 +7,9 @@ from pathlib import Path
 import pandas as pd
 
 from bench import rendering
-from bench.races.oneshot import charts, figures, plot_data, plots
+from bench.races.oneshot import charts, figures, plot_data
 from bench.races.oneshot.rows import ONESHOT
-from bench.report import markdown
+from bench.report import markdown, svg
 from bench.report.markdown import Report, Table, settings_label
 from bench.report.page import Cell, Grid
 from bench.report.race_page import Content, figure
@@ -81,9 +81,10 @@ def write(run: Run) -> Path:
     """Write ``report.md``, ``summary.csv`` and the plots, with several sizes ``sizes.svg`` too; returns the report's path."""
     rows = run.rows(ONESHOT)
     table, sizes = figures.summary(rows), plot_data.time_by_size(rows)
-    plots.accuracy_against_time(rows, run.path / "accuracy.svg")
+    svg.write_first_view(plot_data.accuracy(rows), charts.accuracy, run.path / "accuracy.svg")
     if len(sizes):
-        plots.time_against_size(sizes, run.path / "sizes.svg")
+        drawn = plot_data.sizes(rows).merge(sizes[["view", "name"]]).assign(front=True)
+        svg.write_first_view(drawn, charts.sizes, run.path / "sizes.svg")
     return markdown.write(
         run, __package__, table, report=report(run), headings=HEADINGS, cell=cell,
         parts=[(*names, [row for _, row in part.iterrows()])

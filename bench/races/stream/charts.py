@@ -23,6 +23,6 @@ def latency_tails(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     tick = "'p' + format(100 * (1 - 1 / datum.value), '.6~f')"
     x = alt.X("one_in:Q", scale=alt.Scale(type="log", nice=False, padding=8), title="percentile of the samples",
               axis=alt.Axis(values=[2, 10, 100, 1_000, 10_000, 100_000, 1_000_000], labelExpr=tick))
-    return lines(table, x, alt.Y(**log("us", "response time, µs", table.us)),
+    return lines(table, x, alt.Y(**log("us", "response time, µs (compiled loops: service time)", table.us)),
                  [alt.Tooltip("name:N"), alt.Tooltip("us:Q", format=".3~g", title="µs"), alt.Tooltip("one_in:Q", format=".3~s")],
                  "us", log_y=True, deadline=True)

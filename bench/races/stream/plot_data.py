@@ -12,6 +12,7 @@ import pandas as pd
 from bench.races.stream import figures
 from bench.report.charts import NAMED, together
 from bench.report.markdown import settings_label
+from bench.timing import latency_histogram
 from bench.timing.percentiles import needed
 from bench.timing.schedule import PERIOD_US
 
@@ -56,11 +57,18 @@ def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
 
 
 def latency_tails(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
-    """Response time against the share of samples above it."""
+    """Response time against the share of samples above it; of compiled loops, which wait for no schedule, service time."""
     parts = [pd.DataFrame(columns=[*WHO, "one_in", "us", "front"])]
     for rank, (line, us) in enumerate(responses(rows, times)):
         shares = np.array([share for share in DECADES if needed(1.0 - share) <= us.size])
         ranks = np.ceil(np.round((1.0 - shares) * us.size, 6)).astype(int) - 1
         parts.append(pd.DataFrame({**line[WHO], "one_in": 1.0 / shares, "us": us[ranks],
                                    "front": rank < NAMED or line.is_floor}))
+    table = figures.summary(rows, times)
+    loops = _names(table[~table.paced & (table.samples > 0) & (table.solver != "projected_difference")])
+    for rank, (_, line) in enumerate(loops.iterrows()):
+        shares = np.array([share for share in DECADES if needed(1.0 - share) <= line.service_samples])
+        us = latency_histogram.quantiles(line.service_histogram, 1.0 - shares) / 1e3
+        parts.append(pd.DataFrame({**line[WHO], "name": f"{line['name']}, service time", "one_in": 1.0 / shares, "us": us,
+                                   "front": rank < NAMED}))
     return together(parts)

@@ -9,9 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from bench.races.stream import charts, figures, plot_data, plots
+from bench.races.stream import charts, figures, plot_data
 from bench.races.stream.race import STREAM
-from bench.report import markdown
+from bench.report import markdown, svg
 from bench.report.markdown import Report, Table, gap, number, settings_label
 from bench.report.race_page import Content, figure, grids
 from bench.store import Run
@@ -38,8 +38,9 @@ def report(run: Run) -> Report:
 
 def write(run: Run) -> Path:
     """Write ``report.md``, ``summary.csv`` and ``latency.svg``; returns the report's path."""
-    table = figures.summary(run.rows(STREAM), run.times())
-    plots.latency(table, run.path / "latency.svg")
+    rows, times = run.rows(STREAM), run.times()
+    table = figures.summary(rows, times)
+    svg.write_first_view(plot_data.latency_tails(rows, times), charts.latency_tails, run.path / "latency.svg")
     return markdown.write(run, __package__, table.drop(columns=[name for name in table.columns if name.endswith("histogram")]),
                           report=report_of(table, run.settings["settings"]),
                           failures=table[table.message != ""][[*WRONG]].values.tolist(), wrong=WRONG)
@@ -111,6 +112,7 @@ def content(run: Run) -> Content:
         *figure("latency_tails", "Latency tails",
                 "Response time, from the due time of a sample to its answer, by percentile, as far as the number of samples "
                 f"supports it. {plot_data.FLOOR_NAME.capitalize()} is a solver that answers at once: a tail that is not "
-                "above it is the machine's. The dashed line is the deadline.",
+                "above it is the machine's. Compiled loops, which wait for no schedule, by their service time. The dashed "
+                "line is the deadline.",
                 plot_data.latency_tails(rows, times), charts.latency_tails)]
     return Content(found.sentences, shown, grids(found), DEFINITIONS)
