@@ -11,12 +11,26 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import altair as alt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from bench.experiment.hindsight import ROUNDS, SOLVER, floor
-from bench.experiment.style import CONTINUOUS, HINDSIGHT, LEARNED, OTHER, REFERENCE, STRAIGHT, Exhibit
+from bench.experiment.style import (
+    CONTINUOUS,
+    DASHED,
+    DOTTED,
+    HINDSIGHT,
+    LEARNED,
+    OTHER,
+    REFERENCE,
+    STRAIGHT,
+    Exhibit,
+    Line,
+    axis,
+    beside,
+    plot,
+)
 from bench.rig.rig import CREEP_RATES, LEVELS, Rig, Vector, at_low_end
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
@@ -58,8 +72,8 @@ class Case:
 
 
 LEARNERS: tuple[tuple[int, int, Mode, str, str], ...] = (
-    (5, 3, "cyclic", LEARNED, "s"), (5, 3, "continuous", CONTINUOUS, "o"), (20, 7, "cyclic", OTHER, "D"))
-"""Orders and mode, colour and marker; hindsight is drawn for the first."""
+    (5, 3, "cyclic", LEARNED, "square"), (5, 3, "continuous", CONTINUOUS, "circle"), (20, 7, "cyclic", OTHER, "diamond"))
+"""Orders and mode, colour and shape; hindsight is drawn for the first."""
 CASES = tuple(Case(plant, n, m, mode) for plant in plants.names() for n, m, mode, _, _ in LEARNERS)
 
 
@@ -102,23 +116,24 @@ def exhibit(table: pd.DataFrame) -> Exhibit:
     cycles = cycles_of(table)
     number = np.arange(1, len(cycles) + 1)
 
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, len(plants.names()), sharey=True)
-        for axes, (plant, rows) in zip(panels, table.groupby("plant", sort=False), strict=True):
-            first = rows.iloc[0]
-            axes.axhline(first.best_straight_percent, color=STRAIGHT, label="best straight line")
-            errors = rows[cycles].to_numpy(float)
-            for error, (n, m, mode, colour, marker) in zip(errors, LEARNERS, strict=True):
-                axes.plot(number, error, color=colour, marker=marker, ms=4, label=f"{mode} learning, n = {n}, m = {m}")
-            axes.axhline(first.hindsight_percent, color=HINDSIGHT, ls="--", label=f"with hindsight, n = {first.n}, m = {first.m}")
-            axes.axhline(100.0 * NOISE, color=REFERENCE, lw=0.8, ls=":", label="noise of the sensor")
-            axes.set(title=str(plant).replace("_", " "), yscale="log", xlabel="cycle", xticks=number)
-        panels[0].set_ylabel("RMS error, % of range")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    def panel(plant: str, rows: pd.DataFrame) -> alt.TopLevelMixin:
+        first, ends = rows.iloc[0], number[[0, -1]]
 
+        def level(name: str, percent: float, colour: str, dash: tuple[int, ...] = ()) -> Line:
+            return Line(name, ends, np.full(2, percent), colour, dash)
+
+        learners = [Line(f"{mode} learning, n = {n}, m = {m}", number, error, colour, shape=shape)
+                    for error, (n, m, mode, colour, shape) in zip(rows[cycles].to_numpy(float), LEARNERS, strict=True)]
+        return plot([level("best straight line", first.best_straight_percent, STRAIGHT), *learners,
+                     level(f"with hindsight, n = {first.n}, m = {first.m}", first.hindsight_percent, HINDSIGHT, DASHED),
+                     level("noise of the sensor", 100.0 * NOISE, REFERENCE, DOTTED)],
+                    {**axis("cycle", padding=8), "axis": alt.Axis(values=number.tolist(), format="d")},
+                    axis("RMS error, % of range", type="log", padding=8), 180, 250, plant.replace("_", " "))
+
+    chart = beside(*(panel(str(plant), rows) for plant, rows in table.groupby("plant", sort=False)), color="shared", y="shared")
     return Exhibit("actuators", "Actuators that are not in the model class",
                    f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
-                   "best model of the same orders, identified from the last cycle itself.", tuple(sentences(table)), table, draw, 4.0)
+                   "best model of the same orders, identified from the last cycle itself.", tuple(sentences(table)), table, chart)
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:

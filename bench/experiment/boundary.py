@@ -13,14 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import altair as alt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
-from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit
+from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit, Line, axis, plot
+from bench.report.charts import data
 from bench.rig.rig import Matrix, Vector, at_low_end
 from bench.rig.trial import Trial
 from piezo_model import DataBasis, IdentificationProblem
@@ -30,6 +31,10 @@ STEP_RATIO = 0.02
 """Of the stability limit 2/λ_max: small steps, so that the path is nearly that of the differential equation (7)."""
 ARROWS = 7
 ARROW_GAIN = 10.0
+LEVELS = 10
+WIDE = 380
+"""Pixels."""
+STAR = "M0,-1L0.225,-0.309L0.951,-0.309L0.363,0.118L0.588,0.809L0,0.382L-0.588,0.809L-0.363,0.118L-0.951,-0.309L-0.225,-0.309Z"
 
 
 @dataclass(frozen=True)
@@ -102,31 +107,42 @@ def exhibit(trial: Trial) -> Exhibit:
     table = pd.DataFrame({"step": np.arange(len(w)), "w_held": w[:, 0], "w_free": w[:, 1], "unprojected_held": free[:, 0],
                           "unprojected_free": free[:, 1], "on_boundary": touched})
 
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        points = np.vstack([z, star])
-        low, high = points.min(axis=0), points.max(axis=0)
-        low, high = low - 0.15 * (high - low), high + 0.15 * (high - low)
-        grid = np.stack(np.meshgrid(*(np.linspace(a, b, 200) for a, b in zip(low, high, strict=True))), axis=-1)
-        height = 0.5 * np.einsum("ijk,kl,ijl->ij", grid - star, part.P, grid - star)
-        axes.contour(grid[..., 0], grid[..., 1], height, np.geomspace(height.max() / 400, height.max(), 10), colors=PALE,
-                     linewidths=0.8, zorder=1)
-        axes.axvspan(low[0], 0.0, color=PALE, alpha=0.5, lw=0, zorder=0)
-        axes.axvline(0.0, color=REFERENCE, lw=1.2, zorder=2)
-        axes.plot(z[:, 0], z[:, 1], color=LEARNED, lw=2.0, zorder=4, label="projected difference equation")
-        for k in spaced(z, np.flatnonzero(touched), ARROWS):
-            axes.annotate("", z[k] + ARROW_GAIN * (stepped[k] - z[k]), z[k], zorder=3,
-                          arrowprops={"arrowstyle": "->", "color": STRAIGHT, "shrinkA": 0, "shrinkB": 0})
-        axes.plot([], [], color=STRAIGHT, marker="<", ms=4, label=f"its step before projection, times {ARROW_GAIN:g}")
-        axes.plot(*z[0], marker="o", color=LEARNED, ls="", zorder=5)
-        axes.annotate("start", z[0], (0, 8), textcoords="offset points", ha="center")
-        axes.plot(0.0, 0.0, marker="*", ms=13, color=HINDSIGHT, ls="", zorder=6, label="admissible optimum")
-        axes.plot(*star, marker="x", ms=8, color=REFERENCE, ls="", zorder=5, label="optimum without the bound")
-        axes.annotate("not admissible", (low[0], low[1]), (6, 6), textcoords="offset points", color="#555555")
-        axes.set(xlabel=f"{part.names[0]}, scaled, from its bound, $10^{{{power}}}$", xlim=(low[0], high[0]),
-                 ylabel=f"{part.names[1]}, scaled, from the optimum, $10^{{{power}}}$", ylim=(low[1], high[1]), aspect="equal")
-        axes.grid(visible=False)
-        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
+    points = np.vstack([z, star])
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = low - 0.15 * (high - low), high + 0.15 * (high - low)
+    tall = round(WIDE * float((high[1] - low[1]) / (high[0] - low[0])))  # equal scales: gradients are normal to level lines
+    x = axis(f"{part.names[0]}, scaled, from its bound, 1e{power}", domain=[low[0], high[0]])
+    y = axis(f"{part.names[1]}, scaled, from the optimum, 1e{power}", domain=[low[1], high[1]])
+
+    tips = pd.DataFrame([{"x": z[k, 0], "y": z[k, 1], "to_x": tip[0], "to_y": tip[1],
+                          "angle": 90.0 - np.degrees(np.arctan2(tip[1] - z[k, 1], tip[0] - z[k, 0]))}
+                         for k in spaced(z, np.flatnonzero(touched), ARROWS)
+                         for tip in (z[k] + ARROW_GAIN * (stepped[k] - z[k]),)])
+    arrows = alt.Chart(data(tips))
+    bound = Line("bound", np.zeros(2), np.array([low[1], high[1]]), REFERENCE)
+    path = Line("path", z[:, 0], z[:, 1], LEARNED, width=2.0)
+    marks = pd.DataFrame([
+        ("projected difference equation", *z[0], LEARNED, "circle", 60, "start"),
+        (f"its step before projection, times {ARROW_GAIN:g}", *tips[["to_x", "to_y"]].iloc[0], STRAIGHT, "triangle-left", 0, ""),
+        ("admissible optimum", 0.0, 0.0, HINDSIGHT, STAR, 250, ""),
+        ("optimum without the bound", *star, REFERENCE, "cross", 70, "")],
+        columns=["mark", "x", "y", "colour", "shape", "size", "word"])
+    names, key = marks["mark"].tolist(), alt.Legend(columns=2, labelLimit=300)
+    marked = alt.Chart(data(marks)).encode(x="x:Q", y="y:Q")
+    corner = alt.Chart(data(pd.DataFrame({"x": [low[0]], "y": [low[1]]}))).encode(x="x:Q", y="y:Q")
+    chart = alt.layer(
+        alt.Chart(data(pd.DataFrame({"x": [low[0]], "x2": [0.0]}))).mark_rect(color=PALE, opacity=0.5).encode(x="x:Q", x2="x2:Q"),
+        plot([*level_lines(part.P, star, low, high), bound, path], x, y, WIDE, tall, legend=False),
+        arrows.mark_rule(color=STRAIGHT, clip=True).encode(x="x:Q", y="y:Q", x2="to_x:Q", y2="to_y:Q"),
+        arrows.mark_point(shape="triangle", filled=True, color=STRAIGHT, opacity=1.0, size=40, clip=True).encode(
+            x="to_x:Q", y="to_y:Q", angle=alt.Angle("angle:Q", scale=None)),
+        marked.mark_point(filled=True, opacity=1.0).encode(
+            color=alt.Color("mark:N", scale=alt.Scale(domain=names, range=marks.colour.tolist()), legend=key),
+            shape=alt.Shape("mark:N", scale=alt.Scale(domain=names, range=marks["shape"].tolist()), legend=key),
+            size=alt.Size("size:Q", scale=None, legend=None)),
+        marked.mark_text(dy=-12).encode(text="word:N"),
+        corner.mark_text(align="left", dx=6, dy=-8, color="#555555").encode(text=alt.value("not admissible")),
+    ).resolve_scale(color="independent", shape="independent")
 
     distance = float(np.linalg.norm(w[-1] - part.optimum) / np.linalg.norm(start - part.optimum))
     sentence = (f"With {part.names[0]} and {part.names[1]} of the problem learned last, the trajectory meets the boundary at step "
@@ -134,7 +150,25 @@ def exhibit(trial: Trial) -> Exhibit:
     return Exhibit("fig2_boundary", "Fig. 2: the projected trajectory",
                    "A slice of the identification problem: level lines of the cost, the admissible set to the right of the bound, "
                    f"and the path of the solver at a step size of {STEP_RATIO:g} of the stability limit.", (sentence,), table,
-                   draw, 5.0)
+                   chart)
+
+
+def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Line]:
+    """Level lines of ½ (z − c)ᵀ P (z − c) in a window, evenly spaced on a logarithmic scale: with P = L Lᵀ and the height h
+
+        z = c + √(2h) L⁻ᵀ (cos t, sin t)
+    """
+    corners = np.array([(a, b) for a in (low[0], high[0]) for b in (low[1], high[1])]) - centre
+    highest = float(0.5 * np.einsum("ij,jk,ik->i", corners, P, corners).max())
+    t = np.linspace(0.0, 2.0 * np.pi, 721)
+    ellipse = np.linalg.solve(np.linalg.cholesky(P).T, np.array([np.cos(t), np.sin(t)])).T
+    lines = []
+    for height in np.geomspace(highest / 400.0, highest, LEVELS):
+        z = centre + np.sqrt(2.0 * height) * ellipse
+        near = np.all((z > low - (high - low)) & (z < high + (high - low)), axis=1, keepdims=True)
+        shown = np.where(near, z, np.nan)
+        lines.append(Line(f"level {height:.3g}", shown[:, 0], shown[:, 1], PALE, width=0.8))
+    return lines
 
 
 def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import altair as alt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
-from bench.experiment.style import HINDSIGHT, LEARNED, OTHER, STRAIGHT, Exhibit
+from bench.experiment.style import HINDSIGHT, LEARNED, OTHER, STRAIGHT, Exhibit, Line, axis, beside, plot
 from bench.rig.rig import AXES
 from bench.rig.trial import Trial, learned, learned_once
 
@@ -36,20 +36,19 @@ def exhibit(straight: Trial, hindsight: Trial, still: Trial) -> Exhibit:
     number = np.arange(1, drifting.cycles + 1)
     table = pd.DataFrame({"cycle": number, **{f"{key}_percent": pd.Series(values) for key, values in errors.items()}})
 
-    def draw(figure: Figure) -> None:
-        left, right = figure.subplots(1, 2, sharey=True)
-        for axes, keys in ((left, (("straight", STRAIGHT, "straight line", "o"),
-                                   ("hindsight", HINDSIGHT, "best straight line with hindsight", "^"),
-                                   ("learned", LEARNED, "self-learning", "s"))),
-                           (right, (("learned_once_drifting", OTHER, f"learned for {ONCE} cycles, then fixed", "D"),
-                                    ("learned_drifting", LEARNED, "self-learning", "s")))):
-            for key, colour, label, marker in keys:
-                axes.plot(np.arange(1, errors[key].size + 1), errors[key], color=colour, marker=marker, ms=4, label=label)
-            axes.set(yscale="log", xlabel="cycle", xticks=number)
-            axes.legend()
-        left.set(title="stage that stays as it is", ylabel="RMS error, % of range")
-        right.set(title=f"actuators whose gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle")
+    def panel(title: str, *keys: tuple[str, str, str, str]) -> alt.TopLevelMixin:
+        return plot([Line(label, np.arange(1, errors[key].size + 1), errors[key], colour, shape=shape)
+                     for key, colour, label, shape in keys],
+                    {**axis("cycle", domain=[0.8, drifting.cycles + 0.2]), "axis": alt.Axis(values=number.tolist(), format="d")},
+                    axis("RMS error, % of range", type="log", padding=8), 340, 230, title)
 
+    chart = beside(
+        panel("stage that stays as it is", ("straight", STRAIGHT, "straight line", "circle"),
+              ("hindsight", HINDSIGHT, "best straight line with hindsight", "triangle-up"),
+              ("learned", LEARNED, "self-learning", "square")),
+        panel(f"actuators whose gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle",
+              ("learned_once_drifting", OTHER, f"learned for {ONCE} cycles, then fixed", "diamond"),
+              ("learned_drifting", LEARNED, "self-learning", "square")), y="shared")
     e = {key: float(values[-1]) for key, values in errors.items()}
     settled = int(np.argmax(errors["learned"] <= 2.0 * errors["learned"].min())) + 1
     sentences = (f"Both axes together: from {errors['learned'][0]:.2f} % in cycle 1, in which nothing is known, to "
@@ -59,4 +58,4 @@ def exhibit(straight: Trial, hindsight: Trial, still: Trial) -> Exhibit:
                  f"on at {e['learned_drifting']:.2f} %.")
     return Exhibit("cycles", "Error against cycle number",
                    f"RMS error of axes {' and '.join(AXES)} together in each cycle; weights are handed over where a cycle ends.",
-                   sentences, table, draw, 4.0)
+                   sentences, table, chart)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import altair as alt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
-from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit
+from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit, Line, axis, beside, plot
+from bench.report.charts import data
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import decaying_triangle
 
@@ -15,6 +16,8 @@ SAMPLE_TIME = 1e-3
 DURATION_S = 4.0
 RATES = (10.0, 1.0)
 DEAD_ZONES = (-0.4, 0.0, 0.4)
+SIDE = 220
+"""Of each plot, pixels."""
 
 
 def exhibit() -> Exhibit:
@@ -30,30 +33,26 @@ def exhibit() -> Exhibit:
                           **{f"dead_zone_output_r{r:+g}": zones[:, i] for i, r in enumerate(DEAD_ZONES)},
                           "creep_input": step, **{f"creep_output_rate{a:g}": crept[:, i] for i, a in enumerate(RATES)}})
 
-    def draw(figure: Figure) -> None:
-        left, middle, right = figure.subplots(1, 3)
-        left.plot(x, x, color=PALE)
-        left.plot(x, played, color=LEARNED)
-        left.annotate("", (THRESHOLD, 0.0), (0.0, 0.0), arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0})
-        left.annotate("r", (0.5 * THRESHOLD, 0.04), ha="center")
-        left.set(title="play $H_r$", xlabel="input x", ylabel="output", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
-        for i, (r, colour) in enumerate(zip(DEAD_ZONES, (STRAIGHT, PALE, LEARNED), strict=True)):
-            middle.plot(u, zones[:, i], color=colour, label=f"r = {r:g}")
-        middle.set(title="one-sided dead zone $S_r$", xlabel="input u", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
-        middle.legend(loc="upper left")
-        right.plot(t, step, color=REFERENCE, lw=0.8, label="input x")
-        for i, (a, colour) in enumerate(zip(RATES, (LEARNED, HINDSIGHT), strict=True)):
-            right.plot(t, crept[:, i], color=colour, label=f"rate {a:g} /s")
-        right.set(title=f"creep $K_r$, r = {THRESHOLD:g}", xlabel="time, s", xlim=(0.0, DURATION_S), ylim=(-1.05, 1.05))
-        right.legend(loc="lower right")
-        for axes in (left, middle):
-            axes.set_aspect("equal")
-        right.set_box_aspect(1.0)
-        for axes in (left, middle, right):
-            axes.set_yticks((-1.0, -0.5, 0.0, 0.5, 1.0))
-
+    within = {"domain": [-1.05, 1.05]}
+    outputs = axis("output", **within)
+    threshold = pd.DataFrame({"x": [0.0, THRESHOLD], "y": 0.0, "shape": ["triangle-left", "triangle-right"]})
+    ends = alt.Chart(data(threshold)).encode(x="x:Q", y="y:Q")
+    letter = alt.Chart(data(pd.DataFrame({"x": [0.5 * THRESHOLD], "y": 0.0}))).encode(x="x:Q", y="y:Q")
+    chart = beside(
+        alt.layer(plot([Line("input", x, x, PALE), Line("output", x, played, LEARNED)], axis("input x", **within), outputs,
+                       SIDE, SIDE, "play H, threshold r", legend=False),
+                  ends.mark_line(color=REFERENCE, strokeWidth=1.0),
+                  ends.mark_point(filled=True, color=REFERENCE, opacity=1.0).encode(shape=alt.Shape("shape:N", scale=None)),
+                  letter.mark_text(dy=-9).encode(text=alt.value("r"))),
+        plot([Line(f"r = {r:g}", u, zones[:, i], colour)
+              for i, (r, colour) in enumerate(zip(DEAD_ZONES, (STRAIGHT, PALE, LEARNED), strict=True))],
+             axis("input u", **within), outputs, SIDE, SIDE, "one-sided dead zone S, threshold r"),
+        plot([Line("input x", t, step, REFERENCE, width=0.8),
+              *(Line(f"rate {a:g} /s", t, crept[:, i], colour)
+                for i, (a, colour) in enumerate(zip(RATES, (LEARNED, HINDSIGHT), strict=True)))],
+             axis("time, s", domain=[0.0, DURATION_S]), outputs, SIDE, SIDE, f"creep K, threshold r = {THRESHOLD:g}"))
     sentence = (f"After the input has left by 1 − r = {1.0 - THRESHOLD:g} and come back to 0, creep ends at r = {THRESHOLD:g} and "
                 "not at 0: it has hysteresis of its own.")
     return Exhibit("fig1_operators", "Fig. 1: the elementary operators",
                    "Play and dead zone against their inputs, creep against time for a step of the input up and down.",
-                   (sentence,), table, draw, 3.4)
+                   (sentence,), table, chart)

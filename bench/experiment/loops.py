@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import altair as alt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
-from bench.experiment.style import LEARNED, REFERENCE, STRAIGHT, Exhibit
+from bench.experiment.style import LEARNED, REFERENCE, STRAIGHT, Exhibit, Line, above, axis, beside, plot
 from bench.rig.rig import AMPLITUDE_UM, AXES, RANGE_UM
 from bench.rig.trial import Trial
 
@@ -29,20 +29,18 @@ def exhibit(straight: Trial, learned: Trial) -> Exhibit:
     table = pd.DataFrame({f"{axis}_{what}_um": values[::THINNING, i] for i, axis in enumerate(AXES)
                           for what, values in (("reference", reference), ("straight", before), ("learned", after))})
 
-    def draw(figure: Figure) -> None:
-        grid = figure.subplots(2, 2, sharex=True, height_ratios=(3, 2))
-        for i, name in enumerate(AXES):
-            above, below = grid[0, i], grid[1, i]
-            for y, colour, label in ((before, STRAIGHT, "straight line"), (after, LEARNED, "compensated")):
-                above.plot(reference[::THINNING, i], y[::THINNING, i], color=colour, lw=1.0, label=label)
-            above.set(title=f"axis {name}", xlim=(-1.05 * AMPLITUDE_UM, 1.05 * AMPLITUDE_UM))
-            below.plot(reference[::THINNING, i], 1e3 * (after - reference)[::THINNING, i], color=LEARNED, lw=0.8)
-            below.axhline(0.0, color=REFERENCE, lw=0.6)
-            below.set(xlabel="reference, µm")
-        grid[0, 0].legend(loc="upper left")
-        grid[0, 0].set_ylabel("measured position, µm")
-        grid[1, 0].set_ylabel("compensated error, nm")
+    def row(i: int) -> tuple[alt.TopLevelMixin, alt.TopLevelMixin]:
+        at, x = slice(None, None, THINNING), axis("reference, µm", domain=[-1.05 * AMPLITUDE_UM, 1.05 * AMPLITUDE_UM])
+        left = 1e3 * (after - reference)[at, i]
+        return (plot([Line("straight line", reference[at, i], before[at, i], STRAIGHT, width=1.0),
+                      Line("compensated", reference[at, i], after[at, i], LEARNED, width=1.0)],
+                     x, axis("measured position, µm"), 340, 230, f"axis {AXES[i]}"),
+                plot([Line("zero", reference[[0, -1], i], np.zeros(2), REFERENCE, width=0.6),
+                      Line("compensated", reference[at, i], left, LEARNED, width=0.8)], x, axis("compensated error, nm"), 340, 140,
+                     legend=False))
 
+    positions, errors = zip(*(row(i) for i in range(len(AXES))), strict=True)
+    chart = above(beside(*positions), beside(*errors, y="shared"))
     widths = [(opening_percent(reference[:, i], before[:, i]), opening_percent(reference[:, i], after[:, i]))
               for i in range(len(AXES))]
     sentences = tuple(f"Axis {name}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
@@ -50,4 +48,4 @@ def exhibit(straight: Trial, learned: Trial) -> Exhibit:
                       for name, (wide, narrow) in zip(AXES, widths, strict=True))
     return Exhibit("loops", "Hysteresis loops before and after",
                    "Measured position over reference for triangles of falling amplitude; below, what compensation leaves, in nm.",
-                   sentences, table, draw, 5.6)
+                   sentences, table, chart)

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
+import altair as alt
 import pandas as pd
-from matplotlib.figure import Figure
 
 from bench.experiment.cycles import per_cycle
-from bench.experiment.style import LEARNED, STRAIGHT, Exhibit
+from bench.experiment.style import LEARNED, STRAIGHT, Exhibit, axis, beside
+from bench.report.charts import data
 from bench.rig.rig import Actuators, Rig
 from bench.rig.trial import learned
 
@@ -27,6 +27,7 @@ KINDS = {"curved": Actuators("dense_prandtl_ishlinskii", (("saturation", 0.0), (
 """By what deforms their loops: an even curvature, that and an odd saturation, minor loops that depend on the bias."""
 ORDERS = (5, 10)
 WITHOUT_S, WITH_S = 0, 3
+MODELS = {WITHOUT_S: "without S (m = 0)", WITH_S: f"with S (m = {WITH_S})"}
 AS_GOOD = 1.1
 """Within 10 %."""
 
@@ -56,30 +57,25 @@ CASES = tuple(Case(kind, n, pair, m) for kind in KINDS for n in ORDERS for pair 
 
 def exhibit(table: pd.DataFrame) -> Exhibit:
     """Draw the rows of all cases."""
-    wide = table.set_index(["kind", "n", "push_pull", "m"]).rms_percent
+    low, high = 0.5 * float(table.rms_percent.min()), 2.0 * float(table.rms_percent.max())
+    drawn = table.assign(
+        place=[f"n = {n}|{'push-pull' if pair else 'one|actuator'}" for n, pair in zip(table.n, table.push_pull, strict=True)],
+        model=table.m.map(MODELS), low=low, label=[f"{percent:.2g}" for percent in table.rms_percent])
+    drawn = drawn.sort_values(["push_pull", "n"])  # the order of the bars
 
-    def draw(figure: Figure) -> None:
-        columns = figure.subplots(1, len(KINDS), sharey=True)
-        top = float(table.rms_percent.max())
-        for axes, kind in zip(columns, KINDS, strict=True):
-            places = [(n, pair) for pair in (False, True) for n in ORDERS]
-            for shift, m, colour, label in ((-0.22, WITHOUT_S, STRAIGHT, "without S (m = 0)"),
-                                            (0.22, WITH_S, LEARNED, f"with S (m = {WITH_S})")):
-                heights = [wide.loc[(kind, n, pair, m)] for n, pair in places]
-                bars = axes.bar(np.arange(len(places)) + shift, heights, 0.42, color=colour, label=label, zorder=3)
-                axes.bar_label(bars, [f"{height:.2g}" for height in heights], fontsize=6.5, padding=1)
-            axes.set(title=f"{kind} actuators", yscale="log", xticks=range(len(places)),
-                     xticklabels=[f"n = {n}" for n, _ in places])
-            axes.axvline(0.5 * len(places) - 0.5, color="black", lw=0.6, ls=":")
-            axes.grid(visible=False, axis="x")
-            for place, text in ((0.25, "one actuator"), (0.75, "push-pull")):
-                axes.annotate(text, (place, -0.16), xycoords="axes fraction", ha="center")
-        columns[0].set(ylabel="RMS error in the last cycle, % of range", ylim=(0.5 * float(table.rms_percent.min()), 4.0 * top))
-        columns[-1].legend(loc="upper right")
+    def panel(kind: str) -> alt.TopLevelMixin:
+        base = alt.Chart(data(drawn[drawn.kind == kind]), width=220, height=230, title=f"{kind} actuators").encode(
+            x=alt.X("place:N", title=None, sort=None, axis=alt.Axis(labelAngle=0, labelExpr="split(datum.label, '|')")),
+            xOffset=alt.XOffset("model:N", sort=[*MODELS.values()]),
+            y=alt.Y("rms_percent:Q", **axis("RMS error in the last cycle, % of range", type="log", domain=[low, high])))
+        bars = base.mark_bar().encode(y2="low:Q", color=alt.Color(
+            "model:N", scale=alt.Scale(domain=[*MODELS.values()], range=[STRAIGHT, LEARNED])))
+        return alt.layer(bars, base.mark_text(baseline="bottom", dy=-2, fontSize=9).encode(text="label:N"))
 
+    chart = beside(*(panel(kind) for kind in KINDS), color="shared", y="shared")
     return Exhibit("push_pull", "One actuator or two in push-pull, with and without S",
                    "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.",
-                   tuple(sentences(table)), table, draw, 4.2)
+                   tuple(sentences(table)), table, chart)
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:

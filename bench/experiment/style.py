@@ -1,30 +1,30 @@
-"""What all figures of the experiment share: their colours, their look, and how they are written beside their numbers."""
+"""What all figures of the experiment share: their colours, their plots of lines, and how they are written beside their numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
+import altair as alt
+import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+import vl_convert
+from numpy.typing import NDArray
 
-from bench.report.charts import COLOURS
-from piezo_model.atomic_file import replacing
+from bench.report import svg
+from bench.report.charts import COLOURS, data
+from piezo_model.atomic_file import replacing, write_text
 
 STRAIGHT, LEARNED, HINDSIGHT, OTHER = (COLOURS[lane] for lane in ("kernel", "direct", "qpsolvers", "cvxpy"))
 REFERENCE = "#000000"
 CONTINUOUS = "#56b4e9"
 """One colour for one thing in every figure, of Okabe and Ito's palette."""
 PALE = "#d9d9d9"
-WIDTH_IN = 9.0
-LOOK: dict[Any, Any] = {"svg.hashsalt": "piezobench", "svg.fonttype": "none", "font.size": 9.0, "axes.titlesize": 10.0,
-        "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-        "grid.alpha": 0.3, "legend.fontsize": 8.0, "legend.frameon": False, "lines.linewidth": 1.2}
-"""The same numbers draw the same SVG."""
+PIXELS = 1.5
+"""Of a PNG for each of the SVG."""
+DASHED, DOTTED = (5, 4), (1, 3)
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,7 @@ class Exhibit:
         The verdict in words, with numbers.
     table : DataFrame
         The numbers that are drawn.
-    draw : function of a Figure
-    height_in : float
+    chart : chart of Altair
     """
 
     name: str
@@ -49,22 +48,58 @@ class Exhibit:
     caption: str
     sentences: tuple[str, ...]
     table: pd.DataFrame
-    draw: Callable[[Figure], None]
-    height_in: float = 4.5
+    chart: alt.TopLevelMixin
 
     def write(self, folder: Path) -> None:
         """Write ``<name>.png``, ``.svg`` and ``.csv``; each is there whole or not at all."""
-        with mpl.rc_context(LOOK):
-            figure = Figure(figsize=(WIDTH_IN, self.height_in), layout="constrained")
-            self.draw(figure)
-            with replacing(folder / f"{self.name}.png") as temporary:
-                figure.savefig(temporary, format="png", dpi=150, metadata={"Software": None})
-            with replacing(folder / f"{self.name}.svg") as temporary:
-                figure.savefig(temporary, format="svg", metadata={"Date": None})
+        drawn = svg.text([self.chart])
+        write_text(folder / f"{self.name}.svg", drawn)
+        with replacing(folder / f"{self.name}.png") as temporary:
+            temporary.write_bytes(vl_convert.svg_to_png(drawn, scale=PIXELS))
         with replacing(folder / f"{self.name}.csv") as temporary:
             self.table.to_csv(temporary, index=False, float_format="%.6g")
 
 
-def legend_above(axes: Axes, columns: int = 4) -> None:
-    """A legend in one line between title and axes, where it hides nothing."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.2)
+@dataclass(frozen=True)
+class Line:
+    """A line of a plot: its points in their order, and what it looks like; with a shape its points are marked."""
+
+    name: str
+    x: NDArray[Any]
+    y: NDArray[Any]
+    colour: str
+    dash: tuple[int, ...] = ()
+    shape: str = ""
+    width: float = 1.2
+
+
+def axis(title: str, **scale: Any) -> dict[str, Any]:
+    """Title and scale of an axis; without ``domain`` that of its data, which need not hold 0."""
+    return {"title": title, "scale": alt.Scale(**{"zero": False, "nice": False, **scale})}
+
+
+def plot(lines: Sequence[Line], x: Mapping[str, Any], y: Mapping[str, Any], width: int, height: int, title: str = "",
+         legend: bool = True) -> alt.LayerChart:
+    """Lines over each other, the last on top, with a legend above; `axis` makes ``x`` and ``y``."""
+    names = [line.name for line in lines]
+    key = alt.Legend(columns=2, symbolType="stroke", symbolSize=200, labelLimit=300) if legend else None
+    layers = []
+    for line in lines:
+        source = data(pd.DataFrame({"x": line.x, "y": line.y, "at": np.arange(len(line.x)), "line": line.name}))
+        base = alt.Chart(source).encode(x=alt.X("x:Q", **x), y=alt.Y("y:Q", **y), color=alt.Color(
+            "line:N", scale=alt.Scale(domain=names, range=[line.colour for line in lines]), legend=key))
+        layers.append(base.mark_line(clip=True, strokeWidth=line.width, strokeDash=[*line.dash]).encode(order="at:Q"))
+        if line.shape:
+            layers.append(base.mark_point(filled=True, size=40, opacity=1.0, shape=line.shape))
+    whole: Any = alt.layer(*layers)
+    return whole.properties(width=width, height=height, title=title)
+
+
+def beside(*plots: Any, **shared: Any) -> alt.HConcatChart:
+    """Plots in a row, each with a legend of its own unless ``color="shared"``; ``y="shared"`` for one vertical scale."""
+    return alt.hconcat(*plots).resolve_scale(**{"color": "independent", **shared})
+
+
+def above(*plots: Any) -> alt.VConcatChart:
+    """Plots under each other, each with a legend of its own."""
+    return alt.vconcat(*plots).resolve_scale(color="independent")
