@@ -8,6 +8,7 @@ sharp. Colours are those of Okabe and Ito; lanes differ in shape and dash, too.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -63,11 +64,13 @@ def specification(chart: alt.TopLevelMixin) -> dict[str, Any]:
 
 
 def data(table: pd.DataFrame) -> alt.Data:
-    """The table in the specification; what is not finite is null."""
+    """The table in the specification; what is not finite is null.
+
+    As one text, which Vega reads: Altair copies and checks values one by one at every step of making a chart.
+    """
     plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
-    return alt.Data(  # type: ignore[no-untyped-call]
-        values=[{str(key): value.item() if isinstance(value, np.generic) else value
-                             for key, value in row.items()} for row in plain.to_dict("records")])
+    text = json.dumps(plain.to_dict("records"), ensure_ascii=False, allow_nan=False, default=np.generic.item)
+    return alt.Data(values=text, format=alt.JsonDataFormat(type="json"))  # type: ignore[no-untyped-call]
 
 
 def views(table: pd.DataFrame, column: str = "view", called: str = "Show ") -> alt.Parameter | None:

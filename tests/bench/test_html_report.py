@@ -247,5 +247,5 @@ def test_only_what_no_other_beats_is_on_the_front() -> None:
 
 
 def test_what_is_not_finite_is_null_in_a_plot() -> None:
-    values = charts.data(pd.DataFrame({"a": [1.0, np.nan, np.inf]})).to_dict()["values"]
+    values = json.loads(charts.data(pd.DataFrame({"a": [1.0, np.nan, np.inf]})).to_dict()["values"])
     assert [value["a"] for value in values] == [1.0, None, None]
