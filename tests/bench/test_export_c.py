@@ -45,7 +45,7 @@ def told(kind: str) -> Told:
         return KINDS[kind]()
     with pytest.MonkeyPatch.context() as patch:
         # A controller cannot afford an eigenvalue, so the C takes its step from the infinity norm of P.
-        patch.setattr("solvers.kernel.projected_difference.limit", lambda P: 2.0 / np.abs(P).sum(axis=1).max())
+        patch.setattr("solvers.kernels.projected_engine.limit", lambda P: 2.0 / np.abs(P).sum(axis=1).max())
         return KINDS[kind]()
 
 
