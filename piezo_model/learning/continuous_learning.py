@@ -157,6 +157,8 @@ class ContinuousLearning:
             self._note("hand-over", "the first new weights since learning began; further ones are counted only")
         elif signal == FAULT:
             self._note("sensor", "the output jumped, froze or left its range; learning waits")
+            self._driven.interrupt()
+            self.arrays.numbers[step.X_LOW:step.Y_HIGH + 1] = math.inf, -math.inf, math.inf, -math.inf
             self._fall_back()
             self._enter(RESET)
         elif signal == FAILED:

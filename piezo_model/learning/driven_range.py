@@ -1,6 +1,6 @@
 """Thresholds follow the range that is really driven.
 
-    widen    at once, where drive or output went beyond OVER of the structure's range
+    widen    where the drive, at once, or the output, in a whole cycle or piece without a fault, went beyond OVER of the structure's range
     narrow   where at least PATIENCE and at most MEMORY cycles, or pieces of PIECE_S, in a row stayed within UNDER of its width
 
 wider to what holds both the old range and the driven one, narrower to the range of those cycles, with MARGIN on either side,
@@ -54,11 +54,11 @@ class DrivenRange:
             y_low, y_high = min(y_low, before[2]), max(y_high, before[3])
         self.spans.append((x_low, x_high, y_low, y_high))
         self.looked += 1
-        spans = np.array(self.spans)
+        spans, whole = np.array(self.spans), self.looked % self.looks == 0
         ranges: dict[str, Any] = {}
         for name, low, high in (("x", 0, 1), ("y", 2, 3)):
             bottom, top = float(spans[:, low].min()), float(spans[:, high].max())
-            if beyond := max(-bottom, top) > OVER:
+            if beyond := max(-bottom, top) > OVER and (whole or name == "x"):
                 bottom, top = min(bottom, -1.0), max(top, 1.0)
             half = 0.5 * (top - bottom)
             if beyond or (self.looked >= PATIENCE * self.looks and 0.0 < half < UNDER):
@@ -69,6 +69,12 @@ class DrivenRange:
         self.spans.clear()
         self.looked = 0
         return replace(s, **ranges)
+
+    def interrupt(self) -> None:
+        """Forget the piece that a fault of the sensor fell into."""
+        if self.looked % self.looks:
+            self.spans.pop()
+            self.looked -= self.looked % self.looks
 
     def memory(self) -> dict[str, Any]:
         """What changes while it runs."""

@@ -6,7 +6,7 @@
 materials", International Journal of Engineering Science 24 (1986), 897-919.) The deviation e = v − u goes to
 ∓(1 − b) / α as u rises or falls and is exact over any step, e ← e_∞ + (e − e_∞) e^(−α |Δu|). With ½ < b ≤ 1 every branch
 rises. The equation forgets turning points with the way of u and not by wiping them out, so minor loops do not close.
-S is the cubic of `actuator.curved`, v_1 what v reaches at u = 1.
+S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α what |v| never exceeds.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Duhem(Actuator):
     True
     """
 
-    alpha: float = 2.5
-    slope_after_turn: float = 0.75
+    alpha: float = 3.0
+    slope_after_turn: float = 0.65
     saturation: float = 0.05
     asymmetry: float = 0.05
 

@@ -258,7 +258,7 @@ def test_the_compiled_projected_step_is_the_step_of_the_paper(short: StreamProbl
     P, q, c = short.start.P.copy(), short.start.q.copy(), np.zeros(1)
     for k in range(200):
         absorb(P, q, c, short.rows, k, k + 1, short.forgetting)
-        eta = 1.0 / np.abs(P).sum(axis=1).max()
+        eta = 1.0 / np.linalg.eigvalsh(P)[-1]
         w = np.maximum(w - eta * (P @ w + q), short.start.lb)
         np.testing.assert_allclose(answers[k], w, rtol=1e-11, atol=1e-14)
 
