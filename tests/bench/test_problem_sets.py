@@ -161,7 +161,7 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
 
 def test_sets_that_need_a_file_are_listed_apart_and_say_what_is_missing() -> None:
     assert set(all_sets()) - set(sets()) == {"recorded", "foreign"}
-    with pytest.raises(ProblemSetError, match="'recorded' needs --recording, a CSV or Parquet file"):
+    with pytest.raises(ProblemSetError, match="'recorded' needs --recording, a recording in any known format"):
         make("recorded")
     with pytest.raises(ProblemSetError, match="takes no option 'recording'"):
         all_sets()["drift"](recording="stage.csv")

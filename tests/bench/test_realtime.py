@@ -133,7 +133,7 @@ def test_callgrind_counts_the_instructions_of_a_step(tmp_path: Path) -> None:
 def test_a_shortened_cycle_keeps_its_proportions_and_its_reset() -> None:
     model = a_model()
     numbers = shortened(model, ExportSettings(part="learning"), 8000).numbers(model.structure)
-    assert [numbers[f"{phase}_samples"] for phase in ("reset", "build", "hold", "learn")] == [80, 5120, 1280, 1520]
+    assert [numbers[f"{phase}_samples"] for phase in ("reset", "build", "learn")] == [80, 6400, 1520]
 
 
 def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
@@ -41,6 +42,9 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLi
         return done.stdout
 
     call("identify", "stage.parquet", "--out", "m.json")
+    file = json.loads((tmp_path / "m.json").read_text())  # a reader of recordings drops what is no unit, a model file may hold anything
+    file["structure"] |= {"input_unit": unit, "output_unit": output_unit}
+    (tmp_path / "m.json").write_text(json.dumps(file))
     call("export-c", "m.json", "c")
     call("export-c", "m.json", "learning", "--part", "learning")
     for folder in ("c", "learning"):
