@@ -1,7 +1,7 @@
 """Thresholds follow the range that is really driven.
 
     widen    where the drive, at once, or the output, in a whole cycle or piece without a fault, went beyond OVER of the structure's range
-    narrow   where at least PATIENCE and at most MEMORY cycles, or pieces of PIECE_S, in a row stayed within UNDER of its width
+    narrow   where all the cycles, or pieces of PIECE_S, that are remembered, 6 at least, stayed within half of its width, or 60 within ¾
 
 wider to what holds both the old range and the driven one, narrower to the range of those cycles, with MARGIN on either side,
 drive and output each for itself. The thresholds stay where they are
@@ -27,8 +27,11 @@ Vector = NDArray[np.float64]
 Span = tuple[float, float, float, float]
 """Lowest and highest drive and output, in unit amplitudes."""
 
-OVER, UNDER, MARGIN = 1.25, 0.5, 0.05
-PATIENCE, MEMORY, PIECE_S = 6, 60, 10.0
+OVER, MARGIN = 1.1, 0.05
+UNDER = {6: 0.5, 60: 0.75}
+"""Narrower, where so many pieces stayed within this share: other thresholds cost a cycle's learning, which a
+small gain is worth only where the range has been what it is for long."""
+MEMORY, PIECE_S = max(UNDER), 10.0
 
 
 class DrivenRange:
@@ -61,7 +64,7 @@ class DrivenRange:
             if beyond := max(-bottom, top) > OVER and (whole or name == "x"):
                 bottom, top = min(bottom, -1.0), max(top, 1.0)
             half = 0.5 * (top - bottom)
-            if beyond or (self.looked >= PATIENCE * self.looks and 0.0 < half < UNDER):
+            if beyond or any(self.looked >= pieces * self.looks and 0.0 < half < share for pieces, share in UNDER.items()):
                 centre, scale = getattr(s, f"{name}_centre"), getattr(s, f"{name}_scale")
                 ranges |= {f"{name}_centre": centre + scale * 0.5 * (bottom + top), f"{name}_scale": scale * half * (1.0 + 2.0 * MARGIN)}
         if not ranges:

@@ -11,7 +11,7 @@ from learning_loops import learner_for, sensor, structure_for
 from random_models import drive
 
 from piezo_model import HysteresisCreepModel, OperatorState, SelfLearningCompensator
-from piezo_model.learning.driven_range import PATIENCE, DrivenRange, carried_over
+from piezo_model.learning.driven_range import MEMORY, UNDER, DrivenRange, carried_over
 from piezo_model.structure import ModelStructure
 
 
@@ -39,13 +39,29 @@ def test_a_range_grows_at_once_and_shrinks_with_patience_and_an_axis_at_a_time()
     assert grown.x_centre - grown.x_scale < 5.0 - 1.5 * 5.0
     assert grown.x_centre + grown.x_scale > 10.0
     assert (grown.y_centre, grown.y_scale) == (s.y_centre, s.y_scale)
-    looks = [driven.look((0.1, 0.5, -0.9, 0.9), s) for _ in range(PATIENCE)]
-    assert looks[:-1] == [None] * (PATIENCE - 1)
+    looks = [driven.look((0.1, 0.5, -0.9, 0.9), s) for _ in range(min(UNDER))]
+    assert looks[:-1] == [None] * (min(UNDER) - 1)
     shrunk = looks[-1]
     assert shrunk is not None
     assert shrunk.x_scale == pytest.approx(1.1)
     assert shrunk.x_centre == pytest.approx(6.5)
     assert shrunk.y_scale == s.y_scale
+
+
+def test_a_range_a_quarter_of_which_is_not_used_shrinks_after_the_whole_memory() -> None:
+    driven = DrivenRange()
+    looks = [driven.look((-0.7, 0.7, -0.9, 0.9), wide_enough()) for _ in range(MEMORY)]
+    assert looks[:-1] == [None] * (MEMORY - 1)
+    assert looks[-1] is not None
+    assert looks[-1].x_scale == pytest.approx(5.0 * 0.7 * 1.1)
+
+
+def test_an_output_beyond_its_range_counts_in_a_piece_without_a_fault_only() -> None:
+    driven = DrivenRange(looks=2)
+    assert [driven.look((-1.0, 1.0, -3.0, 1.0), wide_enough()), driven.interrupt()] == [None, None]
+    assert [driven.look((-1.0, 1.0, -1.0, 1.0), wide_enough()) for _ in range(4)] == [None] * 4
+    assert driven.look((-1.0, 1.0, -3.0, 1.0), wide_enough()) is None
+    assert driven.look((-1.0, 1.0, -1.0, 1.0), wide_enough()) is not None
 
 
 @pytest.mark.parametrize("mode", ["cyclic", "continuous"])
