@@ -35,8 +35,8 @@ debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests 
 	  $(BIN)/python -m pytest -q -p no:cacheprovider tests/solvers; status=$$?; \
 	  $(BIN)/python solvers/core/compile_core.py --fresh; exit $$status
 
-bench: $(VENV)/.field ## set up, then race the default field on simulated data
-	$(BIN)/piezobench race
+bench: $(VENV)/.field ## set up, then race the default field, or on RECORDING=stage.csv of your own
+	$(BIN)/piezobench race $(if $(RECORDING),--recording "$(RECORDING)") $(OPTIONS)
 
 test: core            ## set up, then run the tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, ModelStructure, Recording
 from piezo_model.identification.counting import Counted, count
@@ -43,24 +46,40 @@ class Recorded(ProblemSet):
         time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
         whole = Recording.open(self.options["recording"], time, input, output).in_memory()
         fitted = round((1.0 - KEPT_BACK) * whole.length)
-        recording, unseen = _part(whole, slice(fitted)), _part(whole, slice(fitted, fitted + LONGEST_VALIDATION))
+        recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + LONGEST_VALIDATION))
         (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
+        noise = sensor_noise(whole.arrays()[1])
         for n, m in ORDERS:
-            counted = _counted(recording, n, m)
-            s = counted.structure
+            found = counted(recording, n, m)
+            s = found.structure
             for window, share in WINDOWS.items():
-                name, start = f"n{n}-m{m}-{window}", max(counted.skip, round((1.0 - share) * fitted))
+                name, start = f"n{n}-m{m}-{window}", max(found.skip, round((1.0 - share) * fitted))
                 if fitted - start <= s.d:
                     self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
                     continue
-                basis = DataBasis(s, counted.state)
+                basis = DataBasis(s, found.state)
                 basis.update(x[:start], y[:start], count=False)
                 basis.update(x[start:], y[start:])
-                validation = Validation(s, basis.state.copy(), x_unseen, y_unseen)
+                validation = Validation(s, basis.state.copy(), x_unseen, y_unseen, noise)
                 yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation)
 
 
-def _part(whole: Recording, samples: slice) -> Recording:
+def sensor_noise(y: NDArray[np.float64]) -> float:
+    """Standard deviation of the white part of an output (N,), from its third differences, in which what is slow cancels.
+
+    White noise of deviation σ has third differences of deviation √20 σ (weights 1, −3, 3, −1). Their median takes no notice of the
+    corners of a drive. 0 where most neighbouring samples are equal.
+
+    Examples
+    --------
+    >>> t = np.arange(20_000) / 1000
+    >>> round(sensor_noise(np.sin(t) + 1e-4 * np.random.default_rng(0).normal(size=t.size)) / 1e-4, 1)
+    1.0
+    """
+    return float(np.median(np.abs(np.diff(y, 3))) / 0.6745 / np.sqrt(20.0))
+
+
+def part(whole: Recording, samples: slice) -> Recording:
     """Some samples of a recording, checked like a recording of their own."""
     x, y = whole.arrays()
     return Recording.from_arrays(x[samples], y[samples], whole.sample_time, input_unit=whole.input_unit,
@@ -68,7 +87,7 @@ def _part(whole: Recording, samples: slice) -> Recording:
                                  name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}")
 
 
-def _counted(recording: Recording, n: int, m: int) -> Counted:
+def counted(recording: Recording, n: int, m: int) -> Counted:
     """A structure over the ranges of the counted part, the first sample of it, and the states at the start."""
     s = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range,
                                    choose_creep_rates(recording.sample_time, recording.duration_s), recording.sample_time,

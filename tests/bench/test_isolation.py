@@ -100,7 +100,7 @@ def test_nothing_that_solvers_print_reaches_the_terminal(faulty_race: Race) -> N
 def test_a_solver_that_hangs_does_not_outlive_a_killed_race(piezobench: CommandLine, tmp_path: Path) -> None:
     file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)",
                                   "open(__file__ + '.asleep', 'w').close(); ctypes.PyDLL(None).pause()")
-    call = piezobench.start("race", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--solver", file,
+    call = piezobench.start("race", "--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--solver", file,
                             "--time-limit", 2, "--out", tmp_path)
     while not (tmp_path / "sleeper.py.asleep").exists():
         assert call.running(), call.stderr.read_text()

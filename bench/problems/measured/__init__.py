@@ -1,0 +1,37 @@
+"""Three actuators that were measured, not simulated: P, q and c of their recordings, with the samples that followed.
+
+One NPZ file a recording lies beside this one; README.md says where the recordings come from and under which licence, and
+`making` makes the files again. The operators follow every sample of the first four fifths of a recording. Each file holds seven
+programs: the one of seed s counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from bench.problems.measured.stored import read
+from bench.problems.protocol import ProblemSet, RaceProblem, certified
+
+FOLDER = Path(__file__).parent
+
+
+class Measured(ProblemSet):
+    """A stack actuator in a micromanipulator and two scanners of atomic force microscopes."""
+
+    name = "measured"
+    description = "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
+
+    def __len__(self) -> int:
+        """Number of recordings."""
+        return len(_files())
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Certify the program of each recording."""
+        for path in _files():
+            problem, validation = read(path, self.seed)
+            yield certified(self.name, path.stem, problem, validation)
+
+
+def _files() -> list[Path]:
+    return sorted(FOLDER.glob("*.npz"))

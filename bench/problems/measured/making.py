@@ -1,0 +1,55 @@
+"""Make the files of the set `measured` from the recordings that README.md names.
+
+    python -m bench.problems.measured.making dbo=dbo_identification.csv afm_scanner=afm_single.csv afm_head=fmt-tab-fd_version_0.13.3.tab
+
+Each argument names a file of the set and the recording that it is made from. Lengths in metres become micrometres.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from bench.problems.measured import FOLDER
+from bench.problems.measured.stored import write
+from bench.problems.protocol import Validation
+from bench.problems.recorded import KEPT_BACK, counted, part, sensor_noise
+from piezo_model import DataBasis, IdentificationProblem, Recording
+
+ORDERS = (5, 3)
+PROGRAMS = 7
+UNSEEN = 1000
+"""Samples that follow."""
+
+
+def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
+    """Write the file of one recording."""
+    whole = in_micrometres(Recording.open(source).in_memory())
+    fitted = round((1.0 - KEPT_BACK) * whole.length)
+    recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + UNSEEN))
+    found = counted(recording, *ORDERS)
+    (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
+    problems: list[IdentificationProblem] = []
+    for first in range(PROGRAMS):
+        basis = DataBasis(found.structure, found.state)
+        for k in range(x.size):
+            basis.update(x[k:k + 1], y[k:k + 1], count=k >= found.skip and k % PROGRAMS == first)
+        problems.append(basis.problem())
+    write(folder / f"{name}.npz", problems,
+          Validation(found.structure, basis.state.copy(), x_unseen, y_unseen, sensor_noise(whole.arrays()[1])))
+
+
+def in_micrometres(recording: Recording) -> Recording:
+    """The recording with signals below a millimetre, in metres, as micrometres."""
+    x, y = recording.arrays()
+    if max(np.ptp(x), np.ptp(y)) > 1e-3:
+        return recording
+    return Recording.from_arrays(1e6 * x, 1e6 * y, recording.sample_time, input_unit="um", output_unit="um", name=recording.name)
+
+
+if __name__ == "__main__":
+    for argument in sys.argv[1:]:
+        name, _, source = argument.partition("=")
+        make(name, source)
