@@ -6,7 +6,8 @@ The data are doubles, hence rationals, and everything here is computed in ration
 :func:`verify` replays from the data and the stored ingredients alone:
 
 1. problem: the data are those that the certificate was made for (SHA-256).
-2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact.problem`; δ = 0 almost always.
+2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact.problem`; δ = 0 almost always. Otherwise the optimum must
+   not hang on δ: ½ δ‖x*‖² ≤ 1e-12 (½ |x*ᵀP x*| + |qᵀx*|).
 3. stationarity: the optimality system of the stored active set is regular; its solution is x*, λ*.
 4. feasibility: x* breaks no constraint.
 5. signs: no inequality has a negative multiplier. With 2 to 4 these are the KKT conditions, and any KKT point of a
@@ -28,13 +29,33 @@ from flint import fmpq
 from qpsolvers import Problem
 
 from solvers.exact.active_set import is_unique, nearest_feasible, optimum
-from solvers.exact.linear_algebra import RationalColumn, column, nearest_double, power_of_two
+from solvers.exact.linear_algebra import (
+    WORK,
+    NotCertified,
+    Rational,
+    RationalColumn,
+    Work,
+    column,
+    nearest_double,
+    power_of_two,
+)
 from solvers.exact.problem import DoubleProblem, finite
-from solvers.exact.program import ExactProgram, Infeasible, Kind, NotCertified, Point, Unbounded, stationary_point
+from solvers.exact.program import (
+    ExactProgram,
+    Infeasible,
+    Kind,
+    Point,
+    RoundingDecides,
+    Unbounded,
+    stationary_point,
+)
 from solvers.protocol import Vector
 
-__all__ = ["Certificate", "Gap", "Infeasible", "NotCertified", "Unbounded", "certify", "exact_cost_gap",
+__all__ = ["WORK", "Certificate", "Gap", "Infeasible", "NotCertified", "RoundingDecides", "Unbounded", "certify", "exact_cost_gap",
            "exact_optimum", "verify"]
+
+SHIFT_SHARE = fmpq(1, 10**12)
+"""Largest share of the cost that the shift may make up: the finest accuracy that an answer is judged by."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +134,7 @@ class Gap:
     violation: float
 
 
-def certify(problem: Problem, x: Vector, *, max_pivots: int = 5000) -> Certificate:
+def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     """Prove the optimum of a problem, starting from any answer.
 
     Parameters
@@ -122,13 +143,14 @@ def certify(problem: Problem, x: Vector, *, max_pivots: int = 5000) -> Certifica
         d variables; finite doubles, bounds and h may be infinite on their open side.
     x : array, shape (d,)
         A solver's answer. The better it is, the fewer exact pivots are needed; the proof does not depend on it.
-    max_pivots : int
-        How many linear systems may be solved.
+    work : float
+        Bit operations that the proof may take, as :meth:`solvers.exact.program.ExactProgram.pivot_work` counts them.
 
     Raises
     ------
     NotCertified
-        The problem is not convex, infeasible (:class:`Infeasible`), unbounded (:class:`Unbounded`), or takes too long.
+        The problem is not convex, infeasible (:class:`Infeasible`), unbounded (:class:`Unbounded`), takes too much work, or has
+        an optimum by the shift alone (:class:`RoundingDecides`).
     ValueError
         NaN or an infinity in the data or in x, or a wrong shape.
 
@@ -141,13 +163,15 @@ def certify(problem: Problem, x: Vector, *, max_pivots: int = 5000) -> Certifica
     """
     data = DoubleProblem.of(problem)
     x = finite("x", x, data.q.shape)
-    shift, definite = data.convexity_shift()
+    budget = Work(work)
+    shift, definite = data.convexity_shift(budget)
     program, factor = data.exact(shift)
     try:
-        W, point = optimum(program, [program.positions[name] for name in data.guess(x)], max_pivots)
+        W, point = optimum(program, [program.positions[name] for name in data.guess(x)], budget)
     except Unbounded:
         nearest_feasible(program, column(x))  # an empty feasible set can show a ray too: then this raises Infeasible
         raise
+    _check_shift(program, factor, shift, point.x)
     names = [program.constraint(k) for k in W]
     lower, upper, rows, equalities, pinned = (
         tuple(sorted(c.index for c in names if c.kind is kind))
@@ -155,6 +179,21 @@ def certify(problem: Problem, x: Vector, *, max_pivots: int = 5000) -> Certifica
     value = program.value(point.x) * factor
     return Certificate(data.fingerprint(), lower, upper, rows, equalities, pinned, shift,
                        definite or is_unique(program, point), _rounded(point.x), str(value), nearest_double(value))
+
+
+def _check_shift(program: ExactProgram, factor: Rational, shift: float, x: RationalColumn) -> None:
+    """The second half of line 2: raises where the shift makes up more than SHIFT_SHARE of the cost.
+
+    Such an optimum lies far out in a direction in which the curvature of P is less than its rounding. Nothing but δ stops x there,
+    and a P that is rounded otherwise has no minimum or one elsewhere; the exact solvers call such programs unbounded.
+    """
+    if shift == 0.0:
+        return
+    part = fmpq(*shift.as_integer_ratio()) * (x.transpose() * x)[0, 0] / 2
+    linear = (x.transpose() * program.q)[0, 0] * factor
+    if part > SHIFT_SHARE * (abs(program.value(x) * factor - linear - part) + abs(linear)):
+        raise RoundingDecides(f"P is indefinite by rounding, and only the shift of {shift:.1e} that makes it convex stops the cost from "
+                              "falling in a direction without curvature")
 
 
 def _rounded(x: RationalColumn) -> tuple[float, ...]:
@@ -197,6 +236,7 @@ def verify(problem: Problem, certificate: Certificate) -> None:
         line("4 (feasibility)", k in point.multipliers, f"x* breaks the {program.constraint(k)}")
     for k in point.wrong:
         line("5 (signs)", False, f"the multiplier of the {program.constraint(k)} has the wrong sign")
+    _check_shift(program, factor, shift, point.x)
     value = program.value(point.x) * factor
     line("6 (value)", certificate.value == str(value), f"the value is another, near {nearest_double(value)!r}")
     line("7 (answer)", certificate.value_rounded == nearest_double(value), "value_rounded is not the value rounded")

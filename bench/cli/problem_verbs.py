@@ -14,7 +14,7 @@ import typer
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, make
 from bench.report.console import AsJson, console, print_json, print_table, progress_bar, records
-from solvers.certificate import Certificate, NotCertified, verify
+from solvers.certificate import WORK, Certificate, NotCertified, verify
 
 
 def problems_verb(
@@ -29,7 +29,8 @@ def problems_verb(
     input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
     output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
     folder: Annotated[Path | None, typer.Option(help="For the set foreign: NPZ, MAT, QPS and MPS files.")] = None,
-    limit_s: Annotated[float, typer.Option(min=0.1, help="For the set foreign: seconds for each proof.")] = 60.0,
+    test_set: Annotated[Path | None, typer.Option(help="For the set test_set: Python file with one of qpbenchmark.")] = None,
+    work: Annotated[float, typer.Option(min=1.0, help="For programs of others: bit operations for each proof.")] = WORK,
     as_json: AsJson = False,
 ) -> None:
     """List the problem sets, or the problems of one.
@@ -45,9 +46,9 @@ def problems_verb(
         else:
             print_table(("set", "problems", "what it is for"), sets, left=3)
         return
-    files = {name: str(value) for name, value in (("recording", recording), ("folder", folder), ("time", time),
+    files = {name: str(value) for name, value in (("recording", recording), ("folder", folder), ("test_set", test_set), ("time", time),
                                                   ("input", input), ("output", output)) if value is not None}
-    chosen, left_out, total = _chosen(problem_set, source, seed, {**files, "limit_s": str(limit_s)})
+    chosen, left_out, total = _chosen(problem_set, source, seed, {**files, "work": str(work)})
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
     rows: list[tuple[str, ...]] = []
@@ -62,7 +63,7 @@ def problems_verb(
             if export is not None:
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    heads = ("problem", "optimum", "variables", "rows", "condition", *(("proofs",) if verify else ()))
+    heads = ("problem", "optimum", "variables", "rows", "condition", "gaps are relative to", *(("proofs",) if verify else ()))
     shown = [row[:len(heads)] for row in rows]
     test_sets = [] if export is None else [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
     if as_json:
@@ -114,7 +115,7 @@ def _described(problem: RaceProblem) -> tuple[str, ...]:
     form = next(iter(problem.forms.values()))
     rows = sum(right.size for right in (form.qp.h, form.qp.b) if right is not None)
     condition = f"{problem.condition:.1e}" if problem.condition < float("inf") else "singular"
-    return problem.name, _optimum(form.certificate), str(problem.d), str(rows), condition
+    return problem.name, _optimum(form.certificate), str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
 
 
 def _optimum(certificate: Certificate) -> str:

@@ -15,12 +15,13 @@ from bench.passed.progress import Progress
 from bench.processes.engine import Backend, Workers
 from bench.processes.solver_child import SolverChild
 from bench.races.registry import DEFAULT, kind_of, kinds
+from bench.races.run_problems import left_out
 from bench.report.console import AsJson, console, errors, print_json, print_table, progress_bar, records
 from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
 
 RESULTS = Path("results")
-FILE_OF = {"recorded": "recording", "foreign": "folder"}
+FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
 
@@ -76,6 +77,7 @@ def race_verb(
     output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
     folder: Annotated[Path | None, typer.Option(help="Folder of NPZ, MAT, QPS and MPS files to race on, the set "
                                                                "foreign.")] = None,
+    test_set: Annotated[Path | None, typer.Option(help="Python file with a test set of qpbenchmark to race on.")] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.01,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
@@ -94,7 +96,7 @@ def race_verb(
     Every answer is judged against an optimum that is proven in exact arithmetic. The run is a folder with a report.
     """
     race = kinds()[kind]
-    if (problem_set or recording or folder) and race.own_problems:
+    if (problem_set or recording or folder or test_set) and race.own_problems:
         raise typer.BadParameter(f"a {kind} has its own problem", param_hint="--set")
     chosen: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
     for option in chosen.keys() - {field.name for field in fields(race.settings)}:
@@ -102,7 +104,7 @@ def race_verb(
         raise typer.BadParameter(f"only a {' or '.join(owners)} has {option}; ask for --race {owners[0]}",
                                  param_hint=f"--{option.replace('_', '-')}")
     names, solver_files = _names_and_files(solver or [])
-    files = {**{name: path and str(path.resolve()) for name, path in (("recording", recording), ("folder", folder))},
+    files = {**{name: path and str(path.resolve()) for name, path in (("recording", recording), ("folder", folder), ("test_set", test_set))},
              "time": time, "input": input, "output": output}
     sets = problem_set or [name for name, option in FILE_OF.items() if files[option]]
     lists: dict[str, Any] = {"problem_sets": sets, "lanes": lane, "tiers": tier,
@@ -195,13 +197,18 @@ def _show(run: Run, report: Path, as_json: bool) -> None:
     """Verdict first, then the tables, then where the rest is."""
     found = kind_of(run).report(run)
     if as_json:
-        print_json({"run": run.path, "report": report, "page": report.with_suffix(".html"), **found.document})
+        print_json({"run": run.path, "report": report, "page": report.with_suffix(".html"), "left_out": dict(left_out(run)), **found.document})
         return
     for sentence in found.sentences:
         console.print(sentence)
     for shown in found.tables:
         console.print(f"\n{shown.title}:")
         print_table(shown.headings, shown.rows, left=shown.left)
+    excluded = left_out(run)
+    if excluded:
+        console.print(f"\nNot raced, {len(excluded)} of {len(excluded) + sum(map(len, run.settings['problems'].values()))} problems:")
+        for problem, why in excluded:
+            console.print(f"{problem}: {why}", markup=False)
     if absent := run.settings.get("absent"):
         console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
     for warning in run.settings.get("conditions", {}).get("warnings", []):

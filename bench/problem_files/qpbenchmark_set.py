@@ -1,19 +1,28 @@
-"""A folder of saved problems as a test set of qpbenchmark: one Python file beside them, which needs nothing of ours.
+"""Test sets of qpbenchmark: read from the class in a Python file, and written beside saved problems as one that needs nothing of ours.
 
-qpbenchmark loads the class whose name is the file's in title case (S. Caron and others, the package qpbenchmark, class
-``TestSet``). Each problem is there once in each scaling.
+qpbenchmark loads the class whose name is the file's in title case without underscores (S. Caron and others, the package qpbenchmark,
+class ``TestSet``). It is somebody's code, so :func:`read_test_set` is for a process of its own. In what is written each problem is
+there once in each scaling.
 """
 
 from __future__ import annotations
 
+import logging
+import sys
+from importlib import import_module
 from pathlib import Path
 from string import Template
 
+from qpsolvers import Problem
+
+from bench.problem_files.npz import QP_FIELDS
 from piezo_model.atomic_file import write_text
 
 TEMPLATE = Template('''"""Test set of qpbenchmark: the problem set $set of piezobench, in each scaling.
 
-    qpbenchmark $module.py run
+    python $module.py run --author you
+
+puts the results into $module.csv and a report into $module.md, both beside this file.
 
 Made by `piezobench problems --set $set --export`; the problems are the NPZ files beside this one, and their field `meta`
 holds the certified optima.
@@ -22,7 +31,7 @@ holds the certified optima.
 from pathlib import Path
 
 import numpy as np
-from qpbenchmark import Problem, TestSet
+from qpbenchmark import Problem, TestSet, main
 from scipy.sparse import csc_matrix
 
 FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
@@ -57,7 +66,26 @@ class $class_name(TestSet):
                 for scaling in ("scaled", "raw"):
                     if f"{scaling}/q" in arrays:
                         yield Problem(*(field(arrays, f"{scaling}/{name}") for name in FIELDS), f"{path.stem}--{scaling}")
+
+
+if __name__ == "__main__":
+    main(test_set_path=__file__, results_path=Path(__file__).with_suffix(".csv"))
 ''')
+
+
+def read_test_set(path: str) -> list[tuple[str, Problem]] | str:
+    """Names and programs of the test set in a file, or one sentence that says why there are none."""
+    folder, module = Path(path).parent, Path(path).stem
+    name = module.title().replace("_", "")
+    sys.path.append(str(folder))  # as qpbenchmark does, for what lies beside the file
+    logging.disable(logging.WARNING)  # it warns of every solver that it has no settings for
+    try:
+        loaded = import_module(module)
+        if not hasattr(loaded, name):
+            return f"has no class {name}, which qpbenchmark looks for in a file of that name"
+        return [(str(problem.name), Problem(*(getattr(problem, field) for field in QP_FIELDS))) for problem in getattr(loaded, name)()]
+    except Exception as error:  # whatever somebody's code raises
+        return f"{type(error).__name__}: {error}"
 
 
 def write_test_set(folder: Path, set_name: str, sparse: bool) -> Path:

@@ -1,13 +1,17 @@
-"""Proofs of programs that come from anywhere, within a time limit.
+"""Proofs of programs that come from anywhere, several at once, each within so much work.
 
-Exact arithmetic takes as long as it takes and cannot be interrupted from within, so it works in a process of its own that
-can be ended. Nobody promises that a foreign program is convex, feasible, bounded or small.
+Nobody promises that a foreign program is convex, feasible, bounded or small, nor that the library that is asked for a start
+survives it, so each proof is found in a process of its own. Work is counted in bit operations: what can be proven does not hang on
+the load of a machine.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,9 +22,11 @@ from qpsolvers.exceptions import QPError
 from scipy.sparse import csc_matrix
 
 from bench.processes.child import START_LIMIT_S, Child, LateError, LostError
+from bench.timing import cores
 from solvers.certificate import Certificate, NotCertified, certify
 
 Vector = NDArray[np.float64]
+S = TypeVar("S")
 T = TypeVar("T")
 
 LARGEST = 4_000_000
@@ -29,18 +35,16 @@ STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
 """Solvers that are asked for a start, the first that is installed; the proof does not depend on it."""
 
 
+class ProverLost(NotCertified):
+    """The process that looked for a proof died, which may be the machine's doing."""
+
+
+HANG_S = 3600.0
+"""Seconds after which a library that was asked for a start hangs; no proof takes so long."""
+
+
 class Prover(Child):
-    """A process that looks for proofs, each within the time limit; another one starts after it was ended.
-
-    Parameters
-    ----------
-    limit_s : float
-        Seconds for one proof.
-    """
-
-    def __init__(self, limit_s: float) -> None:
-        super().__init__()
-        self.limit_s = limit_s
+    """A process that looks for proofs; another one starts after it was lost."""
 
     def prove(self, function: Callable[..., T], *arguments: Any) -> T:
         """Call a function of a module.
@@ -48,19 +52,61 @@ class Prover(Child):
         Raises
         ------
         NotCertified
-            As the function raises it, or because the time is over or the process died.
+            As the function raises it, or because the process died.
         """
         try:
             if not self.is_running:
                 self.call(START_LIMIT_S, _imported)  # which is no part of a proof
-            found = self.call(self.limit_s, _attempt, function, arguments)
-        except LateError:
-            raise NotCertified(f"no proof within {self.limit_s:g} s") from None
-        except LostError as error:
-            raise NotCertified(f"the process that looked for a proof ended with {error}") from None
+            found = self.call(HANG_S, _attempt, function, arguments)
+        except (LateError, LostError) as error:
+            raise ProverLost(f"the process that looked for a proof ended with {error}") from None
         if isinstance(found, NotCertified):
             raise found
         return found
+
+
+class Provers:
+    """One process a core, all looking for proofs at once.
+
+    Examples
+    --------
+    >>> with Provers() as provers:
+    ...     print(list(provers.map(lambda prover, number: number + 1, range(4))))
+    [1, 2, 3, 4]
+    """
+
+    def __enter__(self) -> Provers:
+        self._all = [Prover() for _ in cores.usable()]
+        self._idle: SimpleQueue[Prover] = SimpleQueue()
+        for prover in self._all:
+            self._idle.put(prover)
+        self._threads = ThreadPoolExecutor(len(self._all))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for prover in self._all:
+            prover.kill()
+        self._threads.shutdown()
+        for prover in self._all:
+            prover.close()
+
+    def map(self, function: Callable[[Prover, S], T], items: Iterable[S]) -> Iterator[T]:
+        """What a function returns for each item, in their order; begun are only a few more than are asked for."""
+        begun: deque[Future[T]] = deque()
+        for item in items:
+            begun.append(self._threads.submit(self._with_prover, function, item))
+            if len(begun) > 2 * len(self._all):
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
+
+    def _with_prover(self, function: Callable[[Prover, S], T], item: S) -> T:
+        prover = self._idle.get()
+        try:
+            return function(prover, item)
+        finally:
+            self._idle.put(prover)
 
 
 def _imported() -> None:
@@ -77,20 +123,24 @@ def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotC
         return NotCertified("the proof needs more memory than there is")
 
 
-def both_proofs(raw: Problem, scaled: Problem, unit: Vector) -> tuple[Certificate, Certificate]:
+def require_size(qp: Problem) -> None:
+    """NotCertified where a program is too large to be written down densely."""
+    d = qp.q.size
+    rows = d + sum(right.size for right in (qp.h, qp.b) if right is not None)
+    if rows * d > LARGEST:
+        raise NotCertified(f"{d} variables with {rows - d} rows are too many for exact arithmetic, which is dense")
+
+
+def both_proofs(raw: Problem, scaled: Problem, unit: Vector, work: float) -> tuple[Certificate, Certificate]:
     """Certificates of a program and of the same one in z, x = ``unit`` · z.
 
     Raises
     ------
     NotCertified
-        Too large, not convex, infeasible, unbounded, or too many pivots.
+        Not convex, infeasible, unbounded, or too much work.
     """
-    d = raw.q.size
-    rows = d + sum(right.size for right in (raw.h, raw.b) if right is not None)
-    if rows * d > LARGEST:
-        raise NotCertified(f"{d} variables with {rows - d} rows are too many for exact arithmetic, which is dense")
-    proof = certify(raw, unit * start(scaled))
-    return proof, certify(scaled, np.array(proof.x) / unit)
+    proof = certify(raw, unit * start(scaled), work=work)
+    return proof, certify(scaled, np.array(proof.x) / unit, work=work)
 
 
 def start(qp: Problem) -> Vector:

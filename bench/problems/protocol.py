@@ -49,8 +49,7 @@ class CertifiedForm:
     warm_start : array, shape (d,), optional
         The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
     cost_unit : float
-        Cost below which a gap is not taken relative to V* + c. 0 where V + c is a sum of squares; the constant of a foreign
-        program means nothing, and V* + c may well be zero.
+        One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum of squares.
     """
 
     qp: Problem
@@ -59,6 +58,14 @@ class CertifiedForm:
     certificate: Certificate
     warm_start: Vector | None = None
     cost_unit: float = 0.0
+
+    @cached_property
+    def yardstick(self) -> float:
+        """What a cost gap is divided by: V* + c, a sum of squares; for a program of others max(½ x*ᵀP x*, |qᵀx*|), or ``cost_unit`` if that is 0."""
+        x = np.array(self.certificate.x)
+        if self.cost_unit == 0.0:
+            return self.certificate.value_rounded + self.c
+        return max(0.5 * float(x @ (self.qp.P @ x)), abs(float(self.qp.q @ x))) or self.cost_unit
 
     @property
     def optimum_is_unique(self) -> bool:

@@ -1,7 +1,7 @@
 """The judge: one definition of right for every solver, from the problem's data and never from the solver's word.
 
 - cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a program
-                  whose cost is no sum of squares over max(|V* + c|, 1), in the cost of the raw program
+                  whose cost is no sum of squares over max(½ x*ᵀP x*, |qᵀx*|)
 - violation       ‖x − x̂‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
 - weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or zero
@@ -65,7 +65,7 @@ def judge(problem: RaceProblem, scaling: Scaling, tier: Tier, outcome: Outcome) 
     gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     tolerance = TOLERANCE[tier]
-    relative = min(gap.relative, gap.absolute / form.cost_unit) if form.cost_unit > 0.0 else gap.relative
+    relative = gap.absolute / form.yardstick if form.cost_unit > 0.0 else gap.relative
     right = relative <= tolerance and gap.violation <= tolerance
     return Judgement(
         Status.OK if right else Status.INACCURATE,

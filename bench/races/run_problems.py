@@ -6,10 +6,14 @@ from collections.abc import Iterator
 from itertools import islice
 
 from bench.passed.progress import Progress
-from bench.problems import make
-from bench.problems.protocol import RaceProblem
+from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
 from bench.races.settings import RaceSettings
 from bench.store import Run
+
+
+def left_out(run: Run) -> list[tuple[str, str]]:
+    """Problems of the sets that are not raced, and why."""
+    return [(f"{set_name}/{name}", why) for set_name, found in run.settings.get("left_out", {}).items() for name, why in found.items()]
 
 
 def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[RaceProblem]:
@@ -17,20 +21,25 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
     for set_name in settings.problem_sets:
         kept = run.settings.get("problems", {}).get(set_name, ())
         if not kept or not all(run.problem_path(set_name, name).is_file() for name in kept):
-            kept = list(_made(run, settings, set_name, progress))
+            made = make(set_name, settings.seed, settings.set_options)
+            kept = list(_made(run, settings, made, progress))
             run.note(problems={**run.settings.get("problems", {}), set_name: kept})
+            if made.left_out:
+                run.note(left_out={**run.settings.get("left_out", {}), set_name: made.left_out})
+            if not kept:
+                name, why = next(iter(made.left_out.items()))
+                raise ProblemSetError(f"no problem of the set {set_name!r} can be raced; {name}: {why}")
         for i, name in enumerate(kept):
             progress(f"{set_name}/{name}", i + 1, len(kept))
             yield run.problem(set_name, name)
 
 
-def _made(run: Run, settings: RaceSettings, set_name: str, progress: Progress) -> Iterator[str]:
+def _made(run: Run, settings: RaceSettings, made: ProblemSet, progress: Progress) -> Iterator[str]:
     """Make the problems of a set and keep those that are not kept yet; yields their names."""
-    made = make(set_name, settings.seed, settings.set_options)
     count = min(len(made), settings.limit or len(made))
     for i, problem in enumerate(islice(made.problems(), count)):
-        progress(f"certified {set_name}/{problem.name}", i + 1, count)
-        path = run.problem_path(set_name, problem.name)
+        progress(f"certified {made.name}/{problem.name}", i + 1, count)
+        path = run.problem_path(made.name, problem.name)
         if not path.is_file():
             problem.save(path)
         yield problem.name

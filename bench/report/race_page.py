@@ -62,11 +62,12 @@ def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     machine = settings["machine"]
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
+    left_out = "; ".join(f"{name}/{problem}: {why}" for name, found in settings.get("left_out", {}).items() for problem, why in found.items())
     chosen = ", ".join(f"{name} {_said(value)}" for name, value in settings["settings"].items() if value not in ([], None))
     return [(name, text) for name, text in (
         ("machine", f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"),
         ("Python", f"{machine['python']}; " + ", ".join(f"{name} {v}" for name, v in machine["versions"].items())),
-        ("settings", chosen), ("solvers", field), ("absent", absent)) if text]
+        ("settings", chosen), ("solvers", field), ("absent", absent), ("not raced", left_out)) if text]
 
 
 def _said(value: Any) -> str:

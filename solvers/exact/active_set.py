@@ -17,24 +17,23 @@ Otherwise W is repaired, in three ways, of which the first is quick and the othe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat
 
-from solvers.exact.linear_algebra import RationalColumn, rational_column
+from solvers.exact.linear_algebra import WORK, RationalColumn, Work, rational_column
 from solvers.exact.program import (
     Constraint,
     ExactProgram,
     Infeasible,
     Kind,
-    NotCertified,
     Point,
     Unbounded,
     stationary_point,
 )
 
 
-def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 5000) -> tuple[list[int], Point]:
+def optimum(program: ExactProgram, wanted: Iterable[int], work: Work | None = None) -> tuple[list[int], Point]:
     """The working set and the point of an optimum, from a guess of the active constraints in order of trust.
 
     Parameters
@@ -43,17 +42,17 @@ def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 5000
         Its P is positive semidefinite; the caller proves it.
     wanted : iterable of int
         Positions of constraints; may depend on each other.
-    max_pivots : int
-        How many linear systems may be solved: every way ends, and criss-cross not always soon.
+    work : Work, optional
+        What may be spent on linear systems, WORK by default: every way ends, and criss-cross not always soon.
 
     Raises
     ------
     Infeasible, Unbounded
         With the constraint that shows it.
     NotCertified
-        After ``max_pivots``.
+        The work is spent.
     """
-    budget = pivots(max_pivots)
+    budget = work or Work(WORK)
     W, point = block_exchange(program, program.working_set(wanted), budget)
     if point.wrong and program.regular:
         W, point = dual_active_set(program, W, budget)
@@ -64,22 +63,16 @@ def optimum(program: ExactProgram, wanted: Iterable[int], max_pivots: int = 5000
     return W, point
 
 
-def pivots(max_pivots: int) -> Iterator[int]:
-    """One item for every linear system; asking for more raises."""
-    yield from range(max_pivots)
-    raise NotCertified(f"no optimum within {max_pivots} exact pivots")
-
-
 def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infeasible:
     against = ", ".join(str(program.constraint(r)) for r in others) or "nothing, since its row is zero"
     return Infeasible(f"the constraints contradict each other: {program.constraint(k)} against {against}")
 
 
-def block_exchange(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+def block_exchange(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
     """Swap all wrong constraints at once, until none is wrong or three swaps in a row have not helped."""
     fewest, patience = len(program.constraints) + program.d + 1, 0
     while True:
-        next(budget)
+        budget.spend(program.pivot_work(W))
         point = stationary_point(program, W)
         fewest, patience = (len(point.wrong), 3) if len(point.wrong) < fewest else (fewest, patience - 1)
         if not point.wrong or patience == 0:
@@ -88,13 +81,13 @@ def block_exchange(program: ExactProgram, W: list[int], budget: Iterator[int]) -
         W = program.working_set([k for k in W if k not in leaving] + [k for k in point.wrong if k not in leaving])
 
 
-def dual_active_set(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+def dual_active_set(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
     """The optimum of a program with P ≻ 0; raises :class:`Infeasible`."""
-    next(budget)
+    budget.spend(program.pivot_work(W))
     W = [k for k in W if k < len(program.constraints)]  # P ≻ 0 needs no pins
     point = stationary_point(program, W)
     while pulling := {k for k in point.wrong if k in point.multipliers}:
-        next(budget)
+        budget.spend(program.pivot_work(W))
         W = [k for k in W if k not in pulling]
         point = stationary_point(program, W)
     while point.wrong:
@@ -104,14 +97,14 @@ def dual_active_set(program: ExactProgram, W: list[int], budget: Iterator[int]) 
     return W, point
 
 
-def _enter(program: ExactProgram, k: int, W: Sequence[int], point: Point, budget: Iterator[int]) -> list[int]:
+def _enter(program: ExactProgram, k: int, W: Sequence[int], point: Point, budget: Work) -> list[int]:
     """Raise the multiplier of a violated constraint until it holds; those of W that reach zero on the way leave."""
     W, multipliers, excess = list(W), dict(point.multipliers), abs(point.slacks[k])
     side = 1 if point.slacks[k] < 0 else -1  # −1 for an equality that x undercuts
     normal = rational_column(program.constraint(k).row(program.d)) * fmpq(side)
     while True:
         # While the multiplier grows by t, x moves by −t·z, the multipliers of W by −t·u and the excess by −t·zᵀP z.
-        next(budget)
+        budget.spend(program.pivot_work(W))
         z, u = program.kkt_solve(W, normal, [fmpq(0)] * len(W))
         fall = (normal.transpose() * z)[0, 0]
         limited = [r for r in W if u[r] > 0 and program.constraint(r).kind is not Kind.EQUALITY]
@@ -138,10 +131,10 @@ def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
     return ExactProgram(P, program.q * fmpq(10**6), program.constraints)
 
 
-def criss_cross(program: ExactProgram, W: list[int], budget: Iterator[int]) -> tuple[list[int], Point]:
+def criss_cross(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
     """Always the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
     while True:
-        next(budget)
+        budget.spend(program.pivot_work(W))
         point = stationary_point(program, W)
         if not point.wrong:
             return W, point

@@ -29,6 +29,32 @@ PRIME = 2**63 - 25
 """Largest prime below 2**63."""
 
 
+WORK = 5e10
+"""Work of a proof by default: about a minute on a machine of 2025."""
+
+
+class NotCertified(Exception):
+    """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence that says why."""
+
+
+class Work:
+    """What a proof may cost, in bit operations, not in seconds, so that what can be proven does not hang on a machine's load.
+
+    Parameters
+    ----------
+    limit : float
+    """
+
+    def __init__(self, limit: float) -> None:
+        self._limit = self._left = limit
+
+    def spend(self, amount: float) -> None:
+        """Take an amount off; NotCertified where it is more than what is left."""
+        self._left -= amount
+        if self._left < 0.0:
+            raise NotCertified(f"no proof within {self._limit:.0e} bit operations of exact arithmetic")
+
+
 def power_of_two(exponent: int) -> Rational:
     """2**exponent as a rational."""
     return fmpq(1 << exponent) if exponent >= 0 else fmpq(1, 1 << -exponent)
@@ -81,13 +107,15 @@ def first_independent(rows: IntegerRows) -> list[int]:
     return positions
 
 
-def semidefinite_rank(P: IntegerRows) -> int | None:
+def semidefinite_rank(P: IntegerRows, work: Work | None = None) -> int | None:
     """The rank of a symmetric matrix that is proved positive semidefinite; None where it is proved not to be.
 
     Parameters
     ----------
     P : list of list of fmpz, shape (d, d)
         Exactly symmetric.
+    work : Work, optional
+        What may be spent, WORK by default.
 
     Notes
     -----
@@ -101,17 +129,19 @@ def semidefinite_rank(P: IntegerRows) -> int | None:
     """
     d, rank = len(P), len(P)
     bits = 64 + 4 * d
-    pivots = _positive_pivots(P, bits)
+    work = work or Work(WORK)
+    pivots = _positive_pivots(P, bits, work)
     if pivots is not None and pivots < d:
         rank = int(fmpz_mat(P).rank())
     while pivots is not None and pivots < rank:
         bits *= 2
-        pivots = _positive_pivots(P, bits)
+        pivots = _positive_pivots(P, bits, work)
     return pivots
 
 
-def _positive_pivots(P: IntegerRows, bits: int) -> int | None:
+def _positive_pivots(P: IntegerRows, bits: int, work: Work) -> int | None:
     """How many pivots are positive beyond doubt at this precision; None where the matrix is indefinite beyond doubt."""
+    work.spend(float(len(P)) ** 3 * (bits / 8 + 64))
     with ctx.workprec(bits):
         S = [[arb(entry) for entry in row[: i + 1]] for i, row in enumerate(P)]  # lower triangle, overwritten
         alive = list(range(len(P)))

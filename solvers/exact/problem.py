@@ -17,6 +17,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,18 @@ from flint import fmpq, fmpz
 from numpy.typing import ArrayLike
 from qpsolvers import Problem
 
-from solvers.exact.linear_algebra import IntegerRows, Rational, column, integers, power_of_two, semidefinite_rank
-from solvers.exact.program import Constraint, ExactProgram, Kind, NotCertified
+from solvers.exact.linear_algebra import (
+    WORK,
+    IntegerRows,
+    NotCertified,
+    Rational,
+    Work,
+    column,
+    integers,
+    power_of_two,
+    semidefinite_rank,
+)
+from solvers.exact.program import Constraint, ExactProgram, Kind
 from solvers.protocol import Matrix, Vector, box, dense
 
 SHIFT_LIMIT = 1e-12
@@ -93,6 +104,7 @@ class DoubleProblem:
             digest.update(str(array.shape).encode() + np.ascontiguousarray(array + 0.0).tobytes())  # −0 becomes +0
         return digest.hexdigest()
 
+    @cached_property
     def _symmetric(self) -> tuple[IntegerRows, int]:
         """(P + Pᵀ)/2 as integers times a power of two."""
         d = self.q.size
@@ -115,19 +127,45 @@ class DoubleProblem:
 
     def exact(self, shift: float) -> tuple[ExactProgram, Rational]:
         """The exact program with P + shift·I, and the factor that turns its cost into V."""
-        P, exponent = _shifted(*self._symmetric(), shift)
+        P, exponent = _shifted(*self._symmetric, shift)
         return ExactProgram(P, column(self.q) * power_of_two(-exponent), self.constraints()), power_of_two(exponent)
 
-    def convexity_shift(self) -> tuple[float, bool]:
+    def _is_plainly_definite(self) -> bool:
+        """Whether a Cholesky factorisation in doubles proves P ≻ 0; where it does not, P may be so all the same.
+
+        A is P scaled by powers of two, exactly, to a diagonal in [1, 4), and t = trace(A). Where the factorisation of A − cI ends,
+        its factor is that of A − cI + E with |E| at most γ_{d+1}/(1 − γ_{d+1}) t in norm, γ_k = ku/(1 − ku), and the subtraction
+        rounds by less than 4u. So c = 4(d + 4) u t leaves A positive definite (S. M. Rump, "Verification of positive
+        definiteness", BIT 46, 2006; Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd edition, theorem 10.3).
+        """
+        diagonal = np.diag(self.P)
+        if not (self.P == self.P.T).all() or not (diagonal > 0.0).all():
+            return False
+        exponents = -((np.frexp(diagonal)[1] - 1) // 2)
+        A = np.ldexp(self.P, exponents[:, None] + exponents)
+        if not np.array_equal(np.ldexp(A, -exponents[:, None] - exponents), self.P):  # an element was lost below the smallest double
+            return False
+        d = len(A)
+        A[np.diag_indices(d)] -= 4 * (d + 4) * 2.0**-53 * float(np.trace(A))
+        try:
+            np.linalg.cholesky(A)
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
+    def convexity_shift(self, work: Work | None = None) -> tuple[float, bool]:
         """δ by the rule of this module and whether P + δI is positive definite; raises NotCertified where refused."""
-        P, exponent = self._symmetric()
-        d = len(P)
-        rank = semidefinite_rank(P)
+        d = self.q.size
+        if self._is_plainly_definite():
+            return 0.0, True
+        P, exponent = self._symmetric
+        work = work or Work(WORK)
+        rank = semidefinite_rank(P, work)
         if rank is not None:
             return 0.0, rank == d
 
         def rank_at(power: int) -> int | None:
-            return semidefinite_rank(_shifted(P, exponent, math.ldexp(1.0, power))[0]) if power >= -1074 else None
+            return semidefinite_rank(_shifted(P, exponent, math.ldexp(1.0, power))[0], work) if power >= -1074 else None
 
         limit = SHIFT_LIMIT * (math.fsum(np.diag(self.P)) / d)
         high, step = math.frexp(limit)[1] - 1, 1

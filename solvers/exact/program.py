@@ -20,11 +20,14 @@ from functools import cached_property
 
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat
 
-from solvers.exact.linear_algebra import IntegerRows, Rational, RationalColumn, first_independent, rational_column
-
-
-class NotCertified(Exception):
-    """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence that says why."""
+from solvers.exact.linear_algebra import (
+    IntegerRows,
+    NotCertified,
+    Rational,
+    RationalColumn,
+    first_independent,
+    rational_column,
+)
 
 
 class Infeasible(NotCertified):
@@ -33,6 +36,10 @@ class Infeasible(NotCertified):
 
 class Unbounded(NotCertified):
     """A direction leads to ever lower cost and no constraint stops it; the feasible set may still be empty."""
+
+
+class RoundingDecides(NotCertified):
+    """P is indefinite by rounding, and what makes it convex decides where the optimum is."""
 
 
 class Kind(StrEnum):
@@ -127,6 +134,18 @@ class ExactProgram:
     def regular(self) -> bool:
         """Whether P is known to be regular, modulo a prime and hence truly."""
         return len(first_independent(self.P)) == self.d
+
+    @cached_property
+    def bits(self) -> int:
+        """Of the longest coefficient."""
+        return max((int(entry).bit_length() for row in (*self.P, *(c.a for c in self.constraints if c.a is not None))
+                    for entry in row), default=0)
+
+    def pivot_work(self, W: Sequence[int]) -> float:
+        """What the system of a working set costs: elements times digits of its answer."""
+        rows = sum(self.constraint(k).a is not None for k in W)
+        size = self.d - (len(W) - rows) + rows
+        return float(size) ** 3 * self.bits
 
     def along(self, x: RationalColumn) -> list[Rational]:
         """aₖᵀx of every constraint; one matrix product for all general rows, because a call costs more than a digit."""

@@ -28,6 +28,7 @@ from solvers.certificate import (
 )
 from solvers.exact import active_set as exact_active_set
 from solvers.exact import linear_algebra as exact_linear_algebra
+from solvers.exact.linear_algebra import WORK, Work
 from solvers.exact.problem import DoubleProblem
 
 INF = np.inf
@@ -231,9 +232,9 @@ def test_criss_cross_alone_ends_where_the_whole_method_ends(problem: Problem, or
         value = certify(problem, np.zeros(len(problem.q))).value
     except (Infeasible, Unbounded):
         with pytest.raises((Infeasible, Unbounded)):
-            exact_active_set.criss_cross(program, program.working_set(wanted), exact_active_set.pivots(1000))
+            exact_active_set.criss_cross(program, program.working_set(wanted), Work(WORK))
         return
-    _, point = exact_active_set.criss_cross(program, program.working_set(wanted), exact_active_set.pivots(1000))
+    _, point = exact_active_set.criss_cross(program, program.working_set(wanted), Work(WORK))
     assert str(program.value(point.x) * factor) == value
 
 
@@ -441,9 +442,9 @@ def test_an_answer_that_is_not_finite_or_of_the_wrong_shape_is_refused() -> None
         exact_cost_gap(corner, proof, np.zeros(2), c=np.nan)
 
 
-def test_too_few_pivots_are_said() -> None:
-    with pytest.raises(NotCertified, match="no optimum within 1 exact pivots"):
-        certify(gram_problem(18, seed=1), np.zeros(18), max_pivots=1)
+def test_a_proof_that_takes_too_much_work_is_said() -> None:
+    with pytest.raises(NotCertified, match=r"no proof within 1e\+04 bit operations of exact arithmetic"):
+        certify(gram_problem(18, seed=1), np.zeros(18), work=1e4)
 
 
 # --- replaying the proof ---------------------------------------------------------------------------------

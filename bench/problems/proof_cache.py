@@ -1,0 +1,61 @@
+"""Proofs of programs that come from anywhere, kept between races under a hash of the data that they are proofs of.
+
+They lie in the user's cache, ``$XDG_CACHE_HOME/piezobench/proofs`` or ``~/.cache/piezobench/proofs``, one JSON file a program. What
+could not be proven is kept too, with the reason and the work that was allowed, since neither depends on the machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from qpsolvers import Problem
+
+from piezo_model.atomic_file import write_text
+from solvers.certificate import Certificate, NotCertified
+from solvers.exact.problem import DoubleProblem
+
+VERSION = 1
+"""Of what a proof is: another number forgets those that were found."""
+
+
+def folder() -> Path:
+    """Where proofs are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "piezobench" / "proofs"
+
+
+def key(programs: Sequence[Problem], work: float) -> str:
+    """Name of the programs' data; NotCertified where they hold no numbers."""
+    try:
+        data = [DoubleProblem.of(program).fingerprint() for program in programs]
+    except ValueError as error:
+        raise NotCertified(str(error)) from None
+    return hashlib.sha256(json.dumps([VERSION, work, data]).encode()).hexdigest()
+
+
+def load(key: str) -> list[Certificate] | None:
+    """The certificates that are kept; None where there are none.
+
+    Raises
+    ------
+    NotCertified
+        For the reason that is kept.
+    """
+    try:
+        found = json.loads((folder() / f"{key}.json").read_text(encoding="utf-8"))
+        proofs = [Certificate.from_json(text) for text in found["proofs"]]
+        refusal = found["refusal"]
+    except (OSError, ValueError, KeyError, TypeError):  # not there, or damaged: it is found again
+        return None
+    if refusal:
+        raise NotCertified(refusal)
+    return proofs
+
+
+def save(key: str, proofs: Sequence[Certificate], refusal: str = "") -> None:
+    """Keep what was found."""
+    folder().mkdir(parents=True, exist_ok=True)
+    write_text(folder() / f"{key}.json", json.dumps({"proofs": [proof.to_json() for proof in proofs], "refusal": refusal}))
