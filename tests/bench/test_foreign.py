@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.sparse as sp
 from command_line import CommandLine
@@ -17,7 +21,8 @@ from bench.passed.outcome import Outcome
 from bench.passed.task import Task
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import QP_FIELDS
-from bench.problems import ProblemSetError, RaceProblem, make
+from bench.problems import ProblemSetError, RaceProblem, make, proof_cache
+from bench.problems.certifying import Prover
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
 from bench.processes.solver_child import SolverChild
@@ -353,14 +358,96 @@ def test_what_cannot_be_certified_is_left_out_with_the_reason(foreign: tuple[dic
     assert reason in foreign[1][name]
 
 
-def test_a_proof_that_takes_too_long_is_given_up_and_said(tmp_path: Path) -> None:
+def test_a_proof_that_takes_too_much_work_is_given_up_and_said(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     M = rng.normal(size=(400, 400))
     np.savez(tmp_path / "long.npz", P=M @ M.T, q=rng.normal(size=400), lb=np.zeros(400))
     np.savez(tmp_path / "quick.npz", P=np.eye(2), q=np.ones(2))
-    made = make("foreign", options={"folder": str(tmp_path), "limit_s": "1"})
+    made = make("foreign", options={"folder": str(tmp_path), "work": "1e8"})
     assert [problem.name for problem in made.problems()] == ["quick"]
-    assert made.left_out == {"long": "no proof within 1 s"}
+    assert made.left_out == {"long": "no proof within 1e+08 bit operations of exact arithmetic"}
+
+
+def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_process(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.25]), lb=np.zeros(2))
+    np.savez(tmp_path / "endless.npz", P=np.diag([2.0, 0.0]), q=np.array([-1.0, -1.25]), lb=np.zeros(2))
+    options = {"folder": str(tmp_path)}
+    first = make("foreign", options=options)
+    proven = next(first.problems())
+    with monkeypatch.context() as patch:
+        patch.setattr(Prover, "prove", lambda *_: pytest.fail("a proof was looked for again"))
+        again = make("foreign", options=options)
+        assert [{s: f.certificate for s, f in problem.forms.items()} for problem in again.problems()] == [
+            {s: f.certificate for s, f in proven.forms.items()}]
+        assert "falls without bound" in again.left_out["endless"]
+    for kept in proof_cache.folder().glob("*.json"):
+        kept.write_text(kept.read_text()[:40])
+    np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.5]), lb=np.zeros(2))
+    other = next(make("foreign", options=options).problems())
+    assert other.forms["raw"].certificate.problem != proven.forms["raw"].certificate.problem
+    verify(other.forms["raw"].qp, other.forms["raw"].certificate)
+
+
+def test_a_race_lists_all_that_it_leaves_out_with_the_reason(piezobench: CommandLine, folder: Path, tmp_path: Path) -> None:
+    words = ("race", "--lane", "qpsolvers", "--solver", "daqp", "--tier", "default", "--budget", 0.001, "--rounds", 0, "--out", tmp_path)
+    call = piezobench(*words, "--folder", folder, "--name", "run")
+    assert call.status == 0, call.stderr
+    noted = json.loads((tmp_path / "run" / "run.json").read_text())["left_out"]["foreign"]
+    assert sorted(noted) == ["broken", "indefinite", "infeasible", "large", "unbounded"]
+    shown = " ".join(call.stdout.split())
+    assert "5 of 9 problems" in shown
+    pages = [" ".join((tmp_path / "run" / name).read_text().split()) for name in ("report.md", "report.html")]
+    for name, why in noted.items():
+        assert f"foreign/{name}: {' '.join(why.split())[:60]}" in shown
+        assert all(f"foreign/{name}" in page for page in pages)
+    (tmp_path / "bad").mkdir()
+    np.savez(tmp_path / "bad" / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
+    assert "no problem of the set 'foreign' can be raced; indefinite: P is not convex" in piezobench(
+        *words, "--folder", tmp_path / "bad", "--name", "none").refusal
+
+
+def test_test_sets_of_qpbenchmark_are_read_from_their_class(piezobench: CommandLine, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("qpbenchmark", reason="qpbenchmark is not installed, and it is its test sets that are read")
+    call = piezobench("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path)
+    assert call.status == 0, call.stderr
+    made = make("test_set", options={"test_set": str(tmp_path / "piezobench_foreign.py")})
+    found = {problem.name: problem for problem in made.problems()}
+    saved = [RaceProblem.load(path) for path in tmp_path.glob("*.npz")]
+    assert not made.left_out
+    assert len(found) == len(made) == 2 * len(saved)
+    for problem in saved:
+        for scaling, form in problem.forms.items():
+            assert found[f"foreign--{problem.name}--{scaling}"].forms["raw"].certificate.x == form.certificate.x
+    (tmp_path / "mine.py").write_text("from qpbenchmark import Problem\nclass Mine:\n    def __iter__(self):\n        raise OSError('no network')\n")
+    with pytest.raises(ProblemSetError, match=r"mine\.py: OSError: no network"):
+        list(make("test_set", options={"test_set": str(tmp_path / "mine.py")}).problems())
+    (tmp_path / "mine.py").write_text("")
+    assert "has no class Mine" in piezobench("problems", "--set", "test_set", "--test-set", tmp_path / "mine.py").refusal
+
+
+def test_the_command_in_an_exported_set_saves_its_results(piezobench: CommandLine, tmp_path: Path) -> None:
+    pytest.importorskip("qpbenchmark", reason="qpbenchmark is not installed, and it is what runs an exported set")
+    call = piezobench("problems", "--set", "measured", "--limit", 1, "--export", tmp_path)
+    assert call.status == 0, call.stderr
+    command = next(line.split() for line in (tmp_path / "piezobench_measured.py").read_text().splitlines() if "run --author" in line)
+    done = subprocess.run([sys.executable, *command[1:2], "run", "--author", "you", "--solver", "quadprog", "--settings", "default"],
+                          cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = pd.read_csv(tmp_path / "piezobench_measured.csv")
+    assert rows.problem.nunique() == 2
+    assert rows.found.all()
+    assert (tmp_path / "piezobench_measured.md").is_file()
+
+
+def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost(tmp_path: Path) -> None:
+    np.savez(tmp_path / "far.npz", P=np.diag([2e4, 1.0]), q=np.array([-2e6, 0.0]), c=1e6)
+    problem = next(make("foreign", options={"folder": str(tmp_path)}).problems())
+    for form in problem.forms.values():  # at x* = (100, 0) the parts are 1e8 and 2e8
+        assert form.yardstick == pytest.approx(2e8 * form.cost_unit)
+        x = np.linalg.solve(dense(form.to_weights), np.array([100.0, 20.0]))
+        scaling = next(s for s, f in problem.forms.items() if f is form)
+        assert judge(problem, scaling, Tier.MID, Outcome(found=True, x=x)).cost_gap == pytest.approx(1e-6)
 
 
 def test_sparse_problems_with_rows_are_saved_and_loaded_to_the_last_bit(foreign: tuple[dict[str, RaceProblem], dict[str, str]],
@@ -432,8 +519,8 @@ def test_a_folder_without_programs_and_a_limit_that_is_no_number_are_refused(tmp
     with pytest.raises(ProblemSetError, match=r"holds no program; one is in a file \.npz, \.mat, \.qps, \.mps"):
         make("foreign", options={"folder": str(tmp_path)})
     write_mat(tmp_path / "drawn.mat", draw(0))
-    with pytest.raises(ProblemSetError, match="limit_s is 'soon'"):
-        make("foreign", options={"folder": str(tmp_path), "limit_s": "soon"})
+    with pytest.raises(ProblemSetError, match="work is 'soon'"):
+        make("foreign", options={"folder": str(tmp_path), "work": "soon"})
 
 
 def test_the_programs_drawn_here_have_what_a_reader_must_take() -> None:

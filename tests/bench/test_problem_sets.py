@@ -160,7 +160,7 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
 
 
 def test_sets_that_need_a_file_are_listed_apart_and_say_what_is_missing() -> None:
-    assert set(all_sets()) - set(sets()) == {"recorded", "foreign"}
+    assert set(all_sets()) - set(sets()) == {"recorded", "foreign", "test_set"}
     with pytest.raises(ProblemSetError, match="'recorded' needs --recording, a recording in any known format"):
         make("recorded")
     with pytest.raises(ProblemSetError, match="takes no option 'recording'"):

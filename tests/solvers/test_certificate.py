@@ -20,6 +20,7 @@ from solvers.certificate import (
     Certificate,
     Infeasible,
     NotCertified,
+    RoundingDecides,
     Unbounded,
     certify,
     exact_cost_gap,
@@ -360,6 +361,30 @@ def test_a_gram_matrix_made_indefinite_by_rounding_is_shifted_by_the_smallest_po
     for other in (0.0, shift / 2, shift * 2):
         with pytest.raises(NotCertified, match=r"line 2 \(convexity\)"):
             verify(problem, replace(proof, convexity_shift=other))
+
+
+def test_an_optimum_that_hangs_on_the_shift_is_none_and_one_that_does_not_is_certified() -> None:
+    P = np.array([[1.0, 1.0], [1.0, 1.0 - 2.0**-53]])  # its negative curvature is one rounding, along (1, -1)
+    with pytest.raises(RoundingDecides, match="indefinite by rounding"):
+        certify(Problem(P, np.array([1.0, -1.0])), np.zeros(2))
+    for problem in (Problem(P, np.array([-1.0, -1.0])), Problem(P, np.array([1.0, -1.0]), lb=np.full(2, -3.0), ub=np.full(2, 3.0))):
+        proof = certify(problem, np.zeros(2))
+        assert proof.convexity_shift > 0.0
+        verify(problem, proof)
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32), d=st.integers(1, 12), decades=st.floats(0.0, 18.0), spread=st.floats(0.0, 8.0))
+def test_what_a_factorisation_in_doubles_calls_definite_is_definite_in_rationals(seed: int, d: int, decades: float, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    U, D = np.linalg.qr(rng.normal(size=(d, d)))[0], 10.0 ** rng.uniform(-spread, spread, size=d)
+    P = (U * 10.0 ** -np.linspace(0.0, decades, d)) @ U.T * np.outer(D, D)
+    P = 0.5 * (P + P.T)
+    data = DoubleProblem.of(Problem(P, np.zeros(d)))
+    if data._is_plainly_definite():
+        assert exact_linear_algebra.semidefinite_rank(data._symmetric[0]) == d
+    elif decades < 8.0:  # it recognises what is not near singular
+        raise AssertionError(f"condition 1e{decades:.1f} is not recognised")
 
 
 def is_semidefinite(P: np.ndarray, shift: Fraction) -> bool:
