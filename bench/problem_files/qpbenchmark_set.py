@@ -31,7 +31,7 @@ holds the certified optima.
 from pathlib import Path
 
 import numpy as np
-from qpbenchmark import Problem, TestSet, main
+from qpbenchmark import Problem, TestSet, benchmark
 from scipy.sparse import csc_matrix
 
 FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
@@ -69,7 +69,7 @@ class $class_name(TestSet):
 
 
 if __name__ == "__main__":
-    main(test_set_path=__file__, results_path=Path(__file__).with_suffix(".csv"))
+    benchmark.main(test_set_path=__file__, results_path=Path(__file__).with_suffix(".csv"))
 ''')
 
 

@@ -11,6 +11,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -76,7 +77,8 @@ class Provers:
     """
 
     def __enter__(self) -> Provers:
-        self._all = [Prover() for _ in cores.usable()]
+        self._stack = ExitStack()
+        self._all = [self._stack.enter_context(Prover()) for _ in cores.usable()]
         self._idle: SimpleQueue[Prover] = SimpleQueue()
         for prover in self._all:
             self._idle.put(prover)
@@ -88,8 +90,7 @@ class Provers:
         for prover in self._all:
             prover.kill()
         self._threads.shutdown()
-        for prover in self._all:
-            prover.close()
+        self._stack.close()
 
     def map(self, function: Callable[[Prover, S], T], items: Iterable[S]) -> Iterator[T]:
         """What a function returns for each item, in their order; begun are only a few more than are asked for."""

@@ -431,7 +431,7 @@ def test_the_command_in_an_exported_set_saves_its_results(piezobench: CommandLin
     call = piezobench("problems", "--set", "measured", "--limit", 1, "--export", tmp_path)
     assert call.status == 0, call.stderr
     command = next(line.split() for line in (tmp_path / "piezobench_measured.py").read_text().splitlines() if "run --author" in line)
-    done = subprocess.run([sys.executable, *command[1:2], "run", "--author", "you", "--solver", "quadprog", "--settings", "default"],
+    done = subprocess.run([sys.executable, *command[1:2], "run", "--author", "you", "--solver", "quadprog"],
                           cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     rows = pd.read_csv(tmp_path / "piezobench_measured.csv")
