@@ -15,19 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.core import State, face
-from piezo_model.inverse_model import InverseArrays, all_weights, model_of
+from piezo_model.inverse_model import all_weights, model_of
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
 
 Vector = NDArray[np.float64]
 
-FARTHEST = 1e6
-"""References beyond so many half ranges are taken for this, so that no sum overflows."""
-
-BUMP, DECAY, LAST_Y_REF = range(3)
+BUMP, DECAY = range(2)
 """Entries of the fade memory: what is still added to the drive since the last change of model, the factor by which it
-decays from sample to sample, and the last finite reference in the output unit."""
+decays from sample to sample; the third is the last finite reference in the output unit."""
 
 
 class DriveLimits(NamedTuple):
@@ -120,9 +117,13 @@ class Compensator:
         self._core["fade"][:] = fade
 
     @property
-    def inverse(self) -> InverseArrays:
-        """Views of the inverse in use."""
-        return InverseArrays.of(self._model.structure, self._core)
+    def block(self) -> NDArray[np.uint8]:
+        """The state of the core; another one after :meth:`change_model` and :meth:`restore`."""
+        return self._core.block
+
+    def fade_over(self, fade_s: float) -> None:
+        """Let what a hand-over of weights adds to the drive decay with the time constant ``fade_s``."""
+        self.fade[DECAY] = math.exp(-self._model.structure.sample_time / fade_s)
 
     @property
     def model(self) -> HysteresisCreepModel:

@@ -1,6 +1,6 @@
 """The file of a self-learning compensator in operation: JSON that is there whole or not at all, arrays bit for bit.
 
-    {"format": "piezobench-learner", "version": 2,
+    {"format": "piezobench-learner", "version": 3,
      "settings": {…},     fields of `learning_settings.LearningSettings`
      "memory": {…},       everything that changes while it runs, the model and its structure included
      "checksum": "…"}     SHA-256 of the rest
@@ -27,7 +27,7 @@ from piezo_model.atomic_file import write_text
 from piezo_model.model import ModelError
 
 FORMAT = "piezobench-learner"
-VERSION = 2
+VERSION = 3
 
 
 def packed(value: Any) -> Any:

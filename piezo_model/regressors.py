@@ -54,10 +54,14 @@ class RegressorArrays(NamedTuple):
         """The data basis of ``core/data_basis.h`` with these parameters."""
         shape = self.n, self.zones, self.operators.rates, int(self.offset)
         core = State(face.basis_bytes(*shape), lambda block: face.basis_setup(block, *shape, forgetting))
+        self.write(core)
+        return core
+
+    def write(self, core: State) -> None:
+        """Write them to a state of the core that has regressors."""
         for name, values in (("r", self.operators.r), ("a", self.operators.a), ("low", self.dead_zones.low),
                              ("high", self.dead_zones.high), ("outer_low", self.outer.low), ("outer_high", self.outer.high)):
             core[name][:] = values
-        return core
 
     @property
     def stride(self) -> int:

@@ -23,7 +23,6 @@ from piezo_model import compensator_file
 from piezo_model.compensator import Compensator
 from piezo_model.deployment import Deployment
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.learning import cyclic_step
 from piezo_model.learning.continuous_learning import ContinuousLearning
 from piezo_model.learning.cyclic_learning import CyclicLearning, with_constant
 from piezo_model.learning.events import LOG_LENGTH, Event, Log, Phase
@@ -143,14 +142,14 @@ class SelfLearningCompensator:
     @property
     def samples(self) -> int:
         """Samples observed so far."""
-        return int(self._learning.counts[cyclic_step.SAMPLE])
+        return self._learning.count("sample")
 
     @property
     def counts(self) -> dict[str, int]:
         """How often what happened: verdicts on samples, hand-overs, refusals of new weights."""
-        counts, first = self._learning.counts, cyclic_step.VERDICTS
-        return {**{verdict.name.lower(): int(counts[first + verdict]) for verdict in Verdict},
-                "hand_overs": int(counts[cyclic_step.HAND_OVERS]), "refusals": int(counts[cyclic_step.REFUSALS])}
+        learning = self._learning
+        return {**{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, learning.core.whole("verdicts"), strict=True)},
+                "hand_overs": learning.count("hand_overs"), "refusals": learning.count("refusals")}
 
     def samples_until_change(self) -> int:
         """Samples for which the weights in use cannot change, so that their drive can be computed in one go."""

@@ -16,6 +16,8 @@ import solvers.core
 
 face: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.face.processor_level())
 
+HEAD = 32
+"""Bytes of a state that say what it is: kind, sizes, shape (``ShapedHead`` of ``shape.h``)."""
 
 
 class State:
@@ -36,6 +38,17 @@ class State:
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._views[name]
+
+    def whole(self, name: str) -> NDArray[np.int64]:
+        """A part that holds whole numbers."""
+        return self._views[name].view(np.int64)
+
+    def restore(self, block: NDArray[np.uint8]) -> None:
+        """Become what a block of the same kind and size was; ValueError for another one, and nothing is changed."""
+        if not (isinstance(block, np.ndarray) and block.dtype == np.uint8 and block.shape == self.block.shape
+                and np.array_equal(block[:HEAD], self.block[:HEAD])):
+            raise ValueError("the state of the core is that of another structure")
+        self.block[:] = block
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _copied, (self.block.tobytes(), self._places)

@@ -87,6 +87,14 @@ void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram)
     }
 }
 
+void basis_gather(Basis *b)
+{
+    if (b->head->filled > 0) {
+        basis_add_rows(b->shape, b->rows, (int)b->head->filled, b->head->forgetting, b->gram);
+        b->head->filled = 0;
+    }
+}
+
 /* What the excitation of the operators is judged by later. */
 static void note_start(Basis *b, real x)
 {

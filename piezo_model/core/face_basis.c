@@ -41,16 +41,14 @@ FACE(face_basis_setup)
     }
     basis_setup(memory, s, forgetting);
     b = basis_at(memory);
-    return finish(&a, Py_BuildValue(
-        "{s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn)}",
-        "r", PLACE(memory, b.regressors.operators.r, lanes(s)), "a", PLACE(memory, b.regressors.operators.a, creep_lanes(s)),
-        "low", PLACE(memory, b.regressors.low, zone_lanes(s)), "high", PLACE(memory, b.regressors.high, zone_lanes(s)),
-        "outer_low", PLACE(memory, b.regressors.outer_low, zone_lanes(s)),
-        "outer_high", PLACE(memory, b.regressors.outer_high, zone_lanes(s)),
-        "play", PLACE(memory, b.play, lanes(s)), "creep", PLACE(memory, b.creep, creep_lanes(s)),
-        "start_play", PLACE(memory, b.start_play, lanes(s)), "start_creep", PLACE(memory, b.start_creep, creep_lanes(s)),
-        "span", PLACE(memory, b.span, 4), "rows", PLACE(memory, b.rows, BASIS_BLOCK * row_stride(s)),
-        "gram", PLACE(memory, b.gram, padded(row_width(s)) * row_stride(s)), "counts", PLACE(memory, &b.head->filled, 2)));
+    const Part parts[] = {
+        {"r", b.regressors.operators.r, lanes(s)}, {"a", b.regressors.operators.a, creep_lanes(s)},
+        {"low", b.regressors.low, zone_lanes(s)}, {"high", b.regressors.high, zone_lanes(s)},
+        {"outer_low", b.regressors.outer_low, zone_lanes(s)}, {"outer_high", b.regressors.outer_high, zone_lanes(s)},
+        {"play", b.play, lanes(s)}, {"creep", b.creep, creep_lanes(s)}, {"start_play", b.start_play, lanes(s)},
+        {"start_creep", b.start_creep, creep_lanes(s)}, {"span", b.span, 4}, {"rows", b.rows, BASIS_BLOCK * row_stride(s)},
+        {"gram", b.gram, padded(row_width(s)) * row_stride(s)}, {"counts", &b.head->filled, 2}};
+    return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
 }
 
 FACE(face_basis_clear)

@@ -39,16 +39,14 @@ FACE(face_compensator_setup)
     }
     compensator_setup(memory, s);
     c = compensator_at(memory);
-    return finish(&a, Py_BuildValue(
-        "{s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn)}",
-        "r", PLACE(memory, c.operators.r, lanes(s)), "a", PLACE(memory, c.operators.a, creep_lanes(s)),
-        "low", PLACE(memory, c.S_inverse.low, zone_lanes(s)), "high", PLACE(memory, c.S_inverse.high, zone_lanes(s)),
-        "w_S", PLACE(memory, c.S_inverse.w, zone_lanes(s)), "w_H", PLACE(memory, c.w_H, lanes(s)),
-        "W_H", PLACE(memory, c.W_H, lanes(s)), "w_H_inverse", PLACE(memory, c.w_H_inverse, lanes(s)),
-        "r_H_inverse", PLACE(memory, c.r_H_inverse, lanes(s)), "w_K", PLACE(memory, c.w_K, creep_lanes(s)),
-        "weights", PLACE(memory, c.weights, weight_count(s)), "limits", PLACE(memory, c.limits, sizeof *c.limits / sizeof(real)),
-        "fade", PLACE(memory, c.fade, sizeof *c.fade / sizeof(real)), "play", PLACE(memory, c.play, lanes(s)),
-        "creep", PLACE(memory, c.creep, creep_lanes(s))));
+    const Part parts[] = {
+        {"r", c.operators.r, lanes(s)}, {"a", c.operators.a, creep_lanes(s)}, {"low", c.S_inverse.low, zone_lanes(s)},
+        {"high", c.S_inverse.high, zone_lanes(s)}, {"w_S", c.S_inverse.w, zone_lanes(s)}, {"w_H", c.w_H, lanes(s)},
+        {"W_H", c.W_H, lanes(s)}, {"w_H_inverse", c.w_H_inverse, lanes(s)}, {"r_H_inverse", c.r_H_inverse, lanes(s)},
+        {"w_K", c.w_K, creep_lanes(s)}, {"weights", c.weights, weight_count(s)},
+        {"limits", c.limits, sizeof *c.limits / sizeof(real)}, {"fade", c.fade, sizeof *c.fade / sizeof(real)},
+        {"play", c.play, lanes(s)}, {"creep", c.creep, creep_lanes(s)}};
+    return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
 }
 
 /* Both ways to take weights. */

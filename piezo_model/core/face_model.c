@@ -119,11 +119,11 @@ FACE(face_model_setup)
         return finish(&a, NULL);
     }
     m = model_setup(memory, s, offset);
-    return finish(&a, Py_BuildValue("{s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn),s:(nn)}",
-                                    "r", PLACE(memory, m.operators.r, lanes(s)), "a", PLACE(memory, m.operators.a, creep_lanes(s)),
-                                    "low", PLACE(memory, m.S.low, zone_lanes(s)), "high", PLACE(memory, m.S.high, zone_lanes(s)),
-                                    "w_S", PLACE(memory, m.S.w, zone_lanes(s)), "w_H", PLACE(memory, m.w_H, lanes(s)),
-                                    "w_K", PLACE(memory, m.w_K, creep_lanes(s))));
+    const Part parts[] = {
+        {"r", m.operators.r, lanes(s)}, {"a", m.operators.a, creep_lanes(s)}, {"low", m.S.low, zone_lanes(s)},
+        {"high", m.S.high, zone_lanes(s)}, {"w_S", m.S.w, zone_lanes(s)}, {"w_H", m.w_H, lanes(s)},
+        {"w_K", m.w_K, creep_lanes(s)}};
+    return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
 }
 
 FACE(face_model_simulate)

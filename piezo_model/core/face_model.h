@@ -27,6 +27,17 @@ FACE(face_compensator_hand_over);
 FACE(face_compensator_now);
 FACE(face_compensator_step);
 FACE(face_compensator_run);
+FACE(face_cyclic_bytes);
+FACE(face_cyclic_setup);
+FACE(face_cyclic_enter);
+FACE(face_cyclic_observe);
+FACE(face_cyclic_drive);
+FACE(face_continuous_bytes);
+FACE(face_continuous_setup);
+FACE(face_continuous_begin_anew);
+FACE(face_continuous_observe);
+FACE(face_continuous_drive);
+FACE(face_guard_judge);
 /* Simulated actuators and stages, each beside its Python file. */
 FACE(face_log_creep);
 FACE(face_bouc_wen);
@@ -39,9 +50,5 @@ FACE(face_structure_response);
 /* n, zones, rates and offset, four arguments. */
 Shape take_shape(Arguments *a);
 enum { MOST_OPERATORS = 10000 };
-
-/* Where a vector stands in its state, bytes, and its length: two arguments for "(nn)" of Py_BuildValue. */
-#define PLACE(state, vector, length) \
-    (Py_ssize_t)((const char *)(const void *)(vector) - (const char *)(const void *)(state)), (Py_ssize_t)(length)
 
 #endif

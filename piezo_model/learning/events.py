@@ -1,11 +1,11 @@
-"""What a self-learning compensator writes into its log, and the words that its compiled and its other half share."""
+"""What a self-learning compensator writes into its log, and the words that the core and Python share."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from enum import IntFlag, StrEnum
 from typing import Literal
 
 LOG_LENGTH = 1000
@@ -22,26 +22,23 @@ class Phase(StrEnum):
 
 PHASES = tuple(Phase)
 RESET, BUILD, LEARN = range(3)
-"""The same as numbers, for compiled code."""
+"""The same as the core has them."""
 
 
-class Signal(IntEnum):
-    """Why compiled code came back before the end of a chunk."""
+class Brought(IntFlag):
+    """What a sample brought, as of ``core/learning.h``."""
 
-    NONE = 0
-    OVER = 1
-    """The time of the phase is over."""
-    FAULT = 2
-    """The sensor cannot be trusted."""
-    CHECKPOINT = 3
-    """Time to note a state to fall back on."""
-    FIRST_HAND_OVER = 4
-    """The first one since learning began anew."""
-    FAILED = 5
-    """The recursive solver gave up."""
-
-
-NONE, OVER, FAULT, CHECKPOINT, FIRST_HAND_OVER, FAILED = (int(signal) for signal in Signal)
+    TAKE_OVER = 1
+    SENSOR_FAULT = 2
+    PROGRAM = 4
+    UNEXCITED = 8
+    NOT_A_NUMBER = 16
+    WORSE = 32
+    CYCLE_OVER = 64
+    FIRST = 128
+    LOOK = 256
+    OTHER_SENSOR = 512
+    NO_OPTIMUM = 1024
 
 
 @dataclass(frozen=True)

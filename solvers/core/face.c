@@ -158,12 +158,17 @@ Py_ssize_t taken_length(const Arguments *a) { return a->failed ? 0 : a->views[a-
 
 void begin_long_if(Arguments *a, int long_enough) { a->waiting = long_enough ? PyEval_SaveThread() : NULL; }
 
-static void give_back(Arguments *a)
+void end_long(Arguments *a)
 {
     if (a->waiting != NULL) {
         PyEval_RestoreThread(a->waiting);
         a->waiting = NULL;
     }
+}
+
+static void give_back(Arguments *a)
+{
+    end_long(a);
     while (a->arrays > 0) {
         --a->arrays;
         PyBuffer_Release(&a->views[a->arrays]);
@@ -186,4 +191,16 @@ PyObject *finish_number(Arguments *a, double result)
 {
     give_back(a);
     return a->failed ? NULL : PyFloat_FromDouble(result);
+}
+
+PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, int count)
+{
+    PyObject *const all = a->failed ? NULL : PyDict_New();
+    for (int i = 0; all != NULL && i < count; ++i) {
+        const Py_ssize_t at = (const char *)parts[i].first - (const char *)state;
+        PyObject *const place = Py_BuildValue("(nn)", at, parts[i].length);
+        a->failed = a->failed || place == NULL || PyDict_SetItemString(all, parts[i].name, place) != 0;
+        Py_DecRef(place);
+    }
+    return finish(a, all);
 }

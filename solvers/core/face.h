@@ -57,9 +57,20 @@ Py_ssize_t taken_length(const Arguments *a);
 
 /* Between these two the interpreter may run other threads; for what takes longer than some microseconds. */
 void begin_long_if(Arguments *a, int long_enough);
+void end_long(Arguments *a);
 /* Give the arrays back and return `result`; NULL with Python's error where an argument did not fit. */
 PyObject *finish(Arguments *a, PyObject *result);
 PyObject *finish_integer(Arguments *a, long long result);
 PyObject *finish_number(Arguments *a, double result);
+
+/* A part of a state that Python has a view of: where it begins and how many numbers of eight bytes it has. */
+typedef struct {
+    const char *name;
+    const void *first;
+    Py_ssize_t length;
+} Part;
+
+/* The same with a dictionary of where each part of a state stands, in bytes from its beginning, and its length. */
+PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, int count);
 
 #endif

@@ -8,11 +8,13 @@
 
 enum { SWEPT_VECTORS = 17 };
 
-static int64_t cold_at(int d)
+int64_t swept_kept_bytes(int d)
 {
     const int64_t ld = padded(d + 1);
-    return HEAD_BYTES + (ld * (SWEPT_VECTORS + 2 * ld + d + 1)) * (int64_t)sizeof(real) + ld * 8;
+    return HEAD_BYTES + ld * (SWEPT_VECTORS + 2 * ld) * (int64_t)sizeof(real) + ld * 8;
 }
+
+static int64_t cold_at(int d) { return swept_kept_bytes(d) + padded(d + 1) * (d + 1) * (int64_t)sizeof(real); }
 
 int64_t swept_bytes(int d) { return (cold_at(d) + 63) / 64 * 64 + box_bytes(d); }
 

@@ -106,10 +106,12 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(m
 def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
     path, learner = tmp_path / "learner.json", fresh("cyclic", "box_active_set")
     memory = learner.memory()
-    memory["learning"]["basis"]["gram"] = np.zeros(3)
-    compensator_file.write(path, learner.settings.to_dict(), memory)
-    with pytest.raises(ModelError, match="does not hold a whole compensator: the memory of the data basis has no array 'gram'"):
-        SelfLearningCompensator.load(path)
+    other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").memory()["learning"]["core"]
+    for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
+        memory["learning"]["core"] = core
+        compensator_file.write(path, learner.settings.to_dict(), memory)
+        with pytest.raises(ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"):
+            SelfLearningCompensator.load(path)
 
 
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
@@ -127,7 +129,7 @@ def test_a_saved_file_says_what_it_is_and_takes_no_other_options(tmp_path: Path)
     path = tmp_path / "learner.json"
     fresh("cyclic", "box_active_set").save(path)
     content = json.loads(path.read_text())
-    assert (content["format"], content["version"]) == ("piezobench-learner", 2)
+    assert (content["format"], content["version"]) == ("piezobench-learner", 3)
     with pytest.raises(ValueError, match="goes on with the settings that it was saved with, so mode must not be given"):
         SelfLearningCompensator.load(path, mode="continuous")
 

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from piezo_model.learning.sensor_guard import FROZEN_DRIVE, JUMP, PLAUSIBLE, SensorGuard, Verdict
+from piezo_model.learning.sensor_guard import SensorGuard, Verdict
+
+FROZEN_DRIVE, JUMP, PLAUSIBLE = 0.02, 0.25, 4.0
 
 RAMP = np.linspace(-0.5, 0.5, 200)
 

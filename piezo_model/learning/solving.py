@@ -1,0 +1,51 @@
+"""The program of a learning phase solved at once by any registered solver, while the machine runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import solvers
+
+if TYPE_CHECKING:
+    from qpsolvers import Problem
+
+Vector = NDArray[np.float64]
+STEPPED = "projected_difference"
+"""The solver that takes a step a sample, in the core."""
+
+
+def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector) -> tuple[Vector, float]:
+    """Answer (d,) of a solver, NaN where it found none, and the seconds that it took; warm from ``start`` where it can.
+
+    Examples
+    --------
+    >>> from qpsolvers import Problem
+    >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1))[0].tolist()
+    [2.0]
+    """
+    engine = solvers.get(solver, **{"tier": "high", **(options or {})})
+    engine.setup(program)
+    begin = perf_counter()
+    found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
+    spent = perf_counter() - begin
+    return (found if engine.solution().found else np.full_like(found, np.nan)), spent
+
+
+def step_ratio(options: Mapping[str, Any] | None) -> float:
+    """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot be."""
+    from qpsolvers import Problem
+
+    engine = solvers.get(STEPPED, **{"tier": "high", **(options or {})})
+    engine.setup(Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
+    return float(engine.settings.get("step_ratio", 0.5))
+
+
+def samples(seconds: float, sample_time: float) -> int:
+    """Sampling periods that a solve takes, at least one."""
+    return max(1, math.ceil(seconds / sample_time))
