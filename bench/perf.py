@@ -13,7 +13,6 @@ from time import perf_counter_ns
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 import solvers
@@ -21,7 +20,7 @@ from bench.problems import find
 from bench.report.console import console, print_table
 from bench.worst_case import HEADINGS, worst_case_figures
 from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.learning.continuous_learning import PROXIMAL, prior
+from piezo_model.learning.continuous_learning import PROXIMAL
 from piezo_model.learning.events import Phase
 from piezo_model.learning.sensor_guard import SensorGuard
 from piezo_model.operators import creep, dead_zone, play
@@ -88,7 +87,7 @@ def data_basis_figures() -> list[tuple[str, str, str, str]]:
 
 
 def projected_step_figures() -> list[tuple[str, str, str, str]]:
-    """One step of the paper's difference equation at d = 18, beside a plain compiled loop and NumPy."""
+    """One step of the paper's difference equation at d = 18, beside NumPy."""
     steps = 10_000
     problem = next(find("paper")().problems()).forms["scaled"].qp
     P, q, lb = problem.P, problem.q, problem.lb
@@ -96,11 +95,10 @@ def projected_step_figures() -> list[tuple[str, str, str, str]]:
     solver.setup(problem)
     ours = min(solver.time_kernel(50)[1]) / steps
     eta = 0.5 * limit(P)
-    plain = fastest(lambda: plain_steps(P, q, lb, eta, steps), steps)
     theirs = fastest(lambda: numpy_steps(P, q, lb, eta, 1000), 1000, repeats=5)
     if not np.allclose(solver.solve(), numpy_steps(P, q, lb, eta, steps), rtol=1e-9, atol=1e-12):
         raise AssertionError("the two iterations differ, so the figures would compare different things")
-    return [_figure("projected step, d = 18", ours, theirs), _figure("  as a plain compiled loop", plain, None)]
+    return [_figure("projected step, d = 18", ours, theirs)]
 
 
 def learning_loop_figures() -> list[tuple[str, str, str, str]]:
@@ -150,21 +148,6 @@ def recursive_rows(s: ModelStructure, x: Vector, y: Vector) -> Matrix:
         creeps += creep(x, r, np.full(r.size, rate), s.sample_time, -1.0 + r)[0]
     rows: Matrix = np.column_stack([np.column_stack([plays[:, 1:], -dead_zone(y, r_S), creeps]) @ T, x])
     return rows
-
-
-@njit(cache=True)
-def plain_steps(P: Matrix, q: Vector, lb: Vector, eta: float, steps: int) -> Vector:
-    """The difference equation as the textbook has it, bounds from below only."""
-    w = np.maximum(np.zeros(q.size), lb)
-    new = w.copy()
-    for _ in range(steps):
-        for i in range(q.size):
-            gradient = q[i]
-            for j in range(q.size):
-                gradient += P[i, j] * w[j]
-            new[i] = max(w[i] - eta * gradient, lb[i])
-        w, new = new, w
-    return w
 
 
 def numpy_steps(P: Matrix, q: Vector, lb: Vector, eta: float, steps: int) -> Vector:

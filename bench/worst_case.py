@@ -9,7 +9,6 @@ else: what it takes longer is the machine's floor, over the same time.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 import solvers
@@ -17,7 +16,7 @@ from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.races.stream.stream_problem import make
 from bench.timing.schedule import PERIOD_NS
-from solvers.nanoclock import monotonic_ns
+from solvers.core import face
 
 Nanoseconds = NDArray[np.int64]
 
@@ -27,17 +26,6 @@ STREAM = 4_000
 ORDERS = ((5, 3), (20, 9))
 """(n, m) of the models, for d = 18 and 60."""
 HEADINGS = ("a million samples, ns", "p50", "p99", "p99.9", "p99.99", "max", "above 125 µs")
-
-
-@njit(cache=True)
-def wait(nanoseconds: Nanoseconds, lasting: int) -> None:
-    """Take as many steps as there is room for, each of which waits until ``lasting`` nanoseconds are over."""
-    for k in range(nanoseconds.size):
-        start = monotonic_ns()
-        now = monotonic_ns()
-        while now - start < lasting:
-            now = monotonic_ns()
-        nanoseconds[k] = now - start
 
 
 def solver_steps(n: int, m: int, samples: int) -> tuple[int, Nanoseconds]:
@@ -64,7 +52,6 @@ def worst_case_figures(samples: int = SAMPLES) -> list[tuple[str, ...]]:
     for n, m in ORDERS:
         d, taken = solver_steps(n, m, samples)
         floor = np.zeros(samples, dtype=np.int64)
-        wait(floor[:1], 1)
-        wait(floor, int(np.median(taken)))
+        face.time_nothing(int(np.median(taken)), floor)
         table += [line(f"recursive solver, d = {d}", taken), line("  a null step as long, the machine's floor", floor)]
     return table

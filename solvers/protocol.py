@@ -182,7 +182,7 @@ class Solver(ABC):
         -------
         answers : array (N, d)
         nanoseconds : array (N,)
-            What the solver's part of each row took: everything but :func:`solvers.kernels.forgetting.absorb`, unless
+            What the solver's part of each row took: everything but :func:`solvers.forgetting.absorb`, unless
             that is the solver's own work.
         """
         raise Unsupported(f"{self.name} has no compiled loop over rows")

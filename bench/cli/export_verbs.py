@@ -11,15 +11,12 @@ from typing import Annotated, Any, cast
 import typer
 
 from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
-from bench.export.settings import ExportError, ExportSettings
+from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel, ModelError
 from piezo_model.deployment import FORMAT, Deployment
-
-SOLVERS = ("projected_difference", "recursive_active_set")
-
 
 class PrecisionOption(StrEnum):
     """Numbers of the exported C."""
@@ -39,13 +36,15 @@ class SolverOption(StrEnum):
     """What learns in the exported C."""
 
     projected_difference = "projected_difference"
+    accelerated_projection = "accelerated_projection"
+    box_active_set = "box_active_set"
     recursive_active_set = "recursive_active_set"
 
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model written by identify, or compensator written by deploy.")]
 PartChoice = Annotated[PartOption, typer.Option("--part", help="Compensation alone, or the whole self-learning loop.")]
-SolverChoice = Annotated[SolverOption | None, typer.Option("--solver", help="Of the learning: one projected step a sample in "
-                                                           "cycles, or the exact optimum after every sample.")]
+SolverChoice = Annotated[SolverOption | None, typer.Option("--solver", help="Of the learning: a solver that works in cycles, or "
+                                                           "recursive_active_set, the exact optimum after every sample.")]
 PrecisionChoice = Annotated[PrecisionOption, typer.Option("--precision", help="Of signals, states and model.")]
 Low = Annotated[float | None, typer.Option("--low", help="Lowest drive; the file's or the model's range by default.")]
 High = Annotated[float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")]
@@ -64,14 +63,14 @@ def export_c_verb(
     name: Annotated[str, typer.Option(help="Prefix of files, functions and types.")] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
-    from bench.export.c_source import render
+    from bench.export.c_source import export
     from bench.export.folder import write_folder
 
     loaded, settings = _opened(model, low, high, rate_limit, solver, precision=precision.value, part=part.value, name=name)
-    files = render(loaded, settings, f"Compensator of {model.name}")
+    files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
     what = {"compensator": "the compensator", "learning": f"the self-learning loop with {settings.solver}"}[settings.part]
-    console.print(f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; README.md says memory and operations.")
+    console.print(f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; README.md says what is where and its memory.")
     console.print(f"Source: {folder}; make -C {folder} run builds and runs the example.")
 
 
@@ -175,10 +174,7 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
         deployed = Deployment.load(path)
         model, limits = deployed.model, deployed.x_limits
         if chosen is None and options.get("part") == "learning":
-            chosen = deployed.solver
-            if chosen not in SOLVERS:
-                raise ExportError(f"{path}: learns with {chosen}, which has no C export; name one with --solver: "
-                                  f"{' or '.join(SOLVERS)}")
+            chosen = _of_ours(deployed, path)
     else:
         model = HysteresisCreepModel.load(path)
     s = model.structure
@@ -187,6 +183,16 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
     if rate_limit is not None and not 0.0 < rate_limit < math.inf:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     return model, ExportSettings(solver=cast(Any, chosen or SOLVERS[0]), x_limits=limits, rate_limit=rate_limit, **options)
+
+
+def _of_ours(deployed: Deployment, path: Path) -> str:
+    """The exported solver of a deployed one; the recursive one, once a cycle, gives the optimum of the exact one."""
+    if deployed.mode == "continuous":
+        return SOLVERS[-1]
+    if deployed.solver in SOLVERS:
+        return "box_active_set" if deployed.solver == SOLVERS[-1] else deployed.solver
+    raise ExportError(f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives the exact optimum, "
+                      "--solver projected_difference spreads its work over the learning phase")
 
 
 def _format(path: Path) -> str | None:

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.export.c_source import FILES, render
+from bench.export.c_source import export, render
+from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import HysteresisCreepModel
 
@@ -37,15 +38,19 @@ def tool(*names: str, package: str = "") -> str:
 
 def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSettings) -> None:
     """Write the export and the programs that measure it."""
-    for name, text in render(model, settings, files={**FILES, **PROGRAMS}).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    write_files(folder, {**export(model, settings), **render(model, settings, files=PROGRAMS)})
+
+
+def units(folder: Path) -> list[str]:
+    """What is to be compiled beside a program."""
+    return sorted(path.name for path in folder.glob("piezo*.c"))
 
 
 def build(folder: Path, program: str, compiler: str, flags: Sequence[str]) -> Path:
     """Build ``program`` (replay or realtime) in a folder of :func:`write_sources`; ExportError where that fails."""
     target = folder / f"{program}-{Path(compiler).name}{''.join(flags).replace('/', '_').replace('=', '_')}"[:200]
     posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ()
-    done = subprocess.run([compiler, "-std=c99", *posix, *flags, f"{program}.c", "piezo.c", "-o", str(target), "-lm"],
+    done = subprocess.run([compiler, "-std=c99", *posix, *flags, f"{program}.c", *units(folder), "-o", str(target), "-lm"],
                           cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])

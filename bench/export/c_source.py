@@ -1,6 +1,6 @@
-"""A model as C99 source: one header, one source, one parameter file, and what it takes to build and understand them.
+"""A model as C99 source: the files of the core as they are, an interface, and what is data: parameters, an example, a makefile.
 
-The templates are C with the prefix ``piezo``; another name is put in its place after rendering.
+The interface and the templates have the prefix ``piezo``; another name is put in its place.
 """
 
 from __future__ import annotations
@@ -8,21 +8,36 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import piezo_model.core
 from bench.export import memory, numbers
-from bench.export.settings import ExportSettings
+from bench.export.settings import LEARNS, SOLVERS, ExportError, ExportSettings
 from bench.rendering import c_templates
 from piezo_model import HysteresisCreepModel
-from piezo_model.learning import sensor_guard
+from piezo_model.inverse_model import all_weights
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.regressors import RegressorArrays
+from solvers.core.compile_core import folders as core_folders
 
-FILES = {"piezo_parameters.h": "parameters.h.jinja", "piezo.h": "header.h.jinja", "piezo.c": "source.c.jinja",
-         "main.c": "main.c.jinja", "Makefile": "Makefile.jinja", "CMakeLists.txt": "CMakeLists.txt.jinja",
-         "README.md": "README.md.jinja"}
+FILES = {"piezo_parameters.h": "parameters.h.jinja", "main.c": "main.c.jinja", "Makefile": "Makefile.jinja",
+         "CMakeLists.txt": "CMakeLists.txt.jinja", "README.md": "README.md.jinja"}
+"""What is rendered."""
+INTERFACE = Path(__file__).parent / "c"
+SHARED = ("vec8.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
+BOX = ("status.h", "product.h", "box.h", *(f"box_{part}.c" for part in ("data", "dual", "exchange", "factor", "inverse", "pivoting")))
+CYCLIC = ("status.h", "product.h", "box.h", "cone.h", "descent.h", "descent.c", "eigenvalue.h", "eigenvalue.c", "learning.h",
+          "sensor_guard.h", "regressors.h", "data_basis.h", "data_basis.c", "cyclic.h", "cyclic.c")
+CORE = {
+    "projected_difference": CYCLIC, "accelerated_projection": (*CYCLIC, "acceleration.c"),
+    "box_active_set": (*CYCLIC, *BOX),
+    "recursive_active_set": (*BOX, "swept.h", *(f"swept_{part}.c" for part in ("exchange", "gram", "refresh", "rows")), "learning.h",
+                             "sensor_guard.h", "regressors.h", "continuous.h", "continuous.c"),
+}
+"""The core's files that a learner needs."""
 FLOAT_BOUND = 1e-5
 """Largest difference of the float from the double version in unit amplitudes of the drive, over a million samples."""
 
@@ -43,22 +58,43 @@ def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
         Name of each file and its template.
     more : mapping, optional
         What else the templates need.
+    """
+    settings = settings or ExportSettings()
+    data = {**known(model, settings, title), **(more or {})}
+    try:
+        return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
+                for name, template in files.items()}
+    except numbers.Unfit as error:
+        raise ExportError(str(error)) from None
+
+
+def sources(settings: ExportSettings) -> dict[str, str]:
+    """Text of the files that are the same for every model: the interface, and the core in a folder of its own."""
+    interface = ("piezo.h", "piezo.c", *(("piezo_learner.h", "piezo_learner.c") if settings.learning else ()))
+    core = (*SHARED, *(CORE[settings.solver] if settings.learning else ()))
+    folders = core_folders(Path(piezo_model.core.__file__).parents[1])
+    return {**{_named(name, settings.name): _named((INTERFACE / name).read_text(encoding="utf-8"), settings.name)
+               for name in interface},
+            **{f"core/{name}": next(folder / name for folder in folders if (folder / name).exists()).read_text(encoding="utf-8")
+               for name in dict.fromkeys(core)}}
+
+
+def export(model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator") -> dict[str, str]:
+    """Return the text of each file of a folder that builds; names as of :func:`render` and :func:`sources`.
 
     Examples
     --------
     >>> from piezo_model import ModelStructure
     >>> structure = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(),
     ...                                        sample_time=1e-3)
-    >>> files = render(HysteresisCreepModel.from_weights(structure, [1.0, 2.0]), ExportSettings(name="axis"))
-    >>> sorted(files)
+    >>> files = export(HysteresisCreepModel.from_weights(structure, [1.0, 2.0]), ExportSettings(name="axis"))
+    >>> sorted(name for name in files if not name.startswith("core"))
     ['CMakeLists.txt', 'Makefile', 'README.md', 'axis.c', 'axis.h', 'axis_parameters.h', 'main.c']
     >>> "axis_step(axis_axis *axis" in files["axis.h"]
     True
     """
     settings = settings or ExportSettings()
-    data = {**known(model, settings, title), **(more or {})}
-    return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
-            for name, template in files.items()}
+    return {**sources(settings), **render(model, settings, title)}
 
 
 def _named(text: str, name: str) -> str:
@@ -74,24 +110,17 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)
     outer = RegressorArrays.of(s, "slope").outer
-    number = partial(numbers.literal, precision=precision)
+    kind = SOLVERS.index(settings.solver) if settings.learning else 0
     return {
         "title": title, "model": model, "s": s, "settings": settings.numbers(s), "precision": precision,
-        "learning": settings.learning, "cyclic": settings.cyclic,
-        "number": number, "wide": _constant, "double": numbers.literal,
-        "list": partial(numbers.initialiser, precision=precision),
+        "learning": settings.learning, "cyclic": settings.cyclic, "learning_kind": kind + 1 if settings.learning else 0,
+        "what_learns": LEARNS[kind], "solver": settings.solver,
+        "number": partial(numbers.literal, precision=precision), "double": numbers.literal,
+        "list": partial(numbers.initialiser, precision=precision), "weights": all_weights(model),
         "r_H": np.array((0.0, *s.play_thresholds)), "gains": creep_gain(s.creep_rates, s.sample_time),
         "zone_low": low, "zone_high": high, "outer_low": outer.low[:s.dead_zones], "outer_high": outer.high[:s.dead_zones],
-        "guard": {"plausible": sensor_guard.PLAUSIBLE, "frozen_drive": sensor_guard.FROZEN_DRIVE,
-                  "jump": sensor_guard.JUMP, "following": sensor_guard.FOLLOWING},
-        "period": _period(s.sample_time), "float_bound": f"{FLOAT_BOUND:g}",
-        "memory": memory.figures(s, settings), "operations": numbers.operations(s, settings.learning, settings.cyclic),
-        "special": 4 * s.d**2 + 11 * s.d if settings.cyclic else s.d * (s.d + 1)**2 + 12 * s.d * (s.d + 1),
+        "period": _period(s.sample_time), "float_bound": f"{FLOAT_BOUND:g}", "memory": memory.figures(s, settings),
     }
-
-
-def _constant(value: float) -> str:
-    return numbers.literal(value)
 
 
 def _period(seconds: float) -> str:

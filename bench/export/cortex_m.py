@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.export.building import EXACT, WARNINGS, tool
-from bench.export.c_source import FILES, render
+from bench.export.building import EXACT, WARNINGS, tool, units
+from bench.export.c_source import export, render
+from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import HysteresisCreepModel
 
@@ -25,7 +26,7 @@ Vector = NDArray[np.float64]
 
 COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-arm"
 PACKAGES = {COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi", EMULATOR: "qemu-user"}
-FLAGS = ("-std=c99", "-O2", "-mthumb", "-mfloat-abi=hard", "-DPIEZO_BLOCK=1", "-ffunction-sections", "-fdata-sections",
+FLAGS = ("-std=c99", "-O2", "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections",
          "-nostartfiles", "--specs=nosys.specs", "-Wl,--gc-sections")
 ENOUGH, GIVE_UP = 1_500_000, 5_000_000
 """Instructions to list, two or three seconds, and most of them before the first step."""
@@ -70,10 +71,9 @@ class ControllerCost:
 def cross_build(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core) -> Path:
     """Build the image in a folder, without a warning; ExportError where there is no compiler or it fails."""
     compiler = tool(COMPILER, package=PACKAGES[COMPILER])
-    for name, text in render(model, settings, files={**FILES, "controller.c": "controller.c.jinja"}).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    write_files(folder, {**export(model, settings), **render(model, settings, files={"controller.c": "controller.c.jinja"})})
     image = folder / f"{core.name}.elf"
-    done = subprocess.run([compiler, *WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", f"{settings.name}.c", "-o", str(image),
+    done = subprocess.run([compiler, *WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", *units(folder), "-o", str(image),
                            "-lm"], cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise ExportError(f"{compiler} does not build the export for {core.name}: {done.stderr.strip()[:300]}")

@@ -20,7 +20,8 @@ from typing import Any
 from markupsafe import Markup
 
 from bench.export.building import EXACT, WARNINGS, tool
-from bench.export.c_source import known, render
+from bench.export.c_source import known, render, sources
+from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
@@ -87,17 +88,16 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         raise ExportError(f"there is an FMU for FMI 2 and 3, not {fmi}")
     name = settings.name
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
-    files = {f"{name}_parameters.h": "parameters.h.jinja", f"{name}.h": "header.h.jinja", f"{name}.c": "source.c.jinja"}
-    sources = render(model, settings, title, {key.replace(name, "piezo"): value for key, value in files.items()})
-    token = f"{{{uuid.uuid5(NAMESPACE, ''.join(sources.values()) + str(fmi))}}}"
+    code = {**sources(settings), **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"})}
+    token = f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()) + str(fmi))}}}"
     about = _about(model.structure, settings, token, fmi)
-    sources |= render(model, settings, title, {f"fmi{fmi}.c": f"fmi{fmi}.c.jinja"}, about)
+    code |= render(model, settings, title, {f"fmi{fmi}.c": f"fmi{fmi}.c.jinja"}, about)
     data, templates = {**known(model, settings, title), **about}, xml_templates("bench.export")
-    contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in sources.items()}
+    contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in code.items()}
     contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(data)
     if fmi == 3:
         contents["sources/buildDescription.xml"] = templates.get_template("buildDescription.xml.jinja").render(data)
-    contents[f"binaries/{_platform(fmi)}/{name}.so"] = _library(sources, name, fmi)
+    contents[f"binaries/{_platform(fmi)}/{name}.so"] = _library(code, name, fmi)
     with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, content in contents.items():
             archive.writestr(path, content)
@@ -122,11 +122,10 @@ def _platform(fmi: int) -> str:
     return "linux64" if fmi == 2 and machine == "x86_64" else f"{machine}-linux"
 
 
-def _library(sources: dict[str, str], name: str, fmi: int) -> bytes:
+def _library(code: dict[str, str], name: str, fmi: int) -> bytes:
     compiler = tool("cc", "gcc", "clang")
     with tempfile.TemporaryDirectory(prefix="piezobench-fmu-") as folder:
-        for path, text in sources.items():
-            (Path(folder) / path).write_text(text, encoding="utf-8")
+        write_files(Path(folder), code)
         done = subprocess.run([compiler, *WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared", f"{name}.c",
                                f"fmi{fmi}.c", "-o", "library.so", "-lm"], cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:

@@ -40,11 +40,17 @@ def write_folder(target: Path, files: Mapping[str, str]) -> None:
         raise ExportError(f"{target}: cannot be written ({error.strerror or error})") from None
 
 
+def write_files(folder: Path, files: Mapping[str, str]) -> None:
+    """Write text files into a folder that is there, some into folders in it."""
+    for name, text in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
 def _write_beside(target: Path, files: Mapping[str, str]) -> None:
     temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     try:
-        for name, text in files.items():
-            (temporary / name).write_text(text, encoding="utf-8")
+        write_files(temporary, files)
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o777 & ~mask)  # mkdtemp is private; an ordinary new folder is not

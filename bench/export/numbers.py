@@ -1,7 +1,4 @@
-"""Numbers as C writes them, and how many operations an exported compensator does with them.
-
-Counts follow from the orders alone: n thresholds above zero, z dead zones, ρ creep rates, d unknowns.
-"""
+"""Numbers as C writes them."""
 
 from __future__ import annotations
 
@@ -9,25 +6,31 @@ import math
 from collections.abc import Iterable
 from typing import Literal
 
-from piezo_model.structure import ModelStructure
-
 Precision = Literal["double", "float"]
+LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
+"""Of the normal numbers of single precision."""
+
+
+class Unfit(ValueError):
+    """A constant that the precision cannot hold; the message is one sentence."""
 
 
 def literal(value: float, precision: Precision = "double") -> str:
-    """A constant of that precision that reads back as the nearest number.
+    """A constant that reads back as the number; Unfit where single precision would make it infinite or lose its digits.
 
     Examples
     --------
-    >>> literal(0.1), literal(2.0, "float"), literal(-math.inf)
-    ('0.1', '2.0f', '-INFINITY')
+    >>> literal(0.1), literal(-math.inf)
+    ('0.1', '-INFINITY')
     """
     value = float(value)
     if math.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
     if math.isnan(value):
         raise ValueError("NaN is no constant")
-    return repr(value) + ("f" if precision == "float" else "")
+    if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
+        raise Unfit(f"the constant {value:g} does not fit into single precision; export it with --precision double")
+    return repr(value)
 
 
 def initialiser(values: Iterable[float], precision: Precision = "double") -> str:
@@ -39,20 +42,3 @@ def initialiser(values: Iterable[float], precision: Precision = "double") -> str
     '{ 0.0, 0.5 }'
     """
     return "{ " + ", ".join(literal(value, precision) for value in values) + " }"
-
-
-def operations(s: ModelStructure, learning: bool, cyclic: bool) -> dict[str, tuple[int, int, int]]:
-    """Most multiplications, additions and comparisons of one ordinary sample, by part of the work; learning with its guard."""
-    n, z, rates, d = s.n + 1, s.dead_zones, len(s.creep_rates), s.d
-    counts = {"compensation": (z + n * (3 + bool(rates) + rates) + 4, 4 * z + n * (8 + 5 * rates) + 6,
-                               2 * z + n * (4 + 2 * rates) + 8)}
-    if learning:
-        row = 9 * z + 4, 4 * z + 6
-        triangle = (d + 1) * (d + 2) // 2
-        if cyclic:
-            counts["data basis"] = (triangle + 2, triangle + row[0], row[1] + 8)
-            counts["projected step"] = (d * d + 2, d * d + 2 * d + 5, d + 9)
-        else:
-            square = (d + 1) ** 2
-            counts["exact optimum"] = (2 * square + triangle + 8 * d + 16, 2 * square + triangle + row[0] + 4 * d, row[1] + d + 12)
-    return counts

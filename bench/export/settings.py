@@ -1,30 +1,28 @@
 """What an export is asked for, and the numbers that follow from it.
 
-Learning has the two ways of `piezo_model.self_learning`: *cyclic* with one step of the projected difference equation a
-sample (solver ``projected_difference``), and *continuous* with the exact optimum after every sample (solver
-``recursive_active_set``).
+Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation a sample or
+with a solver that answers once the data are there, and *continuous* with the exact optimum after every sample.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from bench.export.numbers import Precision
 from bench.rendering import c_identifier
-from piezo_model.identification_problem import UNDETERMINED
-from piezo_model.learning.continuous_learning import BELIEF, CHECKPOINT_S, PROXIMAL, TOLERANCE, TRUST
-from piezo_model.learning.cyclic_learning import MIN_EXCITATION, NARROW, RECALL, SHRINKING, SMALLEST
+from piezo_model.learning.continuous_learning import CHECKPOINT_S, MOST_EXCHANGES, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
-from solvers.kernels.swept_exchange import LIMIT
-from solvers.kernels.swept_gram import NEGLIGIBLE, REFRESH
-from solvers.kernels.swept_refresh import FLOOR, RESOLVED, SETTLED, SPENT, TOLERATED, UNSEEN
-from solvers.kernels.swept_rows import GROWTH, MOST_SURPRISE
+from solvers import Tier
 
 Part = Literal["compensator", "learning"]
-StreamSolver = Literal["projected_difference", "recursive_active_set"]
+LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
+SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
+"""Those that can be exported; the last one is that of continuous operation."""
+LEARNS = ("one projected step a sample, in cycles", "accelerated projected steps at the end of each building phase",
+          "the exact optimum at the end of each building phase", "the exact optimum after every sample")
 
 
 class ExportError(ValueError):
@@ -41,7 +39,7 @@ class ExportSettings:
         Of signals, states and the model; sums of learning are double in either.
     part : "compensator" or "learning"
         Compensation alone, or the whole self-learning loop.
-    solver : "projected_difference" or "recursive_active_set"
+    solver : one of SOLVERS
         Of the learning.
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the model's range by default.
@@ -60,7 +58,7 @@ class ExportSettings:
 
     precision: Precision = "double"
     part: Part = "compensator"
-    solver: StreamSolver = "projected_difference"
+    solver: LoopSolver = "projected_difference"
     x_limits: tuple[float, float] | None = None
     rate_limit: float | None = None
     reset_s: float = LearningSettings.reset_s
@@ -96,7 +94,7 @@ class ExportSettings:
     @property
     def cyclic(self) -> bool:
         """Whether it learns in cycles."""
-        return self.learning and self.solver == "projected_difference"
+        return self.learning and self.solver != SOLVERS[-1]
 
     def numbers(self, s: ModelStructure) -> dict[str, float]:
         """What the parameter file needs, in samples and unit amplitudes where the C has those."""
@@ -108,15 +106,10 @@ class ExportSettings:
         return {
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s),
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
-            "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "belief": BELIEF, "step_ratio": 0.5,
-            "undetermined": UNDETERMINED, "min_excitation": MIN_EXCITATION, "recall": RECALL, "narrow": NARROW,
-            "shrinking": SHRINKING, "smallest": SMALLEST,
-            "smoothing": 1.0 / samples(1.0), "trust": TRUST, "tolerance": TOLERANCE,
+            "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
+            "steps": 100_000, "tolerance": float(Tier.HIGH.tolerance), "smoothing": 1.0 / samples(1.0),
             "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s),
-            "learn_samples": samples(self.learn_s),
-            "interval": interval, "checkpoint_intervals": max(1, samples(CHECKPOINT_S) // interval),
-            "half_window": samples(self.memory_s), "row_weight": 1.0 - forgetting, "root_growth": forgetting**-0.5,
-            "refresh": REFRESH, "negligible": NEGLIGIBLE, "exchange_limit": LIMIT, "growth": GROWTH,
-            "most_surprise": MOST_SURPRISE, "pivot": 1e-15 * s.d, "floor": FLOOR, "unseen": UNSEEN, "spent": SPENT,
-            "settled": SETTLED, "resolved": RESOLVED, "tolerated": TOLERATED,
+            "learn_samples": samples(self.learn_s), "forgetting": forgetting, "most_exchanges": MOST_EXCHANGES,
+            "interval": interval, "checkpoint": interval * max(1, samples(CHECKPOINT_S) // interval),
+            "half_window": samples(self.memory_s),
         }

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
                     "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
-PRELOADED = ["bench.processes.child", "bench.processes.worker", "cvxpy", "solvers.kernels.vector"]
+PRELOADED = ["bench.processes.child", "bench.processes.worker", "cvxpy", "solvers.core"]
 """What the server imports; absent ones are passed over."""
 START_LIMIT_S = 60.0
 """Time for a process to start and to import what it needs."""

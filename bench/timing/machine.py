@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("piezobench", "numpy", "scipy", "numba", "qpsolvers", "pandas")
+PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
 def describe() -> dict[str, Any]:

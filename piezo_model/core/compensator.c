@@ -6,9 +6,16 @@
 
 #define FARTHEST ((real)1e6) /* references beyond so many half ranges are taken for this, so that no sum overflows */
 
+/* Vectors of the creep states: slow creep moves by less than the rounding of a float, so there the rest is carried along. */
+#ifdef CORE_FLOAT
+enum { CREEP_VECTORS = 2 };
+#else
+enum { CREEP_VECTORS = 1 };
+#endif
+
 int64_t compensator_bytes(Shape s)
 {
-    const int vectors = 6 * lanes(s) + 3 * creep_lanes(s) + 3 * zone_lanes(s) + padded(weight_count(s)) + 2 * LANES + LANES;
+    const int vectors = 6 * lanes(s) + (2 + CREEP_VECTORS) * creep_lanes(s) + 3 * zone_lanes(s) + padded(weight_count(s)) + 2 * LANES + LANES;
     return HEAD_BYTES + (int64_t)sizeof(real) * vectors;
 }
 
@@ -29,7 +36,7 @@ Compensator compensator_at(void *memory)
     c.limits = (DriveLimits *)(void *)reals(&room, 2, LANES);
     c.fade = (Fade *)(void *)reals(&room, 1, LANES);
     c.play = reals(&room, 1, lanes(c.shape));
-    c.creep = reals(&room, 1, creep_lanes(c.shape));
+    c.creep = reals(&room, CREEP_VECTORS, creep_lanes(c.shape));
     return c;
 }
 
@@ -84,6 +91,29 @@ static real unit_reference(const DriveLimits *p, real y_ref)
 
 static real within_limits(const DriveLimits *p, real x) { return most(p->unit_low, least(p->unit_high, x)); }
 
+/* Move the states on by the sample x that the actuator really saw. */
+static void move_on(const Compensator *c, real x)
+{
+#ifdef CORE_FLOAT
+    real before[LANES];
+    for (int j = 0; j < creep_lanes(c->shape); j += LANES) {
+        real *const z = c->creep + j, *const rest = z + creep_lanes(c->shape);
+        memcpy(before, z, sizeof before);
+        for (int i = 0; i < LANES; ++i) {
+            const int at = j + i;
+            const real change = c->operators.a[at] * (play_step(x, c->operators.r[at % lanes(c->shape)], before[i]) - before[i]) + rest[i];
+            z[i] = before[i] + change;
+            rest[i] = change - (z[i] - before[i]);
+        }
+    }
+    for (int i = 0; i < lanes(c->shape); ++i) {
+        c->play[i] = play_step(x, c->operators.r[i], c->play[i]);
+    }
+#else
+    advance(c->operators, c->shape, x, c->play, c->creep);
+#endif
+}
+
 real compensator_step(Compensator *c, real y_ref)
 {
     const DriveLimits *const p = c->limits;
@@ -97,7 +127,7 @@ real compensator_step(Compensator *c, real y_ref)
     }
     x = p->x_centre + p->x_scale * within_limits(p, x);
     x = most(p->low, least(p->high, x)); /* rounding may have passed a limit by its last bit */
-    advance(c->operators, c->shape, (x - p->x_centre) / p->x_scale, c->play, c->creep);
+    move_on(c, (x - p->x_centre) / p->x_scale);
     return x;
 }
 

@@ -40,17 +40,17 @@ typedef struct {
     real *play, *creep;
 } Compensator;
 
-int64_t compensator_bytes(Shape shape);
-Compensator compensator_at(void *memory);
+CORE_API int64_t compensator_bytes(Shape shape);
+CORE_API Compensator compensator_at(void *memory);
 /* Make a block of compensator_bytes(shape) bytes a compensator; limits, thresholds and states are still to be written. */
-void compensator_setup(void *memory, Shape shape);
+CORE_API void compensator_setup(void *memory, Shape shape);
 /* Invert the model of these weights; they must be those of a valid model. */
-void compensator_take(Compensator *c, const real *weights);
+CORE_API void compensator_take(Compensator *c, const real *weights);
 /* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. */
-real compensator_step(Compensator *c, real y_ref);
+CORE_API real compensator_step(Compensator *c, real y_ref);
 /* What it would drive for the last reference at this moment, in unit amplitudes; nothing is moved on. */
-real compensator_now(const Compensator *c);
+CORE_API real compensator_now(const Compensator *c);
 /* Take new weights over without a bump: what they would drive differently at this moment is added and fades away. */
-void compensator_hand_over(Compensator *c, const real *weights);
+CORE_API void compensator_hand_over(Compensator *c, const real *weights);
 
 #endif

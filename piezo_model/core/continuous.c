@@ -64,7 +64,7 @@ static void forget_span(Continuous *c)
     c->span[X_HIGH] = c->span[Y_HIGH] = -REAL_INFINITY;
 }
 
-void continuous_setup(void *memory, Shape shape, int middle, real min_slope, double forgetting, double proximal)
+void continuous_setup(void *memory, Shape shape, int middle, real min_slope, double forgetting, double proximal, int most_exchanges)
 {
     const ShapedHead head = {CONTINUOUS_KIND, unknowns(shape), continuous_bytes(shape), shape};
     Continuous c;
@@ -76,6 +76,7 @@ void continuous_setup(void *memory, Shape shape, int middle, real min_slope, dou
         c.upper[j] = REAL_INFINITY;
     }
     swept_setup(c.swept.head, c.d, c.lower, c.upper, forgetting, 1 - forgetting, proximal);
+    c.swept.head->cap = most_exchanges;
     c.memory->middle = middle;
     c.memory->settings.min_slope = min_slope;
     c.in_use[0] = c.candidate[0] = 1;

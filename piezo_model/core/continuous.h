@@ -69,16 +69,16 @@ typedef struct {
     Swept swept;
 } Continuous;
 
-int64_t continuous_bytes(Shape shape);
-Continuous continuous_at(void *memory);
+CORE_API int64_t continuous_bytes(Shape shape);
+CORE_API Continuous continuous_at(void *memory);
 /* Make a block of continuous_bytes(shape) bytes a learner that forgets by lambda a sample and holds what the data leave open with the
- * share `proximal` of the mean diagonal. Settings, scales, thresholds, states and in_use are still to be written, and then
+ * share `proximal` of the mean diagonal, with at most so many exchanges a sample (0 for any number). Settings, scales, thresholds, states and in_use are still to be written, and then
  * continuous_begin_anew(c, 0). */
-void continuous_setup(void *memory, Shape shape, int middle, real min_slope, double forgetting, double proximal);
+CORE_API void continuous_setup(void *memory, Shape shape, int middle, real min_slope, double forgetting, double proximal, int most_exchanges);
 /* Forget everything but the weights in use, `level` being their mean squared error so far. */
-void continuous_begin_anew(Continuous *c, real level);
-void continuous_enter(Continuous *c, int phase);
+CORE_API void continuous_begin_anew(Continuous *c, real level);
+CORE_API void continuous_enter(Continuous *c, int phase);
 /* Take the output y that the drive x produced, in their units; what it brought. */
-int continuous_observe(Continuous *c, real x, real y);
+CORE_API int continuous_observe(Continuous *c, real x, real y);
 
 #endif

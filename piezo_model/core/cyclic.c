@@ -7,8 +7,6 @@
 #define SMALLEST ((real)1e-30)     /* costs below are those of rounding */
 #define UNDETERMINED ((real)1e-11) /* share of the largest diagonal entry of P below which rounding decides and not the data */
 
-enum { X_MIN, X_MAX, Y_MIN, Y_MAX };
-
 static int triangle(Shape s) { return row_width(s) * (row_width(s) + 1) / 2; }
 
 int64_t cyclic_bytes(Shape s)

@@ -66,15 +66,15 @@ typedef struct {
     Descent descent;
 } Cyclic;
 
-int64_t cyclic_bytes(Shape shape);
-Cyclic cyclic_at(void *memory);
+CORE_API int64_t cyclic_bytes(Shape shape);
+CORE_API Cyclic cyclic_at(void *memory);
 /* Make a block of cyclic_bytes(shape) bytes a learner; settings, scales, thresholds, states and in_use are still to be written, and
  * then cyclic_enter(c, RESET). */
-void cyclic_setup(void *memory, Shape shape, int middle);
-void cyclic_enter(Cyclic *c, int phase);
+CORE_API void cyclic_setup(void *memory, Shape shape, int middle);
+CORE_API void cyclic_enter(Cyclic *c, int phase);
 /* Take the output y that the drive x produced, in their units; what it brought. */
-int cyclic_observe(Cyclic *c, real x, real y);
+CORE_API int cyclic_observe(Cyclic *c, real x, real y);
 /* Half the mean squared error of the unknowns v on mean products. */
-real cyclic_cost(Shape s, const real *data, const real *v);
+CORE_API real cyclic_cost(Shape s, const real *data, const real *v);
 
 #endif

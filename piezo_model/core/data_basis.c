@@ -1,7 +1,6 @@
 #include "data_basis.h"
 
 enum { TILE = 4 }; /* rows of the Gram matrix that are summed at a time, eight columns each */
-enum { X_MIN, X_MAX, Y_MIN, Y_MAX };
 
 int64_t basis_bytes(Shape s)
 {

@@ -21,6 +21,8 @@ typedef struct {
     int64_t filled, samples; /* rows that wait for their block to be full; samples counted since it was cleared */
 } BasisHead;
 
+enum { X_MIN, X_MAX, Y_MIN, Y_MAX }; /* of the span */
+
 typedef struct {
     BasisHead *head;
     Shape shape;
@@ -32,17 +34,17 @@ typedef struct {
     real *gram;                     /* padded(row_width) of row_stride numbers; the upper triangle counts */
 } Basis;
 
-int64_t basis_bytes(Shape shape);
-Basis basis_at(void *memory);
+CORE_API int64_t basis_bytes(Shape shape);
+CORE_API Basis basis_at(void *memory);
 /* Make a block of basis_bytes(shape) bytes a data basis; parameters and states are still to be written. */
-void basis_setup(void *memory, Shape shape, real forgetting);
+CORE_API void basis_setup(void *memory, Shape shape, real forgetting);
 /* Forget the rows; the states stay, since they follow the actuator for as long as it is powered. */
-void basis_clear(Basis *b);
+CORE_API void basis_clear(Basis *b);
 /* Add the rows that wait to the Gram matrix; nothing can be counted in the same blocks after that. */
-void basis_gather(Basis *b);
+CORE_API void basis_gather(Basis *b);
 /* Count one sample in unit amplitudes. */
-void basis_count(Basis *b, real x, real y);
+CORE_API void basis_count(Basis *b, real x, real y);
 /* gram <- lambda^count gram + the last `count` rows; the rows are room for their weighted copies. */
-void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram);
+CORE_API void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram);
 
 #endif

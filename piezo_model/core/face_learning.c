@@ -194,20 +194,21 @@ FACE(face_continuous_setup)
     Shape s;
     void *memory;
     double min_slope, forgetting, proximal;
-    int middle;
+    int middle, most_exchanges;
     (void)module;
-    take_arguments(&a, "continuous_setup(state, n, zones, rates, offset, middle, min_slope, forgetting, proximal)", given, count, 9);
+    take_arguments(&a, "continuous_setup(state, n, zones, rates, offset, middle, min_slope, forgetting, proximal, most_exchanges)", given, count, 10);
     memory = take_state(&a, 0);
     s = take_shape(&a);
     middle = (int)take_integer(&a, 0, s.zones - 1);
     min_slope = take_number(&a);
     forgetting = take_number(&a);
     proximal = take_number(&a);
+    most_exchanges = (int)take_integer(&a, 0, INT32_MAX);
     need_bytes(&a, 0, continuous_bytes(s));
     if (!good(&a)) {
         return finish(&a, NULL);
     }
-    continuous_setup(memory, s, middle, min_slope, forgetting, proximal);
+    continuous_setup(memory, s, middle, min_slope, forgetting, proximal, most_exchanges);
     c = continuous_at(memory);
     m = c.memory;
     const Part parts[] = {

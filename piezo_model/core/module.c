@@ -30,7 +30,7 @@ static PyMethodDef methods[] = {
     METHOD(cyclic_observe, "cyclic_observe(state, compensator, y, x, first): learn; (samples done, what there is to tell)."),
     METHOD(cyclic_drive, "cyclic_drive(state, compensator, y, y_ref, x, first): drive and learn; the same."),
     METHOD(continuous_bytes, "continuous_bytes(n, zones, rates, offset): size of a learner without cycles."),
-    METHOD(continuous_setup, "continuous_setup(state, n, zones, rates, offset, middle, min_slope, forgetting, proximal): as cyclic_setup."),
+    METHOD(continuous_setup, "continuous_setup(state, n, zones, rates, offset, middle, min_slope, forgetting, proximal, most_exchanges): as cyclic_setup."),
     METHOD(continuous_begin_anew, "continuous_begin_anew(state, level): forget all but the weights in use."),
     METHOD(continuous_observe, "continuous_observe(state, compensator, y, x, first): learn; (samples done, what there is to tell)."),
     METHOD(continuous_drive, "continuous_drive(state, compensator, y, y_ref, x, first): drive and learn; the same."),

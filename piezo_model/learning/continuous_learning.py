@@ -13,6 +13,8 @@ from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 
 PROXIMAL = 1e-8
 """Share of the mean diagonal with which the solver holds what the data leave open where it is."""
+MOST_EXCHANGES = 2
+"""Of one sample; at the cap the answer is feasible, and the next sample goes on from it."""
 CHECKPOINT_S = 0.5
 """Between states that are noted to be gone back to after a fault of the sensor."""
 SAID = {
@@ -39,7 +41,7 @@ class ContinuousLearning(Learner):
         s = compensator.model.structure
         forgetting = math.exp(-s.sample_time / settings.memory_s)
         core = State(face.continuous_bytes(*s.shape),
-                     lambda block: face.continuous_setup(block, *s.shape, s.middle, MIN_SLOPE, forgetting, PROXIMAL))
+                     lambda block: face.continuous_setup(block, *s.shape, s.middle, MIN_SLOPE, forgetting, PROXIMAL, MOST_EXCHANGES))
         super().__init__(compensator, settings, log, core, face.continuous_observe, face.continuous_drive,
                          DrivenRange(round(PIECE_S / CHECKPOINT_S)))
 

@@ -46,38 +46,38 @@ typedef struct {
     real *step, *multiplier, *centre, *V, *L;      /* of the factorisation */
 } Box;
 
-int64_t box_bytes(int d);
-Box box_at(void *memory);
+CORE_API int64_t box_bytes(int d);
+CORE_API Box box_at(void *memory);
 
 /* Make a block of box_bytes(d) bytes a state of d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
-int box_setup(void *memory, int d, const real *lb, const real *ub);
+CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
 /* Take P (d, d) or q (d); OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
-int box_take_hessian(Box *s, const real *P);
-int box_take_linear(Box *s, const real *q);
+CORE_API int box_take_hessian(Box *s, const real *P);
+CORE_API int box_take_linear(Box *s, const real *q);
 /* Begin a warm solve at x (d): at a bound what touches it, else free; OK or NOT_FINITE. */
-int box_start(Box *s, const real *x);
+CORE_API int box_start(Box *s, const real *x);
 /* Solve, cold from "all free", warm from the last sides or those of box_start; the answer stands in s->answer. */
-int box_solve(Box *s, int warm);
+CORE_API int box_solve(Box *s, int warm);
 /* The same by the factorisation alone. */
-int box_solve_factorised(Box *s, int warm);
+CORE_API int box_solve_factorised(Box *s, int warm);
 
 /* What the files of this solver ask of each other. */
 #define BOX_PROXIMAL ((real)1e-11) /* of the diagonal of P, the proximal term where P is singular */
 #define BOX_LARGE ((real)1e7)      /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
-int box_invert(Box *s, const real *P);
-int box_exchange_all(Box *s, int warm);
-int box_factorise_copy(Box *s);
-int box_regularise(Box *s);
-int box_newton(Box *s);
-void box_list_free(Box *s);
-void box_move(Box *s, int j, int side);
-real box_gradient_tolerance(const Box *s);
-void box_gradient(Box *s);
-void box_rescale(Box *s);
-int box_dual_active_set(Box *s);
+CORE_API int box_invert(Box *s, const real *P);
+CORE_API int box_exchange_all(Box *s, int warm);
+CORE_API int box_factorise_copy(Box *s);
+CORE_API int box_regularise(Box *s);
+CORE_API int box_newton(Box *s);
+CORE_API void box_list_free(Box *s);
+CORE_API void box_move(Box *s, int j, int side);
+CORE_API real box_gradient_tolerance(const Box *s);
+CORE_API void box_gradient(Box *s);
+CORE_API void box_rescale(Box *s);
+CORE_API int box_dual_active_set(Box *s);
 /* The smallest pivot of P_FF = L D L' with the list as it is, -inf where one is not a number. */
-real box_factorise(Box *s);
+CORE_API real box_factorise(Box *s);
 /* P_FF step = right (both by place in the list, in place). */
-void box_back_solve(const Box *s, real *right);
+CORE_API void box_back_solve(const Box *s, real *right);
 
 #endif

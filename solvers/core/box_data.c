@@ -125,13 +125,14 @@ void box_rescale(Box *s)
 /* 2^-floor(e / 2) for v = m 2^e > 0 with m in [1/2, 1). */
 static real exact_root_scale(real v)
 {
-    real lanes[LANES];
     const real up = 16777216; /* 2^24, whose root is 2^12, until v is a normal number */
-    if (v * REAL_EPSILON == 0 || v * up * REAL_EPSILON * REAL_EPSILON == 0) {
-        return 4096 * exact_root_scale(v * up);
+    real lanes[LANES], factor = 1;
+    for (int k = 0; k < 64 && (v * REAL_EPSILON == 0 || v * up * REAL_EPSILON * REAL_EPSILON == 0); ++k) {
+        v *= up;
+        factor *= 4096;
     }
     store(lanes, root_scale(splat(v)));
-    return lanes[0];
+    return factor * lanes[0];
 }
 
 /* S P S for a P of which nothing is known. */

@@ -21,11 +21,11 @@ typedef struct {
     Box dual;       /* its answer holds the multipliers */
 } Cone;
 
-int64_t cone_bytes(int rows, int coupled);
-Cone cone_at(void *memory);
+CORE_API int64_t cone_bytes(int rows, int coupled);
+CORE_API Cone cone_at(void *memory);
 /* Make a block of cone_bytes(rows, coupled) bytes a state; a status of box_take. */
-int cone_setup(void *memory, int rows, int coupled, const real *A, const real *b, const int64_t *index);
+CORE_API int cone_setup(void *memory, int rows, int coupled, const real *A, const real *b, const int64_t *index);
 /* Move the coupled entries of x to their projection, warm from the one before; OK, or UNBOUNDED where there is no feasible point. */
-int cone_project(Cone *s, real *x);
+CORE_API int cone_project(Cone *s, real *x);
 
 #endif

@@ -32,20 +32,20 @@ typedef struct {
     real *copy;          /* of D P D, room for the eigenvalue */
 } Descent;
 
-int64_t descent_bytes(int d);
-Descent descent_at(void *memory);
+CORE_API int64_t descent_bytes(int d);
+CORE_API Descent descent_at(void *memory);
 /* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q = 0. */
-int descent_setup(void *memory, int d, const real *lb, const real *ub);
+CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 /* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
-int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled);
+CORE_API int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), of 0 for NULL; OK, or UNBOUNDED where the cone is empty. */
-int descent_start(Descent *s, Cone *cone, const real *x);
+CORE_API int descent_start(Descent *s, Cone *cone, const real *x);
 /* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */
 /* The plain ones project onto a cone, too, where it is not NULL; -1, and w is NaN, where that is empty. */
-int64_t projected_steps(Descent *s, Cone *cone, int64_t steps, real threshold);
-int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance);
+CORE_API int64_t projected_steps(Descent *s, Cone *cone, int64_t steps, real threshold);
+CORE_API int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance);
 /* x (d) for w, at a bound to the last bit where w is at it; in s->answer. */
-void descent_answer(Descent *s);
+CORE_API void descent_answer(Descent *s);
 
 /* |a - b|^2 over ld entries. */
 CORE_INLINE real distance_squared(const real *a, const real *b, int ld)

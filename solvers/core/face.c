@@ -111,6 +111,16 @@ int64_t *take_integers(Arguments *a, Py_ssize_t *length)
     return view->buf;
 }
 
+int *take_ints(Arguments *a, Py_ssize_t *length)
+{
+    const Py_buffer *view = take_buffer(a, PyBUF_WRITABLE, "i", (Py_ssize_t)sizeof(int));
+    if (view == NULL) {
+        return NULL;
+    }
+    *length = view->len / (Py_ssize_t)sizeof(int);
+    return view->buf;
+}
+
 void refuse(Arguments *a, const char *why)
 {
     if (!a->failed) {

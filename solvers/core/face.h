@@ -44,6 +44,8 @@ double *take_output(Arguments *a, int rows, int columns);
 const double *take_optional(Arguments *a, int rows, int columns);
 /* An int64 array (N,) to write to; its length goes to `length`. */
 int64_t *take_integers(Arguments *a, Py_ssize_t *length);
+/* The same of a C int. */
+int *take_ints(Arguments *a, Py_ssize_t *length);
 /* A state of the given kind; with kind 0 any block, to be made one once `need_bytes` has found it large enough. */
 void *take_state(Arguments *a, int32_t kind);
 /* The same, or NULL without an error for None. */

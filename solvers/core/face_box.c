@@ -249,3 +249,65 @@ FACE(face_absorb)
     }
     return finish_integer(&a, 0);
 }
+
+/* DAQP's sense of each row l <= R x <= u at x, as in `cold` unless that is 0: 1 at the upper side, 3 at the lower one. The first rows of
+ * R are those of the identity. */
+FACE(face_touched)
+{
+    enum { AT_UPPER = 1, AT_LOWER = 3 };
+    Arguments a;
+    const double *R, *l, *u, *x;
+    double tolerance;
+    int *cold, *sense, d;
+    Py_ssize_t rows, length = 0;
+    (void)module;
+    take_arguments(&a, "touched(R, l, u, x, tolerance, cold, sense)", given, count, 7);
+    R = take_array(&a, ANY_LENGTH, ANY_LENGTH);
+    rows = taken_length(&a);
+    d = good(&a) ? (int)a.views[0].shape[1] : 0;
+    l = take_array(&a, VECTOR, (int)rows);
+    u = take_array(&a, VECTOR, (int)rows);
+    x = take_array(&a, VECTOR, d);
+    tolerance = take_number(&a);
+    cold = take_ints(&a, &length);
+    if (length != rows) {
+        refuse(&a, "there is a sense for each row");
+    }
+    sense = take_ints(&a, &length);
+    if (length != rows) {
+        refuse(&a, "there is a sense for each row");
+    }
+    for (Py_ssize_t i = 0; good(&a) && i < rows; ++i) {
+        double value = i < d ? x[i] : 0;
+        for (int j = 0; i >= d && j < d; ++j) {
+            value += R[i * d + j] * x[j];
+        }
+        sense[i] = cold[i] != 0 ? cold[i] : value <= l[i] + tolerance ? AT_LOWER : value >= u[i] - tolerance ? AT_UPPER : 0;
+    }
+    return finish_integer(&a, 0);
+}
+
+/* Steps that wait for the clock: what they take longer than they last is the machine's. */
+FACE(face_time_nothing)
+{
+    Arguments a;
+    int64_t lasting, *nanoseconds;
+    Py_ssize_t steps = 0;
+    (void)module;
+    take_arguments(&a, "time_nothing(lasting, nanoseconds)", given, count, 2);
+    lasting = take_integer(&a, 0, INT64_MAX);
+    nanoseconds = take_integers(&a, &steps);
+    if (!good(&a)) {
+        return finish(&a, NULL);
+    }
+    begin_long_if(&a, 1);
+    for (Py_ssize_t k = 0; k < steps; ++k) {
+        const int64_t start = monotonic_ns();
+        int64_t now = monotonic_ns();
+        while (now - start < lasting) {
+            now = monotonic_ns();
+        }
+        nanoseconds[k] = now - start;
+    }
+    return finish_integer(&a, 0);
+}

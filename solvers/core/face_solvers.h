@@ -32,6 +32,8 @@ FACE(face_swept_refresh);
 FACE(face_swept_error);
 FACE(face_time_swept);
 FACE(face_absorb);
+FACE(face_touched);
+FACE(face_time_nothing);
 FACE(face_descent_bytes);
 FACE(face_descent_places);
 FACE(face_descent_setup);

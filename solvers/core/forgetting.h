@@ -4,6 +4,6 @@
 #include "vec8.h"
 
 /* Take one row (xi, x) of d + 1 numbers into P (d, d), q (d) and c: see forgetting.c. */
-void absorb(real *P, real *q, real *c, int d, const real *row, real forgetting);
+CORE_API void absorb(real *P, real *q, real *c, int d, const real *row, real forgetting);
 
 #endif

@@ -65,6 +65,8 @@ static PyMethodDef methods[] = {
     METHOD(swept_error, "swept_error(state): largest violation of the optimality conditions."),
     METHOD(time_swept, "time_swept(state, P, q, nanoseconds): time starts; a status."),
     METHOD(absorb, "absorb(P, q, c, rows, forgetting): take rows into P, q and c."),
+    METHOD(touched, "touched(R, l, u, x, tolerance, cold, sense): which rows x touches, as DAQP has it: 1 above, 3 below."),
+    METHOD(time_nothing, "time_nothing(lasting, nanoseconds): time steps that wait so many nanoseconds and do nothing else."),
     METHOD(descent_bytes, "descent_bytes(d): size of the state of a gradient method."),
     METHOD(descent_places, "descent_places(state): where its vectors begin, in numbers."),
     METHOD(descent_setup, "descent_setup(state, lb, ub): make a block a state; a status."),

@@ -60,36 +60,36 @@ typedef struct {
     Box cold;
 } Swept;
 
-int64_t swept_bytes(int d);
+CORE_API int64_t swept_bytes(int d);
 /* So many of its first bytes are what a state is: the rest is room. */
-int64_t swept_kept_bytes(int d);
-Swept swept_at(void *memory);
+CORE_API int64_t swept_kept_bytes(int d);
+CORE_API Swept swept_at(void *memory);
 /* Make a block of swept_bytes(d) bytes a state with the bounds lb, ub (d); swept_begin comes next. */
-int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal);
+CORE_API int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal);
 /* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum that the cold solver finds, from the present answer
  * where `warm`. OK or a status of box_take and box_solve, and then nothing has changed. */
-int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm);
+CORE_API int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm);
 /* Take one row (xi, x) of d + 1 numbers and restore optimality; OK or CAPPED, or SINGULAR or CYCLING where only swept_recover helps; the
  * row is in G then. NOT_FINITE, and nothing changed, for a row that cannot be taken. */
-int swept_take(Swept *s, const real *row);
+CORE_API int swept_take(Swept *s, const real *row);
 /* Begin anew from the data that G holds. */
-int swept_recover(Swept *s);
+CORE_API int swept_recover(Swept *s);
 /* v (d) for z, inside its box to the last bit. */
-void swept_answer(Swept *s);
+CORE_API void swept_answer(Swept *s);
 /* The largest violation of the optimality conditions at the answer, relative to max(|q|, |G z|) by rows. */
-real swept_error(Swept *s);
+CORE_API real swept_error(Swept *s);
 
 /* What the files of this solver ask of each other. */
-void swept_list_free(Swept *s);
+CORE_API void swept_list_free(Swept *s);
 /* out -= sum over F of share[j] (row j of the matrix). */
-void swept_subtract_free(const Swept *s, const real *matrix, const real *share, real *out);
-void swept_complete(const Swept *s, real *matrix);
-int swept_definite(const Swept *s, int j);
-void swept_sweep(Swept *s, int j);
-int swept_sweep_free(Swept *s);
-int swept_exchange(Swept *s);
-int swept_violated(const Swept *s);
-int swept_refresh(Swept *s);
+CORE_API void swept_subtract_free(const Swept *s, const real *matrix, const real *share, real *out);
+CORE_API void swept_complete(const Swept *s, real *matrix);
+CORE_API int swept_definite(const Swept *s, int j);
+CORE_API void swept_sweep(Swept *s, int j);
+CORE_API int swept_sweep_free(Swept *s);
+CORE_API int swept_exchange(Swept *s);
+CORE_API int swept_violated(const Swept *s);
+CORE_API int swept_refresh(Swept *s);
 
 CORE_INLINE real *row_of(const Swept *s, real *matrix, int i) { return matrix + (size_t)i * (size_t)s->ld; }
 /* z with its sign turned at F, and the gradient at A. */

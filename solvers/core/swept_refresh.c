@@ -86,7 +86,7 @@ static int factorise(Swept *s, real floor)
 }
 
 /* g = q + (G + diag rho) z - diag(rho) c. */
-static void gradient(Swept *s)
+static void residual(Swept *s)
 {
     const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
     for (int b = 0; b < s->ld; b += LANES) {
@@ -97,11 +97,11 @@ static void gradient(Swept *s)
 }
 
 /* One step of iterative refinement of the last row of M by the residual from G; twice what it lowers the cost by. */
-static real refine(Swept *s)
+static real refine_answer(Swept *s)
 {
     const int d = s->d;
     real *const last = last_row(s), gain = 0;
-    gradient(s);
+    residual(s);
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 free = load(s->free + b);
         store(last + b, plus_product(mul(free, load(last + b)), sub(splat(1), free), load(s->g + b)));
@@ -131,11 +131,11 @@ int swept_refresh(Swept *s)
         status = factorise(s, floored ? FLOOR : 0);
         while (status == OK && exchanges != s->head->exchanges) {
             const real q_cost = row_of(s, s->G, s->d)[s->d];
-            real before, wrong = refine(s), enough, cost;
+            real before, wrong = refine_answer(s), enough, cost;
             exchanges = s->head->exchanges;
             for (int k = 0; k < 3; ++k) {
                 before = wrong;
-                wrong = refine(s);
+                wrong = refine_answer(s);
                 enough = RESOLVED * MAGNITUDE(last[s->d]);
                 enough = enough > SETTLED * before ? enough : SETTLED * before;
                 if (!(wrong > enough)) {
@@ -153,7 +153,7 @@ int swept_refresh(Swept *s)
 }
 
 /* Where the cold solver put variable j: the bound that z is measured from, and z if j is free. */
-static void place(Swept *s, int j)
+static void place_variable(Swept *s, int j)
 {
     const real lb = s->lb[j], ub = s->ub[j];
     const int side = s->cold.side[j], is_free = side == FREE && lb < ub;
@@ -172,7 +172,7 @@ static void stand_at_centre(Swept *s)
     for (int j = 0; j < s->d; ++j) {
         last_row(s)[j] = -s->centre[j]; /* zero at A */
     }
-    gradient(s);
+    residual(s);
     for (int j = 0; j < s->d; ++j) {
         last_row(s)[j] = row_of(s, s->M, j)[s->d] = s->free[j] > 0 ? -s->centre[j] : s->g[j];
     }
@@ -198,7 +198,7 @@ int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
         return status;
     }
     for (int j = 0; j < d; ++j) {
-        place(s, j);
+        place_variable(s, j);
     }
     memset(s->M, 0, 2 * (size_t)s->ld * (size_t)s->ld * sizeof(real));
     for (int i = 0; i < d; ++i) {
@@ -216,7 +216,7 @@ int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
     if (factorise(s, 0) != OK) {
         factorise(s, FLOOR);
     }
-    refine(s);
+    refine_answer(s);
     refined = swept_error(s);
     memcpy(s->row, last_row(s), (size_t)s->ld * sizeof(real));
     stand_at_centre(s);

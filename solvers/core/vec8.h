@@ -43,6 +43,11 @@ typedef int64_t whole;
 #define CORE_INLINE static inline
 #endif
 
+/* An exported folder makes one unit of all files and their functions its own: -DCORE_API="static ...". */
+#ifndef CORE_API
+#define CORE_API
+#endif
+
 enum { LANES = 8 };
 
 /* A part is one register. PARTS is a macro, since the preprocessor has to choose by it. */

@@ -14,31 +14,17 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
+from solvers.core import face
 from solvers.protocol import Lane, Matrix, Unsupported, Vector
 from solvers.rows import Program
 
 Sense = NDArray[np.intc]
-AT_UPPER, AT_LOWER, IGNORED, EQUAL = 1, 3, 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
-
-
-@njit(cache=True)
-def touched(R: Matrix, l: Vector, u: Vector, x: Vector, tolerance: float, cold: Sense, out: Sense) -> None:  # noqa: E741
-    """Write to ``out`` the sense of each row at x: as in ``cold``, or active where x touches the row."""
-    d = x.size
-    for i in range(cold.size):
-        out[i] = cold[i]
-        if cold[i] == 0:
-            value = x[i] if i < d else R[i] @ x
-            if value <= l[i] + tolerance:
-                out[i] = AT_LOWER
-            elif value >= u[i] - tolerance:
-                out[i] = AT_UPPER
+IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
 
 
 class Daqp(LibrarySolver):
@@ -76,7 +62,7 @@ class Daqp(LibrarySolver):
         p = self.program
         if warm_start is not None:
             x = np.ascontiguousarray(warm_start, dtype=np.float64)
-            touched(p.R, p.l, p.u, x, self._primal_tol, self._cold, self._sense)
+            face.touched(p.R, p.l, p.u, x, self._primal_tol, self._cold, self._sense)
             self._model.update(sense=self._sense)
         elif not self._is_cold:
             self._model.update(sense=self._cold)

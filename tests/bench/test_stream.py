@@ -36,7 +36,7 @@ from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, fo
 from piezo_model import DataBasis, OperatorState
 from solvers import Lane, Status, Tier, Unsupported
 from solvers.certificate import certify, verify
-from solvers.kernels.forgetting import absorb
+from solvers.forgetting import absorb
 
 # The schedule, on a clock that only our own actions move.
 

@@ -1,68 +1,91 @@
 """A learning phase with any solver, and the settings."""
 
+import math
 
 import numpy as np
 import pytest
-from learning_loops import sensor, structure_for
+from faulty_sensor import steps
+from learning_loops import learner_for, sensor
+from qpsolvers import Problem
 
-from piezo_model.data_basis import DataBasis
+from piezo_model import SelfLearningCompensator
+from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.learning.phase import LearningPhase
+from piezo_model.learning.events import Phase
 from piezo_model.learning.settings import LearningSettings
-from piezo_model.signals import decaying_triangle
-from solvers.kernels.projected_step import run
+from piezo_model.learning.solving import solved, step_ratio
 
 
-@pytest.fixture(scope="module")
-def problem() -> IdentificationProblem:
+def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearningCompensator:
+    """A learner just after it began to learn."""
     plant = sensor()
-    x = decaying_triangle(duration_s=4.0, sample_time=plant.sample_time, low=0.0, high=150.0)
-    basis = DataBasis(structure_for(plant))
-    basis.update(x, plant.run(x))
-    return basis.problem()
+    learner = learner_for(plant, "cyclic", solver, build_s=2.0, learn_s=learn_s, **options)
+    learner.run(steps(plant, 2.1), plant.run)
+    assert learner.phase is Phase.LEARN
+    return learner
 
 
-def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes(problem: IdentificationProblem) -> None:
-    start = problem.structure.straight_line
-    phase = LearningPhase("box_active_set", problem, start, samples_to_solve=17)
-    assert phase.ready_after == 17
-    measured = LearningPhase("box_active_set", problem, start)
-    assert measured.ready_after >= 1
-    np.testing.assert_array_equal(measured.weights, phase.weights)
-    assert problem.cost(phase.weights) < 0.02 * problem.cost(start)
+def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
+    """Cost of the weights in use after so many more samples, on what they were learned from."""
+    learner.observe(np.zeros(samples), np.full(samples, math.nan))
+    problem = learner.problem
+    assert isinstance(problem, IdentificationProblem)
+    return problem.cost(learner.model.weights)
 
 
-def test_a_solver_of_steps_takes_them_where_it_is_told_and_comes_to_the_exact_answer(problem: IdentificationProblem) -> None:
-    phase = LearningPhase("projected_difference", problem, problem.structure.straight_line)
-    exact = LearningPhase("box_active_set", problem, problem.structure.straight_line, samples_to_solve=1)
-    costs = [problem.cost(phase.weights)]
-    for _ in range(4):
-        s = phase.arrays
-        run(s.work, s.d, 5000, -1.0, s.A, s.b, s.index, s.dual, s.idual)
-        costs.append(problem.cost(phase.weights))
-    assert phase.ready_after == 0
+def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> None:
+    learner = learning("box_active_set", samples_to_solve=17)
+    before = cost_after(learner, 16)
+    assert learner.phase is Phase.LEARN
+    after = cost_after(learner, 1)
+    assert (learner.phase, learner.counts["hand_overs"]) == (Phase.RESET, 1)
+    assert after < 0.02 * before
+    assert learner.problem is not None
+    np.testing.assert_allclose(learner.model.weights, optimum(learner.problem, "box_active_set"), rtol=1e-9, atol=1e-12)
+    measured = learning("box_active_set", samples_to_solve=None)
+    assert measured.samples_until_change() >= 1
+    measured.observe(np.zeros(n := measured.samples_until_change()), np.full(n, math.nan))
+    np.testing.assert_array_equal(measured.model.weights, learner.model.weights)
+
+
+def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() -> None:
+    exact = cost_after(learning("box_active_set", samples_to_solve=1), 1)
+    costs = [cost_after(learning("projected_difference", learn_s), 20_000) for learn_s in (0.001, 5.0, 10.0, 20.0)]
     assert costs == sorted(costs, reverse=True)
-    assert costs[-1] - problem.cost(exact.weights) < 0.05 * (costs[0] - problem.cost(exact.weights))
+    assert costs[-1] - exact < 0.05 * (costs[0] - exact)
 
 
-@pytest.mark.parametrize("solver", ["box_active_set", "projected_difference"])
-def test_a_phase_goes_on_from_its_answer_bit_for_bit(solver: str, problem: IdentificationProblem) -> None:
-    phases = [LearningPhase(solver, problem, problem.structure.straight_line, 3)]
-    advance(phases[0], 137)
-    phases.append(LearningPhase(solver, problem, problem.structure.straight_line, answer=phases[0].answer.copy()))
-    for phase in phases:
-        advance(phase, 200)
-    np.testing.assert_array_equal(phases[0].weights, phases[1].weights)
+def test_the_steps_are_those_of_the_difference_equation() -> None:
+    learner = learning("projected_difference", 0.3)
+    core = learner._learning.core
+    d = core["q"].size
+    P, q, lower, z = core["P"].reshape(d, d), core["q"].copy(), core["lower"].copy(), core["start"].copy()
+    eta = 1.0 / np.linalg.eigvalsh(P)[-1]
+    for _ in range(300):
+        z = np.maximum(z - eta * (P @ z + q), lower)
+    learner.observe(np.zeros(300), np.full(300, math.nan))
+    assert learner.counts["hand_overs"] == 1
+    np.testing.assert_allclose(core["answer"], z, rtol=1e-9, atol=1e-12)
 
 
-def advance(phase: LearningPhase, steps: int) -> None:
-    s = phase.arrays
-    run(s.work, s.d, steps if s.d else 0, -1.0, s.A, s.b, s.index, s.dual, s.idual)
+def test_the_program_is_that_of_the_identification_of_the_same_samples() -> None:
+    learner = learning("box_active_set", samples_to_solve=100)
+    core, problem = learner._learning.core, learner.problem
+    assert problem is not None
+    form = problem.form()
+    d = core["q"].size
+    np.testing.assert_allclose(core["P"].reshape(d, d), form.qp.P, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(core["q"], form.qp.q, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(core["lower"], form.qp.lb, rtol=1e-11)
+    np.testing.assert_allclose(core["start"], np.maximum(form.variables(learner.model.weights), form.qp.lb), rtol=1e-9, atol=1e-12)
 
 
-def test_options_reach_the_solver(problem: IdentificationProblem) -> None:
+def test_options_reach_the_solver() -> None:
+    assert step_ratio({"step_ratio": 0.25}) == 0.25
     with pytest.raises(ValueError, match="step_ratio must lie between 0 and 1"):
-        LearningPhase("projected_difference", problem, problem.structure.straight_line, options={"step_ratio": 3.0})
+        learning("projected_difference", solver_options={"step_ratio": 3.0})
+    with pytest.raises(ValueError, match="steps must not be negative"):
+        solved("projected_difference", {"steps": -1}, Problem(np.eye(1), np.zeros(1)), np.zeros(1))
 
 
 # Settings

@@ -17,32 +17,11 @@ from numpy.typing import NDArray
 
 from bench.races.stream.stream_problem import StreamProblem, references
 from solvers.certificate import exact_cost_gap
-from solvers.compiled import compiled
-from solvers.kernels.forgetting import absorb
+from solvers.forgetting import absorb
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-
-@compiled
-def _gaps(P: Matrix, q: Vector, c: Vector, rows: Matrix, forgetting: float, lb: Vector, ub: Vector, best: Matrix,
-          answers: Matrix, used: Index, gaps: Vector) -> None:
-    d = q.size
-    step = np.empty(d)
-    for k in range(gaps.size):
-        absorb(P, q, c, rows, k, k + 1, forgetting)
-        for i in range(d):
-            step[i] = min(max(answers[used[k], i], lb[i]), ub[i]) - best[k, i]
-        value, gap = c[0], 0.0
-        for i in range(d):
-            Px, Pstep = 0.0, 0.0
-            for j in range(d):
-                Px += P[i, j] * best[k, j]
-                Pstep += P[i, j] * step[j]
-            value += (0.5 * Px + q[i]) * best[k, i]
-            gap += (0.5 * Pstep + Px + q[i]) * step[i]
-        gaps[k] = gap / value
 
 
 @dataclass(frozen=True)
@@ -69,9 +48,12 @@ class Judge:
         s, d = self.stream, self.stream.d
         lb = np.full(d, -np.inf) if s.start.lb is None else s.start.lb
         ub = np.full(d, np.inf) if s.start.ub is None else s.start.ub
-        gaps = np.empty(used.size)
-        _gaps(s.start.P.copy(), s.start.q.copy(), np.array([s.c]), s.rows, s.forgetting, lb, ub, self.best,
-              np.vstack([answers, s.answer]), np.where(used < 0, len(answers), used), gaps)
+        P, q, c = s.start.P.copy(), s.start.q.copy(), np.array([s.c])
+        gaps, in_use = np.empty(used.size), np.vstack([answers, s.answer]).clip(lb, ub)[np.where(used < 0, len(answers), used)]
+        for k, (best, step) in enumerate(zip(self.best, in_use - self.best[:used.size], strict=False)):
+            absorb(P, q, c, s.rows, k, k + 1, s.forgetting)
+            Px = P @ best
+            gaps[k] = ((0.5 * (P @ step) + Px + q) @ step) / (c[0] + (0.5 * Px + q) @ best)
         return gaps
 
     def exact_gaps(self, answers: Matrix, used: Index) -> tuple[Index, Vector]:

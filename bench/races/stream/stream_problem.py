@@ -3,7 +3,7 @@
 The building phase gives the start, P₀, q₀ and c₀ in slope coordinates, scaled to unit diagonal *then*. After it the row
 (ξ, x) of every sample is
 
-    ξ(k) = (T D)ᵀ Ξ(k),   x(k) the input,      P(k) = λ P(k−1) + (1 − λ) ξ ξᵀ  and so on, see `solvers.kernels.forgetting`,
+    ξ(k) = (T D)ᵀ Ξ(k),   x(k) the input,      P(k) = λ P(k−1) + (1 − λ) ξ ξᵀ  and so on, see `solvers.forgetting`,
 
 with T D the map from the scaled slopes to the weights of Ξ in unit amplitudes, fixed at the start, and λ = e^(−Ts/τ). The
 problem of sample k is the box QP of P(k), q(k). At a few hundred instants, spread evenly, its optimum is proven; at all
@@ -28,7 +28,7 @@ from piezo_model import DataBasis, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.regressors import regressor_rows
 from solvers.certificate import Certificate, certify
-from solvers.kernels.forgetting import absorb
+from solvers.forgetting import absorb
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -27,7 +27,7 @@ from bench.passed.request import Request, attempt
 from bench.passed.task import Task
 from bench.timing.clock import no_garbage_collection
 from bench.timing.schedule import PERIOD_NS, Nanoseconds, Timeline, follow
-from solvers.kernels.forgetting import absorb
+from solvers.forgetting import absorb
 from solvers.protocol import Lane, Solver
 
 Vector = NDArray[np.float64]

@@ -11,11 +11,10 @@ Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
 
 from __future__ import annotations
 
-from solvers.compiled import compiled
+from solvers.core import face
 from solvers.protocol import Matrix, Vector
 
 
-@compiled
 def absorb(P: Matrix, q: Vector, c: Vector, rows: Matrix, first: int, last: int, forgetting: float) -> None:
     """Take the rows first … last − 1 of ``rows`` (N, d + 1), each (ξ, x), into P (d, d), q (d,) and c (1,).
 
@@ -30,13 +29,4 @@ def absorb(P: Matrix, q: Vector, c: Vector, rows: Matrix, first: int, last: int,
     >>> P.tolist(), q.tolist(), c.tolist()
     ([[2.5, 0.0], [0.0, 0.5]], [1.0, 0.0], [0.25])
     """
-    d, weight = q.size, 1.0 - forgetting
-    for k in range(first, last):
-        x = rows[k, d]
-        for i in range(d):
-            share = weight * rows[k, i]
-            for j in range(i, d):
-                P[i, j] = forgetting * P[i, j] + share * rows[k, j]
-                P[j, i] = P[i, j]
-            q[i] = forgetting * q[i] + share * x
-        c[0] = forgetting * c[0] + 0.5 * weight * x * x
+    face.absorb(P, q, c, rows[first:last], forgetting)
