@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from qpsolvers import Problem
 
 import solvers
 from bench.problems import find
@@ -23,6 +24,7 @@ from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, S
 from piezo_model.learning.continuous_learning import PROXIMAL
 from piezo_model.learning.events import Phase
 from piezo_model.learning.sensor_guard import SensorGuard
+from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import multi_sine
 from solvers.descent import limit
@@ -128,7 +130,7 @@ def learning_loop_figures() -> list[tuple[str, str, str, str]]:
     guard, moving = SensorGuard(), DataBasis(s)
     unit_x, unit_y = s.unit_input(x), s.unit_output(y)
     solver = RecursiveActiveSet(forgetting=math.exp(-s.sample_time / 2.0), proximal=PROXIMAL)
-    solver.setup(prior(s, s.straight_line))
+    solver.setup(Problem(1e-6 * np.eye(s.d), np.zeros(s.d), lb=s.lower_bounds(MIN_SLOPE), ub=np.full(s.d, np.inf)))
     rows = recursive_rows(s, x, y)
     return [_figure("whole loop while it builds", loop("projected_difference", "cyclic", 100.0, Phase.BUILD), None),
             _figure("whole loop while it learns, a projected step", loop("projected_difference", "cyclic", 1.0, Phase.LEARN), None),

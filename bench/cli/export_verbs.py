@@ -18,6 +18,7 @@ from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel, ModelError
 from piezo_model.deployment import FORMAT, Deployment
 
+
 class PrecisionOption(StrEnum):
     """Numbers of the exported C."""
 

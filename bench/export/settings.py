@@ -107,7 +107,7 @@ class ExportSettings:
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s),
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
-            "steps": 100_000, "tolerance": float(Tier.HIGH.tolerance), "smoothing": 1.0 / samples(1.0),
+            "steps": 100_000, "tolerance": Tier.HIGH.tolerance or 0.0, "smoothing": 1.0 / samples(1.0),
             "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s),
             "learn_samples": samples(self.learn_s), "forgetting": forgetting, "most_exchanges": MOST_EXCHANGES,
             "interval": interval, "checkpoint": interval * max(1, samples(CHECKPOINT_S) // interval),

@@ -75,11 +75,11 @@ class CyclicLearning(Learner):
             if not self._stepped:
                 self._solve()
         elif Brought.NOT_A_NUMBER in brought:
-            self._note("refused", f"the solver {solver} found no finite weights", learning_since=since)
+            self._note("refused", f"the solver {solver} found no finite weights", since)
         elif Brought.WORSE in brought:
-            self._note("refused", "the new weights explain the data worse than the old ones", *errors, learning_since=since)
+            self._note("refused", "the new weights explain the data worse than the old ones", since, *errors)
         else:
-            self._note("hand-over", "new weights", *errors, learning_since=since)
+            self._note("hand-over", "new weights", since, *errors)
         if Brought.CYCLE_OVER in brought and self._follow_range(self.core["covered"]):
             self.core["past_share"][:] = 0.0
 
@@ -93,7 +93,7 @@ class CyclicLearning(Learner):
         except Exception as error:  # whatever a library does, the drive goes on
             core.whole("refusals")[:] += 1
             face.cyclic_enter(core.block, RESET)
-            self._note("refused", f"the solver {self._settings.solver} failed: {error}", learning_since=self.count("learning_since"))
+            self._note("refused", f"the solver {self._settings.solver} failed: {error}", self.count("learning_since"))
             return
         core["answer"][:] = answer
         core.whole("left")[:] = self._settings.samples_to_solve or samples(seconds, s.sample_time)

@@ -6,6 +6,7 @@ tell: an event for the log, a program for a solver, a range to look at.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -92,8 +93,8 @@ class Learner(ABC):
     def _follow(self, brought: Brought) -> None:
         """Note what a sample brought, and do what is Python's part."""
 
-    def _note(self, what: Any, message: str, *errors: float, learning_since: int = 0) -> None:
-        self._log.append(Event(self.count("sample"), what, message, *errors, learning_since=learning_since))
+    def _note(self, what: Any, message: str, learning_since: int = 0, old: float = math.nan, new: float = math.nan) -> None:
+        self._log.append(Event(self.count("sample"), what, message, old, new, learning_since))
 
     def _follow_range(self, span: Vector) -> bool:
         """Go on in other ranges, where those that were driven are others; the caller makes the learner begin anew."""

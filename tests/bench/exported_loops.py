@@ -1,4 +1,4 @@
-"""Signals for the exported C and what Python makes of them: a million samples each, with everything that goes wrong in them.
+"""Signals for the exported C and what Python makes of them, with everything that goes wrong in them.
 
 References leave the range, are NaN and infinite; in the loops the actuator is a model of another structure with noise.
 """
@@ -6,21 +6,22 @@ References leave the range, are NaN and infinite; in the loops the actuator is a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.export.settings import ExportSettings
 from piezo_model import Compensator, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
+from piezo_model.learning.settings import Mode
 from piezo_model.operator_state import OperatorState
 
 Vector = NDArray[np.float64]
 
-MILLION = 1_000_000
+SHORT, MILLION = 50_000, 1_000_000
 SAMPLE_TIME = 125e-6
 LIMITS = (5.0, 145.0)
 PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.7}
-LEARNING = {"cyclic": "projected_difference", "continuous": "recursive_active_set"}
 
 
 def a_model(n: int = 5, m: int = 3, rates: tuple[float, ...] = (100.0, 1.0, 0.1), offset: bool = False,
@@ -59,7 +60,7 @@ class Told:
     events: tuple[int, ...] = ()
 
 
-def compensation(size: int = MILLION) -> Told:
+def compensation(size: int) -> Told:
     """A compensator with limits of drive and rate, both of which are reached."""
     model, y_ref = a_model(), references(size)
     compensator = Compensator(model, x_limits=LIMITS, rate_limit=2e5)
@@ -85,23 +86,24 @@ class Stage:
         if self.faulty:
             y[k % 9000 == 5] = np.nan
             y[k % 25000 == 7] = 30.0                     # implausible
-            y[(k >= 50_000) & (k < 50_400)] = 3.0        # frozen
-            y[(k >= 70_000) & (k < 72_000)] += 8.0       # a plug pulled and put back
-            y[(k >= 90_000) & (k < 91_000)] = -np.inf
+            y[(k >= 30_000) & (k < 30_400)] = 3.0        # frozen
+            y[(k >= 40_000) & (k < 42_000)] += 8.0       # a plug pulled and put back
+            y[(k >= 46_000) & (k < 47_000)] = -np.inf
         return y
 
 
-def learning(mode: str, size: int = MILLION, faulty: bool = False) -> Told:
-    """The self-learning loop on a stage."""
+def learning(solver: str, size: int, faulty: bool = False) -> Told:
+    """The self-learning loop on a stage, continuous with the recursive solver and else in cycles."""
     model = a_model()
     start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
-    learner = SelfLearningCompensator(start.structure, solver=LEARNING[mode], mode=mode, x_limits=LIMITS,
-                                      model=start, **PHASES)
+    mode: Mode = "continuous" if solver == "recursive_active_set" else "cyclic"
+    learner = SelfLearningCompensator(start.structure, solver=solver, mode=mode, x_limits=LIMITS, model=start, samples_to_solve=1,
+                                      **PHASES)
     y_ref, stage = references(size, seed=2), Stage(size, faulty)
     x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive
-    settings = ExportSettings(part="learning", solver=LEARNING[mode], x_limits=LIMITS, **PHASES)
+    settings = ExportSettings(part="learning", solver=cast(Any, solver), x_limits=LIMITS, **PHASES)
     return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
 
 

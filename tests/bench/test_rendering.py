@@ -63,7 +63,7 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLi
 
 
 def test_a_title_cannot_break_out_of_its_comment() -> None:
-    text = render(a_model(), title="*/ int main; /* \\ µ ??/")["piezo.h"]
+    text = render(a_model(), title="*/ int main; /* \\ µ ??/")["piezo_parameters.h"]
     assert text.startswith("/* _/ int main; /_ _ _ _?/\n")
 
 
