@@ -122,11 +122,3 @@ def test_model_data_basis_and_compensator_need_numpy_and_the_core_alone() -> Non
                "print(json.dumps([name for name, file in files.items() if 'site-packages' in file]))")
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert {name.partition(".")[0] for name in json.loads(done.stdout)} <= {"numpy", "lazy_loader"}
-
-
-def test_an_identification_compiles_nothing() -> None:
-    program = ("import sys; import numpy as np; from piezo_model import Recording, identify, plants; "
-               "x = 75 + 70 * np.sin(np.arange(4000) / 100) * np.cos(np.arange(4000) / 900); "
-               "identify(Recording.from_arrays(x, plants.get('relay_preisach', sample_time=1e-3).run(x), 1e-3, input_unit='V', "
-               "output_unit='um')); sys.exit('numba' in sys.modules)")
-    subprocess.run([sys.executable, "-c", program], check=True)

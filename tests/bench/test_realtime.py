@@ -193,7 +193,7 @@ def test_single_precision_costs_a_controller_without_double_arithmetic_less(tmp_
 def test_the_list_of_instructions_ends_where_there_are_enough(tmp_path: Path) -> None:
     model, settings = a_model(), ExportSettings()
     image, samples = cross_build(tmp_path, model, settings, CORES[1]), loop_samples(model, settings, 50)
-    whole, part = instructions(image, samples), instructions(image, samples, enough=10_000)
+    whole, part = instructions(image, samples), instructions(image, samples, enough=20_000)
     assert whole.size == 50
     assert 5 < part.size < 20
     np.testing.assert_array_equal(part, whole[:part.size])
