@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -79,3 +80,13 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     np.testing.assert_allclose(mean_P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(mean_q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
     assert sum(problem.c for problem, _ in found) / PROGRAMS == pytest.approx(reference.c)
+
+
+def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> None:
+    folder = Path(__file__).parents[2]
+
+    def recipe(*words: str) -> str:
+        return subprocess.run(["make", "-n", "bench", *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+
+    assert recipe().strip().endswith("piezobench race")
+    assert '--recording "my stage.csv" --input voltage_V' in recipe("RECORDING=my stage.csv", "OPTIONS=--input voltage_V")
