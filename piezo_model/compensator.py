@@ -1,4 +1,4 @@
-"""The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample.
+"""The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample, and integral action beside it.
 
 The compensator keeps the states of the *model*, H and K (`inverse_model`): what it returns after saturation and rate limits is
 what the actuator really sees, and that is what moves the states on. Whatever the reference is, NaN and infinity
@@ -25,6 +25,8 @@ Vector = NDArray[np.float64]
 BUMP, DECAY = range(2)
 """Entries of the fade memory: what is still added to the drive since the last change of model, the factor by which it
 decays from sample to sample; the third is the last finite reference in the output unit."""
+CORRECTION = 1
+"""Entry of the feedback memory (``Feedback`` in ``core/compensator.h``): what integral action has added to the reference so far."""
 
 
 class DriveLimits(NamedTuple):
@@ -54,7 +56,7 @@ class DriveLimits(NamedTuple):
 
 
 class Compensator:
-    """Open-loop compensation of hysteresis and creep.
+    """Compensation of hysteresis and creep, open-loop or with integral action where a sensor stays in the loop.
 
     Parameters
     ----------
@@ -65,6 +67,9 @@ class Compensator:
         Largest change of the drive in input units per second; none by default.
     state : OperatorState, optional
         What the actuator has seen so far; at rest at the centre of the range by default. Taken as a copy.
+    integral_gain : float
+        Of the integral action on what ``correct`` is told, in 1/s, from 0, none, to 1/sample_time: the bandwidth in rad/s in which
+        disturbances are suppressed.
 
     Examples
     --------
@@ -80,20 +85,22 @@ class Compensator:
     """
 
     def __init__(self, model: HysteresisCreepModel, x_limits: tuple[float, float] | None = None,
-                 rate_limit: float | None = None, state: OperatorState | None = None) -> None:
+                 rate_limit: float | None = None, state: OperatorState | None = None, *, integral_gain: float = 0.0) -> None:
         s = model.structure
+        if not 0.0 <= integral_gain * s.sample_time <= 1.0:
+            raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / s.sample_time:g} per second, not {integral_gain}")
         self._x_limits, self._rate_limit = x_limits, rate_limit
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
-        self._use(model, state, np.array([0.0, 0.0, s.y_centre]))
+        self._use(model, state, np.array([0.0, 0.0, s.y_centre]), np.array([integral_gain * s.sample_time, 0.0, math.nan, 0.0]))
 
-    def _use(self, model: HysteresisCreepModel, state: OperatorState, fade: Vector) -> None:
+    def _use(self, model: HysteresisCreepModel, state: OperatorState, fade: Vector, feedback: Vector) -> None:
         s, self._model = model.structure, model
         self.limits = DriveLimits.of(s, self._x_limits, self._rate_limit)
         zones, operators = SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)), OperatorArrays.of(s)
         self._core = State(face.compensator_bytes(*s.shape), lambda block: face.compensator_setup(block, *s.shape))
         for name, values in (("r", operators.r), ("a", operators.a), ("low", zones.low), ("high", zones.high),
-                             ("limits", self.limits), ("play", state.play), ("creep", state.creep), ("fade", fade)):
+                             ("limits", self.limits), ("play", state.play), ("creep", state.creep), ("fade", fade), ("feedback", feedback)):
             self._core[name][:] = values
         face.compensator_take(self._core.block, all_weights(model))
 
@@ -126,11 +133,20 @@ class Compensator:
         self.fade[DECAY] = math.exp(-self._model.structure.sample_time / fade_s)
 
     @property
+    def feedback(self) -> Vector:
+        """The feedback memory (4,); what is written to it is taken."""
+        return self._core["feedback"]
+
+    @property
     def model(self) -> HysteresisCreepModel:
         """The model in use."""
         if not np.array_equal(all_weights(self._model), self._core["weights"]):  # the learner handed weights over
             self._model = model_of(self._model.structure, self._core["weights"])
         return self._model
+
+    def correct(self, y_measured: float) -> None:
+        """Take the output (output unit) that the last drive produced, for the integral action; NaN is left out."""
+        face.compensator_correct(self._core.block, y_measured)
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) that brings the actuator to the reference sample (output unit)."""
@@ -159,7 +175,7 @@ class Compensator:
             state = state.on(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             self.fade[BUMP] *= old.x_scale / new.x_scale
-        self._use(model, state, self.fade)
+        self._use(model, state, self.fade, self.feedback)
         bump = before - face.compensator_now(self._core.block)
         self.fade[BUMP] = self.fade[BUMP] + bump if fade_s > 0.0 else 0.0
         self.fade[DECAY] = math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
@@ -167,13 +183,14 @@ class Compensator:
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs: the model, and copies of the arrays."""
         return {"model": self.model.to_dict(), "play": self.state.play.copy(), "creep": self.state.creep.copy(),
-                "fade": self.fade.copy()}
+                "fade": self.fade.copy(), "feedback": self.feedback.copy()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; ModelError or ValueError says why not."""
         model = HysteresisCreepModel.from_dict(memory["model"])
         state = OperatorState(memory["play"], memory["creep"])
         state.require(model.structure)
-        if memory["fade"].shape != self.fade.shape:
-            raise ValueError(f"the fade memory must have {self.fade.size} numbers, not {memory['fade'].size}")
-        self._use(model, state, memory["fade"])
+        for name in ("fade", "feedback"):
+            if memory[name].shape != self._core[name].shape:
+                raise ValueError(f"the {name} memory must have {self._core[name].size} numbers, not {memory[name].size}")
+        self._use(model, state, memory["fade"], memory["feedback"])

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.compensator import BUMP, Compensator
+from piezo_model.compensator import BUMP, CORRECTION, Compensator
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
@@ -94,11 +94,11 @@ def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control
 def compensator_system(compensator: Compensator, name: str = "compensator") -> control.NonlinearIOSystem:
     """Reference in, drive out, with the model, the limits and the rate limit of a compensator, which is only read.
 
-    A bump of a change of model that is still fading is taken for gone.
+    A bump of a change of model that is still fading is taken for gone, and so is what integral action has added.
     """
     own = deepcopy(compensator)
     s, fade = own.model.structure, own.fade.copy()
-    fade[BUMP] = 0.0
+    fade[BUMP] = own.feedback[CORRECTION] = 0.0
 
     def moved(z: Vector, u: Vector) -> tuple[float, OperatorState]:
         own.state, own.fade = _operators(s, z), fade.copy()

@@ -67,6 +67,8 @@ class SelfLearningCompensator:
     proximal : float
         Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of the
         variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
+    integral_gain : float
+        Of the integral action, in 1/s, as of ``Compensator``; samples that the guard of the sensor does not trust are left out.
     solver_options : mapping, optional
         Lane, tier and settings of the solver as of ``solvers.get``; the tier is high by default.
     model : HysteresisCreepModel, optional
@@ -90,7 +92,7 @@ class SelfLearningCompensator:
                  mode: Mode = "cyclic", *, memory_s: float = 2.0, hand_over_s: float = 0.01,
                  fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int | None = None,
                  find_centre: bool | None = None, follow_range: bool | None = None,
-                 proximal: float = 1e-6,
+                 proximal: float = 1e-6, integral_gain: float = 0.0,
                  solver_options: Mapping[str, Any] | None = None, model: HysteresisCreepModel | None = None,
                  state: OperatorState | None = None) -> None:
         if x_limits is None:
@@ -100,14 +102,15 @@ class SelfLearningCompensator:
         if follow_range is None:
             follow_range = model is None and (structure.offset or find_centre)
         self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, memory_s, hand_over_s, fade_s,
-                                         rate_limit, samples_to_solve, find_centre, follow_range, proximal, solver_options)
+                                         rate_limit, samples_to_solve, find_centre, follow_range, proximal, integral_gain,
+                                         solver_options)
         if model is None:
             model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
         elif model.structure != structure:
             raise ValueError("the model has another structure than the one given")
         if find_centre and not structure.offset:
             model = with_constant(model)
-        self.compensator = Compensator(model, x_limits, rate_limit, state)
+        self.compensator = Compensator(model, x_limits, rate_limit, state, integral_gain=integral_gain)
         self.log: Log = deque(maxlen=LOG_LENGTH)
         self._last_x: float | None = None
         self._learning: CyclicLearning | ContinuousLearning = (
@@ -152,8 +155,8 @@ class SelfLearningCompensator:
                 "hand_overs": learning.count("hand_overs"), "refusals": learning.count("refusals")}
 
     def samples_until_change(self) -> int:
-        """Samples for which the weights in use cannot change, so that their drive can be computed in one go."""
-        return self._learning.samples_until_change()
+        """Samples for which neither the weights in use nor the integral action can change, so that their drive can be computed in one go."""
+        return 1 if self.settings.integral_gain > 0.0 else self._learning.samples_until_change()
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
         """One sample.

@@ -15,7 +15,7 @@ enum { CREEP_VECTORS = 1 };
 
 int64_t compensator_bytes(Shape s)
 {
-    const int vectors = 6 * lanes(s) + (2 + CREEP_VECTORS) * creep_lanes(s) + 3 * zone_lanes(s) + padded(weight_count(s)) + 2 * LANES + LANES;
+    const int vectors = 6 * lanes(s) + (2 + CREEP_VECTORS) * creep_lanes(s) + 3 * zone_lanes(s) + padded(weight_count(s)) + 2 * LANES + 2 * LANES;
     return HEAD_BYTES + (int64_t)sizeof(real) * vectors;
 }
 
@@ -35,6 +35,7 @@ Compensator compensator_at(void *memory)
     c.weights = reals(&room, 1, padded(weight_count(c.shape)));
     c.limits = (DriveLimits *)(void *)reals(&room, 2, LANES);
     c.fade = (Fade *)(void *)reals(&room, 1, LANES);
+    c.feedback = (Feedback *)(void *)reals(&room, 1, LANES);
     c.play = reals(&room, 1, lanes(c.shape));
     c.creep = reals(&room, CREEP_VECTORS, creep_lanes(c.shape));
     return c;
@@ -114,18 +115,31 @@ static void move_on(const Compensator *c, real x)
 #endif
 }
 
+void compensator_correct(Compensator *c, real y)
+{
+    Feedback *const f = c->feedback;
+    const real error = f->given - y, most_added = MAGNITUDE(c->limits->y_scale);
+    if (f->gain > 0 && isfinite(error) && !(f->held * error / c->limits->y_scale > 0)) {
+        f->correction = most(-most_added, least(most_added, f->correction + f->gain * error));
+    }
+}
+
 real compensator_step(Compensator *c, real y_ref)
 {
     const DriveLimits *const p = c->limits;
+    Feedback *const f = c->feedback;
     const real last = c->play[0];
-    real x = last;
+    real x = last, wanted = last;
+    f->given = y_ref;
     if (isfinite(y_ref)) {
-        c->fade->last_y_ref = y_ref;
-        x = wanted_drive(c, unit_reference(p, y_ref)) + c->fade->bump;
+        c->fade->last_y_ref = y_ref + f->correction;
+        wanted = wanted_drive(c, unit_reference(p, c->fade->last_y_ref)) + c->fade->bump;
         c->fade->bump *= c->fade->decay;
-        x = most(last - p->max_step, least(last + p->max_step, x));
+        x = most(last - p->max_step, least(last + p->max_step, wanted));
     }
-    x = p->x_centre + p->x_scale * within_limits(p, x);
+    x = within_limits(p, x);
+    f->held = (real)((wanted > x) - (wanted < x));
+    x = p->x_centre + p->x_scale * x;
     x = most(p->low, least(p->high, x)); /* rounding may have passed a limit by its last bit */
     move_on(c, (x - p->x_centre) / p->x_scale);
     return x;

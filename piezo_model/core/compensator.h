@@ -26,6 +26,13 @@ typedef struct {
     real bump, decay, last_y_ref;
 } Fade;
 
+/* Integral action on what a sensor says: the share of each error that is added to the reference from then on, 0 for none; what has
+ * been added so far, in the output unit; the last reference as it was given, NaN where there was none; and 1 or -1 where the drive
+ * for it was above or below what the limits let pass. */
+typedef struct {
+    real gain, correction, given, held;
+} Feedback;
+
 typedef struct {
     ShapedHead *head;
     Shape shape;
@@ -37,6 +44,7 @@ typedef struct {
     real *weights;                    /* all of them: w_H0 ... w_Hn, w'_S, w_K, offset */
     DriveLimits *limits;
     Fade *fade;
+    Feedback *feedback;
     real *play, *creep;
 } Compensator;
 
@@ -46,6 +54,10 @@ CORE_API Compensator compensator_at(void *memory);
 CORE_API void compensator_setup(void *memory, Shape shape);
 /* Invert the model of these weights; they must be those of a valid model. */
 CORE_API void compensator_take(Compensator *c, const real *weights);
+/* Take the output that the last drive produced: correction <- correction + gain (y_r - y). With the inverse in front the actuator is
+ * about 1, so that a disturbance comes through by |1 - z^-1| / |1 - (1 - gain) z^-1|, at most 2 / (2 - gain). Anti-windup: an error is not
+ * added up that pushes the drive further beyond a limit, and all of them never make more than half the output's range. */
+CORE_API void compensator_correct(Compensator *c, real y);
 /* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. */
 CORE_API real compensator_step(Compensator *c, real y_ref);
 /* What it would drive for the last reference at this moment, in unit amplitudes; nothing is moved on. */

@@ -251,6 +251,7 @@ int continuous_observe(Continuous *c, real x, real y)
     const int verdict = guard_judge(&m->guard, unit_x, unit_y), phase = (int)n->phase;
     int brought = 0;
     ++n->verdicts[verdict];
+    n->last_verdict = verdict;
     ++n->sample;
     if (verdict == GOOD) {
         real error;

@@ -273,6 +273,7 @@ int cyclic_observe(Cyclic *c, real x, real y)
     const real unit_x = (x - m->scales.x_centre) / m->scales.x_scale, unit_y = (y - m->scales.y_centre) / m->scales.y_scale;
     const int verdict = guard_judge(&m->guard, unit_x, unit_y), phase = (int)n->phase;
     ++n->verdicts[verdict];
+    n->last_verdict = verdict;
     ++n->sample;
     if (phase == BUILD && verdict == GOOD) {
         basis_count(&c->basis, unit_x, unit_y);

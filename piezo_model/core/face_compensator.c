@@ -45,6 +45,7 @@ FACE(face_compensator_setup)
         {"W_H", c.W_H, lanes(s)}, {"w_H_inverse", c.w_H_inverse, lanes(s)}, {"r_H_inverse", c.r_H_inverse, lanes(s)},
         {"w_K", c.w_K, creep_lanes(s)}, {"weights", c.weights, weight_count(s)},
         {"limits", c.limits, sizeof *c.limits / sizeof(real)}, {"fade", c.fade, sizeof *c.fade / sizeof(real)},
+        {"feedback", c.feedback, sizeof *c.feedback / sizeof(real)},
         {"play", c.play, lanes(s)}, {"creep", c.creep, creep_lanes(s)}};
     return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
 }
@@ -86,6 +87,21 @@ FACE(face_compensator_now)
     take_arguments(&a, "compensator_now(state)", given, count, 1);
     take_compensator(&a, &c);
     return finish_number(&a, good(&a) ? compensator_now(&c) : 0);
+}
+
+FACE(face_compensator_correct)
+{
+    Arguments a;
+    Compensator c;
+    double y;
+    (void)module;
+    take_arguments(&a, "compensator_correct(state, y)", given, count, 2);
+    take_compensator(&a, &c);
+    y = take_number(&a);
+    if (good(&a)) {
+        compensator_correct(&c, y);
+    }
+    return finish_integer(&a, 0);
 }
 
 FACE(face_compensator_step)

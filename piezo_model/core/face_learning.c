@@ -33,8 +33,12 @@ typedef struct {
 CORE_INLINE int observe(Learner l, Compensator *compensator, double x, double y)
 {
     const int brought = l.cyclic != NULL ? cyclic_observe(l.cyclic, x, y) : continuous_observe(l.continuous, x, y);
+    const LearningCounts *const counts = l.cyclic != NULL ? &l.cyclic->memory->counts : &l.continuous->memory->counts;
     if (brought & TAKE_OVER) {
         compensator_hand_over(compensator, l.cyclic != NULL ? l.cyclic->weights : l.continuous->weights);
+    }
+    if (counts->last_verdict == GOOD) {
+        compensator_correct(compensator, y);
     }
     return brought & ~TAKE_OVER;
 }

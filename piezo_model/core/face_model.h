@@ -25,6 +25,7 @@ FACE(face_compensator_setup);
 FACE(face_compensator_take);
 FACE(face_compensator_hand_over);
 FACE(face_compensator_now);
+FACE(face_compensator_correct);
 FACE(face_compensator_step);
 FACE(face_compensator_run);
 FACE(face_cyclic_bytes);

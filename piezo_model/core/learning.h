@@ -27,9 +27,10 @@ enum {
     NO_OPTIMUM = 1024    /* continuous: the data have none, learning began anew */
 };
 
-/* Samples left in the phase, samples so far, and how often what happened; `failures` are those of arithmetic. */
+/* Samples left in the phase, samples so far, how often what happened, and the verdict on the last sample; `failures`
+ * are those of arithmetic. */
 typedef struct {
-    int64_t phase, left, sample, hand_overs, refusals, faults, failures, verdicts[4];
+    int64_t phase, left, sample, hand_overs, refusals, faults, failures, verdicts[4], last_verdict;
 } LearningCounts;
 
 /* Of input and output; unit amplitudes are (x - centre) / scale. */

@@ -22,6 +22,7 @@ static PyMethodDef methods[] = {
     METHOD(compensator_take, "compensator_take(state, weights): invert the model of these weights."),
     METHOD(compensator_hand_over, "compensator_hand_over(state, weights): the same without a bump."),
     METHOD(compensator_now, "compensator_now(state): the unit drive for the last reference at this moment."),
+    METHOD(compensator_correct, "compensator_correct(state, y): integral action on the output that the last drive produced."),
     METHOD(compensator_step, "compensator_step(state, y_ref): the drive for one reference."),
     METHOD(compensator_run, "compensator_run(state, y_ref, x): drives for references."),
     METHOD(cyclic_bytes, "cyclic_bytes(n, zones, rates, offset): size of a learner in cycles."),

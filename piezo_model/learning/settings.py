@@ -33,6 +33,7 @@ class LearningSettings:
     find_centre: bool | None = None
     follow_range: bool | None = None
     proximal: float = 1e-6
+    integral_gain: float = 0.0
     solver_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
