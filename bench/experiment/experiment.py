@@ -14,9 +14,11 @@ from bench.experiment import (
     boundary,
     cycles,
     elementary_operators,
+    feedback,
     loops,
     page,
     push_pull,
+    robustness,
     staircases,
 )
 from bench.experiment.style import Exhibit
@@ -36,7 +38,8 @@ class Experiment:
     exhibits: tuple[Exhibit, ...]
 
 
-def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lambda what, done, total: None) -> Experiment:
+def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+        situations: int = 20) -> Experiment:
     """Make the experiment and write its page and figures into a folder, which is made if it is not there.
 
     Parameters
@@ -44,6 +47,8 @@ def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lamb
     folder : Path
     rig : Rig
     progress : function of (what, done, total), optional
+    situations : int
+        Drawn at random, besides the rig.
 
     Raises
     ------
@@ -51,7 +56,8 @@ def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lamb
         Where the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    total, done = len(push_pull.CASES) + len(actuators.CASES) + 5, 0
+    disturbed = situations // 4 + 1
+    total, done = len(push_pull.CASES) + len(actuators.CASES) + situations + disturbed + 5, 0
 
     def say(what: str) -> None:
         nonlocal done
@@ -74,9 +80,18 @@ def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lamb
 
         return pd.DataFrame([row(case) for case in cases])
 
+    def drawn(count: int, what: str, of_seed: Callable[[int], Iterable[dict[str, Any]]]) -> pd.DataFrame:
+        found: list[dict[str, Any]] = []
+        for seed in range(robustness.FIRST_SEED, robustness.FIRST_SEED + count):
+            say(f"{what}, situation {seed}")
+            found += of_seed(seed)
+        return pd.DataFrame(found)
+
     exhibits = (*(staircases.exhibit(i, straight, hindsight, learned) for i in range(len(AXES))),
                 loops.exhibit(straight, learned), by_cycle, actuators.exhibit(rows(actuators.CASES)),
-                push_pull.exhibit(rows(push_pull.CASES)), elementary_operators.exhibit(), boundary.exhibit(learned))
+                push_pull.exhibit(rows(push_pull.CASES)),
+                robustness.exhibit(drawn(situations, "learning", robustness.rows)),
+                feedback.exhibit(drawn(disturbed, "feedback", feedback.rows)), elementary_operators.exhibit(), boundary.exhibit(learned))
     say("figures")
     for exhibit in exhibits:
         exhibit.write(folder)

@@ -12,7 +12,8 @@ from bench.experiment import boundary
 from bench.rig import trial
 from bench.rig.rig import AMPLITUDE_UM, Rig
 
-FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles", "actuators", "push_pull", "fig1_operators", "fig2_boundary")
+FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles", "actuators", "push_pull", "robustness", "feedback", "fig1_operators",
+           "fig2_boundary")
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,20 @@ def test_the_error_falls_with_the_cycles_and_drift_calls_for_learning_on(folder:
     learned = t.learned_percent.dropna()
     assert learned.iloc[-1] < 0.1 * learned.iloc[0]
     assert t.learned_drifting_percent.iloc[-1] < t.learned_once_drifting_percent.iloc[-1]
+
+
+def test_in_situations_drawn_at_random_learning_ends_nearer_than_a_straight_line(folder: Path) -> None:
+    t = table(folder, "robustness")
+    assert t["way"].nunique() == 3
+    assert (t.cycle_5 < t.straight).all()
+    assert (t[t["way"] == "continuous"].ratio < 2.0).all()
+
+
+def test_integral_action_beside_the_compensation_is_better_than_either_alone(folder: Path) -> None:
+    errors = table(folder, "feedback").pivot(index=["seed", "disturbance"], columns="way", values="rms_percent")
+    both = errors.pop("compensation and integral action")
+    assert len(both) == 3
+    assert (both < errors.min(axis=1)).all()
 
 
 def test_loops_close_under_compensation(folder: Path) -> None:

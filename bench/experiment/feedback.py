@@ -1,0 +1,140 @@
+"""A sensor that stays in the loop: learned compensation with integral action, against either of them alone.
+
+Situations are drawn at random (`piezo_model.family`), and something that the model does not know moves the output: a mount that
+creeps, or a vibration of 1 or 10 Hz. PI control alone is a rival at its best: for each of RATIOS the gains are raised until the
+sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with the steepest slope of the actuator in L,
+
+    L = g z^-delay z / (z − 1) of the integral action,   L = s_max (k_P + k_I z / (z − 1)) z^-delay of the PI control
+
+with the delay of one sample and that of the sensor; and the ratio that does best in the very situation is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import altair as alt
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.experiment.robustness import SAMPLE_TIME, learner_of
+from bench.experiment.style import CONTINUOUS, LEARNED, STRAIGHT, Exhibit, axis
+from bench.report.charts import data
+from piezo_model import plants
+from piezo_model.family import CYCLE_S, Situation
+
+Vector = NDArray[np.float64]
+
+GAIN = 0.2
+"""Share of an error that is added up a sample; in 1/s, divided by the sampling period."""
+RATIOS = (0.0, 0.5, 2.0)
+"""k_P / k_I of the PI control."""
+CYCLES = 2
+JUDGED_S, SETTLING_S = 4.0, 2.0
+SHARE = 0.01
+"""Of the reference's range, amplitude of a disturbance."""
+DISTURBANCES = {"creep of the mount": 0.0, "1 Hz": 1.0, "10 Hz": 10.0}
+WAYS = {"compensation alone": STRAIGHT, "PI control alone": CONTINUOUS, "compensation and integral action": LEARNED}
+
+
+def peak(k_p: float, k_i: float, delay: int) -> float:
+    """Peak of |1 / (1 + L)| for a slope of 1 and so many samples from the drive to the error that it makes."""
+    z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
+    return float(np.max(1.0 / np.abs(1.0 + (k_p + k_i * z / (z - 1.0)) * z ** -delay)))
+
+
+def pi_gains(ratio: float, delay: int, highest: float) -> tuple[float, float]:
+    """k_P and k_I of this ratio whose sensitivity has this peak, by bisection."""
+    low, high = 0.0, 2.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if peak(ratio * middle, middle, delay) < highest else (low, middle)
+    return ratio * low, low
+
+
+class Disturbed:
+    """A sensor whose output something else moves, too; one call after the other goes on where the last one ended."""
+
+    def __init__(self, sensor: plants.Plant, added: Vector) -> None:
+        self.sensor, self.added, self.done = sensor, added, 0
+
+    def run(self, x: Vector) -> Vector:
+        """Outputs (N,) of drives (N,)."""
+        self.done += x.size
+        return self.sensor.run(x) + self.added[self.done - x.size:self.done]
+
+
+def pi_alone(situation: Situation, actuator: Disturbed, y_ref: Vector, gains: tuple[float, float], slope: float) -> Vector:
+    """Outputs (N,) under PI control in the drive's unit, with its integral held at the limits."""
+    (low, high), (k_p, k_i) = situation.x_limits, gains
+    integral, error, y = low, 0.0, np.empty_like(y_ref)
+    for k in range(y_ref.size):
+        wanted = integral + (k_p + k_i) * error / slope
+        x = min(max(wanted, low), high)
+        if (wanted - x) * error <= 0.0:  # nothing is added up that pushes further beyond a limit
+            integral += k_i * error / slope
+        y[k] = actuator.run(np.array([x]))[0]
+        error = y_ref[k] - y[k] if np.isfinite(y[k]) else error
+    return y
+
+
+def steepest(situation: Situation) -> float:
+    """The steepest slope of the actuator over two full ramps, in output per input unit."""
+    (low, high), actuator = situation.x_limits, plants.get(situation.plant, **situation.actuator_options)
+    up = np.linspace(low, high, 51)
+    return max(float(np.max(np.diff(actuator.run(x)) / np.diff(x))) for x in (up, up[::-1], up, up[::-1]))
+
+
+def rows(seed: int) -> Iterator[dict[str, Any]]:
+    """RMS errors of the last JUDGED_S, in % of the reference's range, of each way under each disturbance."""
+    situation = Situation.draw(seed, CYCLES * CYCLE_S, SAMPLE_TIME)
+    y_ref, delay = situation.y_ref, 1 + int(situation.sensor_options.get("delay_samples", 0))
+    t, span, slope = np.arange(y_ref.size) * SAMPLE_TIME, float(np.ptp(y_ref)), steepest(situation)
+    highest = peak(0.0, GAIN, delay)
+    judged, settled = slice(-round(JUDGED_S / SAMPLE_TIME), None), slice(-round((JUDGED_S + SETTLING_S) / SAMPLE_TIME), None)
+    for name, frequency in DISTURBANCES.items():
+        added = SHARE * span * (np.sin(2.0 * np.pi * frequency * t) if frequency else np.log1p(10.0 * t))
+
+        def error(y: Vector) -> float:
+            return 100.0 * float(np.sqrt(np.nanmean((y[judged] - y_ref[judged]) ** 2))) / span
+
+        found = {}
+        for way, gain in (("compensation alone", 0.0), ("compensation and integral action", GAIN)):
+            learner = learner_of(situation, "continuous", integral_gain=gain / SAMPLE_TIME)
+            found[way] = error(learner.run(y_ref, Disturbed(situation.sensor(), added).run)[1])
+        found["PI control alone"] = min(
+            error(pi_alone(situation, Disturbed(situation.sensor(), added[settled]), y_ref[settled], pi_gains(ratio, delay, highest), slope))
+            for ratio in RATIOS)
+        for way in WAYS:
+            yield {"seed": seed, "plant": situation.plant, "reference": situation.reference, "disturbance": name, "way": way,
+                   "rms_percent": found[way]}
+
+
+def exhibit(table: pd.DataFrame) -> Exhibit:
+    """Draw the errors of every situation by disturbance."""
+    names = [*WAYS]
+    chart = alt.Chart(data(table.assign(place=table["seed"].astype(str)))).mark_point(filled=True, size=70, opacity=0.9).encode(
+        x=alt.X("rms_percent:Q", **axis("RMS error, % of the reference's range", type="log")), y=alt.Y("place:N", title="seed"),
+        color=alt.Color("way:N", title=None, scale=alt.Scale(domain=names, range=[*WAYS.values()]), legend=alt.Legend(orient="top", labelLimit=300)),
+        shape=alt.Shape("way:N", scale=alt.Scale(domain=names), legend=None),
+        tooltip=["seed:N", "plant:N", "reference:N", "way:N", alt.Tooltip("rms_percent:Q", format=".4f")],
+    ).properties(width=240, height=28 * table["seed"].nunique() + 20).facet(column=alt.Column("disturbance:N", title=None))
+    return Exhibit("feedback", "A sensor that stays in the loop",
+                   f"Learned compensation (continuous), PI control, and both, in situations drawn at random; the output is moved by {SHARE:.0%} of "
+                   f"the range besides. PI control and integral action have the same peak of sensitivity; the gain is {GAIN:g} a sample.",
+                   tuple(sentences(table)), table, chart)
+
+
+def sentences(table: pd.DataFrame) -> Iterator[str]:
+    """Say how both together compare with the better one alone."""
+    errors = table.pivot(index=["seed", "disturbance"], columns="way", values="rms_percent")
+    both = errors["compensation and integral action"]
+    for name, part in errors.groupby("disturbance", sort=False):
+        alone = part.drop(columns=both.name)
+        yield (f"Disturbance {name}: with integral action beside the compensation the error is {both[part.index].median():.3f} % in the median; "
+               + ", ".join(f"{alone[way].median():.3f} % with {way}" for way in alone) + ".")
+    ratio = both / errors.drop(columns=both.name).min(axis=1)
+    yield (f"Against the better of the two alone it is {ratio.median():.2f} times the error in the median and {ratio.max():.2f} times in the "
+           "worst case.")

@@ -1,0 +1,110 @@
+"""Integral action beside the compensator: what it does to a disturbance, at a limit, and with a sensor that fails."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_sensor import FaultySensor, steps
+from learning_loops import MODES, T, learner_for, sensor, structure_for
+
+from piezo_model import Compensator, HysteresisCreepModel, OperatorState
+
+GAIN = 0.3
+STRUCTURE = structure_for(sensor())
+MODEL = HysteresisCreepModel.from_weights(STRUCTURE, np.concatenate([STRUCTURE.straight_line[:1], STRUCTURE.straight_line[1:] + 0.02]))
+LIMITS = (0.0, 150.0)
+
+
+def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Drives and errors (N,) of the loop over an actuator that the model describes exactly, with something added to its output."""
+    model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
+    compensator = Compensator(model, LIMITS, integral_gain=gain / T)
+    state, x, error = OperatorState.at_rest(model.structure), np.empty(y_ref.size), np.empty(y_ref.size)
+    for k in range(y_ref.size):
+        x[k] = compensator.step(y_ref[k])
+        y = model.simulate(x[k:k + 1], state)[0] + added[k]
+        compensator.correct(y)
+        error[k] = y_ref[k] - y
+    return x, error
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_step_of_a_disturbance_decays_by_the_gain_each_sample_whatever_the_hysteresis(turned: bool) -> None:
+    y_ref = 6.0 * np.sin(np.arange(80) / 9.0)
+    error = closed(y_ref, np.where(np.arange(80) >= 40, 0.5, 0.0), GAIN, turned)[1]
+    np.testing.assert_allclose(error[:40], 0.0, atol=1e-11)
+    np.testing.assert_allclose(error[40:], -0.5 * (1.0 - GAIN) ** np.arange(40), atol=1e-11)
+
+
+def test_the_fastest_disturbance_is_amplified_by_no_more_than_the_stated_peak() -> None:
+    error = closed(np.zeros(200), 0.1 * (-1.0) ** np.arange(200), GAIN)[1]
+    assert np.abs(error[100:]).max() == pytest.approx(0.1 * 2.0 / (2.0 - GAIN), rel=1e-6)
+
+
+def test_what_the_limits_hold_back_is_not_added_up() -> None:
+    y_ref = np.concatenate([np.full(300, 60.0), np.full(20, 1.0), np.full(300, -60.0), np.full(20, 1.0)])
+    x, error = closed(y_ref, np.zeros(y_ref.size), GAIN)
+    assert (x.min(), x.max()) == LIMITS
+    np.testing.assert_allclose(error[300:320], 0.0, atol=1e-10)
+    np.testing.assert_allclose(error[620:], 0.0, atol=1e-10)
+
+
+def test_without_a_reference_or_an_output_nothing_is_added_up() -> None:
+    compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
+    compensator.correct(5.0)  # nothing was driven yet
+    for y_ref, y in ((1.0, np.nan), (np.nan, 5.0), (np.inf, 5.0)):
+        compensator.step(y_ref)
+        compensator.correct(y)
+    assert compensator.feedback[1] == 0.0
+
+
+def test_another_model_comes_in_without_a_bump_of_the_drive() -> None:
+    compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
+    before = [compensator.step(2.0) for _ in range(50) if compensator.correct(1.8) is None][-1]
+    compensator.change_model(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), fade_s=1.0)
+    assert compensator.step(2.0) == pytest.approx(before, abs=0.2)
+
+
+@pytest.mark.parametrize("gain", [-1.0, np.nan, 1.1 / T])
+def test_a_gain_that_cannot_be_is_refused(gain: float) -> None:
+    with pytest.raises(ValueError, match="integral_gain must be from 0 to 1/sample_time, 1000 per second"):
+        Compensator(MODEL, integral_gain=gain)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_learner_suppresses_what_its_model_does_not_know_and_runs_replays_and_resumes_to_the_last_bit(mode: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    y_ref = steps(sensor(), 20.0)
+    added = 0.3 * np.sin(np.arange(y_ref.size) * 2.0 * np.pi * T)
+    errors = []
+    for gain in (0.0, GAIN / T):
+        plant, learner, done = sensor(), learner_for(sensor(), mode, integral_gain=gain), [0]
+
+        def moved(x: np.ndarray, plant=plant, done=done) -> np.ndarray:  # type: ignore[no-untyped-def]
+            done[0] += x.size
+            return plant.run(x) + added[done[0] - x.size:done[0]]
+
+        x, y = learner.run(y_ref, moved)
+        errors.append(float(np.sqrt(np.mean((y - y_ref)[-5000:] ** 2))))
+    assert errors[1] < 0.2 * errors[0]
+    other = learner_for(sensor(), mode, integral_gain=GAIN / T)
+    before = np.append(np.nan, y[:-1])
+    first = other.replay(y_ref[:9000], before[:9000])
+    other.save(tmp_path / "half.json")
+    rest = type(other).load(tmp_path / "half.json").replay(y_ref[9000:], before[9000:])
+    np.testing.assert_array_equal(np.concatenate([first, rest]), x)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_every_fault_of_the_sensor_leaves_the_drive_inside_its_limits_and_is_left_behind_in_five_seconds(mode: str) -> None:
+    plant = sensor()
+    learner, faulty = learner_for(plant, mode, integral_gain=GAIN / T), FaultySensor(plant, seed=8)
+    faulty.failing = False
+    y_ref = steps(plant, 10.0)
+    before = learner.run(y_ref, faulty)[1]
+    faulty.failing = True
+    x = learner.run(y_ref, faulty)[0]
+    assert np.all((x >= plant.x_range[0]) & (x <= plant.x_range[1]))
+    faulty.failing = False
+    after = learner.run(y_ref, faulty)[1]
+    errors = [np.sqrt(np.mean((y - y_ref)[-5000:] ** 2)) for y in (before, after)]
+    assert errors[1] < 1.5 * errors[0]
