@@ -51,6 +51,9 @@ Low = Annotated[float | None, typer.Option("--low", help="Lowest drive; the file
 High = Annotated[float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")]
 RateLimit = Annotated[float | None, typer.Option("--rate-limit", help="Fastest change of the drive, per second.")]
 
+IntegralGain = Annotated[float, typer.Option("--integral-gain", help="Of integral action on the sensor, per second: the bandwidth in rad/s; "
+                                             "0 for none.")]
+
 
 def export_c_verb(
     model: ModelArgument,
@@ -61,13 +64,15 @@ def export_c_verb(
     low: Low = None,
     high: High = None,
     rate_limit: RateLimit = None,
+    integral_gain: IntegralGain = 0.0,
     name: Annotated[str, typer.Option(help="Prefix of files, functions and types.")] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
     from bench.export.c_source import export
     from bench.export.folder import write_folder
 
-    loaded, settings = _opened(model, low, high, rate_limit, solver, precision=precision.value, part=part.value, name=name)
+    loaded, settings = _opened(model, low, high, rate_limit, solver, precision=precision.value, part=part.value, name=name,
+                               integral_gain=integral_gain)
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
     what = {"compensator": "the compensator", "learning": f"the self-learning loop with {settings.solver}"}[settings.part]

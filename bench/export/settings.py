@@ -45,7 +45,7 @@ class ExportSettings:
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
-    reset_s, build_s, learn_s, memory_s, hand_over_s, fade_s, proximal : float
+    reset_s, build_s, learn_s, memory_s, hand_over_s, fade_s, proximal, integral_gain : float
         As of ``SelfLearningCompensator``.
     name : str
         Prefix of files, functions and types.
@@ -68,6 +68,7 @@ class ExportSettings:
     hand_over_s: float = LearningSettings.hand_over_s
     fade_s: float = LearningSettings.fade_s
     proximal: float = LearningSettings.proximal
+    integral_gain: float = LearningSettings.integral_gain
     name: str = "piezo"
 
     def __post_init__(self) -> None:
@@ -101,10 +102,12 @@ class ExportSettings:
         def samples(seconds: float) -> int:
             return max(1, round(seconds / s.sample_time))
 
+        if not 0.0 <= self.integral_gain * s.sample_time <= 1.0:
+            raise ExportError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / s.sample_time:g} per second, not {self.integral_gain}")
         low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
         forgetting, interval = math.exp(-s.sample_time / self.memory_s), samples(self.hand_over_s)
         return {
-            "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s),
+            "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": self.integral_gain * s.sample_time,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
             "steps": 100_000, "tolerance": Tier.HIGH.tolerance or 0.0, "smoothing": 1.0 / samples(1.0),

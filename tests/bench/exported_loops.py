@@ -92,18 +92,18 @@ class Stage:
         return y
 
 
-def learning(solver: str, size: int, faulty: bool = False) -> Told:
+def learning(solver: str, size: int, faulty: bool = False, integral_gain: float = 0.0) -> Told:
     """The self-learning loop on a stage, continuous with the recursive solver and else in cycles."""
     model = a_model()
     start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
     mode: Mode = "continuous" if solver == "recursive_active_set" else "cyclic"
     learner = SelfLearningCompensator(start.structure, solver=solver, mode=mode, x_limits=LIMITS, model=start, samples_to_solve=1,
-                                      **PHASES)
+                                      integral_gain=integral_gain, **PHASES)
     y_ref, stage = references(size, seed=2), Stage(size, faulty)
     x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive
-    settings = ExportSettings(part="learning", solver=cast(Any, solver), x_limits=LIMITS, **PHASES)
+    settings = ExportSettings(part="learning", solver=cast(Any, solver), x_limits=LIMITS, integral_gain=integral_gain, **PHASES)
     return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
 
 

@@ -29,14 +29,15 @@ SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 FLOAT_LOOP_BOUND = 1e-4
 """Unit amplitudes."""
 FAULTY = "projected_difference, faulty sensor", "recursive_active_set, faulty sensor"
-KINDS = ("compensator", *SOLVERS, *FAULTY)
+INTEGRAL = "projected_difference, faulty sensor, integral action", "recursive_active_set, faulty sensor, integral action"
+KINDS = ("compensator", *SOLVERS, *FAULTY, *INTEGRAL)
 
 
 @cache
 def told(kind: str, size: int = SHORT) -> Told:
     """What Python says, computed once."""
     solver, _, fault = kind.partition(", ")
-    return compensation(size) if kind == "compensator" else learning(solver, size, faulty=bool(fault))
+    return compensation(size) if kind == "compensator" else learning(solver, size, faulty=bool(fault), integral_gain=1000.0 * (kind in INTEGRAL))
 
 
 def built(folder: Path, said: Told, compiler: str, *flags: str) -> Path:

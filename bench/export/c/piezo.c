@@ -29,6 +29,12 @@ static void set_limits(Compensator *c, double low, double high, double max_step)
     p->max_step = (real)max_step;
 }
 
+void piezo_correct(piezo_axis *axis, piezo_real y_measured)
+{
+    Compensator c = of(axis);
+    compensator_correct(&c, y_measured);
+}
+
 #if PIEZO_LEARNING
 static void start_learning(piezo_axis *axis)
 {
@@ -57,6 +63,9 @@ void piezo_observe(piezo_axis *axis, piezo_real y_measured)
             weights[i] = (real)found[i];
         }
         compensator_hand_over(&c, weights);
+    }
+    if (axis->driven && piezo_learner_trusts(axis->learner.bytes)) {
+        piezo_correct(axis, y_measured);
     }
 }
 
@@ -121,6 +130,8 @@ void piezo_reset(piezo_axis *axis)
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
     c.fade->decay = (real)PIEZO_FADE;
     c.fade->last_y_ref = (real)PIEZO_Y_CENTRE;
+    c.feedback->gain = (real)PIEZO_INTEGRAL_GAIN;
+    c.feedback->given = (real)NAN;
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
         weights[i] = (real)exported[i];
     }
@@ -193,12 +204,14 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
     state->bump = c.fade->bump;
     state->fade = c.fade->decay;
     state->last_y_ref = c.fade->last_y_ref;
+    state->correction = c.feedback->correction;
 }
 
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
 {
     const Compensator c = of(axis);
-    int finite = isfinite(state->bump) && isfinite(state->fade) && isfinite(state->last_y_ref);
+    int finite = isfinite(state->bump) && isfinite(state->fade) && isfinite(state->last_y_ref)
+        && isfinite(state->correction);
     for (int i = 0; i < PIEZO_PLAY; ++i) {
         finite = finite && isfinite(state->play[i]);
     }
@@ -217,6 +230,8 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
     c.fade->bump = state->bump;
     c.fade->decay = state->fade;
     c.fade->last_y_ref = state->last_y_ref;
+    c.feedback->correction = state->correction;
+    c.feedback->given = (real)NAN;
     start_learning(axis);
     return PIEZO_OK;
 }

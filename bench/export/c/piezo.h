@@ -51,7 +51,7 @@ typedef struct {
     piezo_real creep[PIEZO_RATES * PIEZO_PLAY]; /* rate by rate */
 #endif
     piezo_real bump, fade;
-    piezo_real last_y_ref; /* in the output unit */
+    piezo_real last_y_ref, correction; /* in the output unit, the second what integral action has added */
 } piezo_state;
 
 #if PIEZO_LEARNING
@@ -73,6 +73,10 @@ typedef struct {
 
 /* The exported model and limits; at rest at the centre of the range. Call it first. */
 void piezo_reset(piezo_axis *axis);
+
+/* Integral action, where PIEZO_INTEGRAL_GAIN is not 0: take the output that the last drive has produced. With learning, piezo_step does
+ * it with every output that the guard of the sensor trusts; alone, call it before each step where there is a sensor. */
+void piezo_correct(piezo_axis *axis, piezo_real y_measured);
 
 #if PIEZO_LEARNING
 /* Learn from the output that the last drive has produced, then the drive for the reference. */

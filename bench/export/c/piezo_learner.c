@@ -145,6 +145,8 @@ int piezo_learner_observe(void *learner, double x, double y, double *weights)
     return 0;
 }
 
+int piezo_learner_trusts(void *learner) { return learner_at(learner).memory->counts.last_verdict == GOOD; }
+
 void piezo_learner_events(void *learner, long long *counts)
 {
     const LearningCounts *const n = &learner_at(learner).memory->counts;

@@ -6,6 +6,8 @@
 void piezo_learner_reset(void *learner, const double *weights, const double *play, const double *creep);
 /* Take the output y that the drive x produced; 1 where `weights` were written and are to be taken over. */
 int piezo_learner_observe(void *learner, double x, double y, double *weights);
+/* Whether the output taken last was good. */
+int piezo_learner_trusts(void *learner);
 /* Hand-overs, refusals, faults of the sensor and of arithmetic. */
 void piezo_learner_events(void *learner, long long *counts);
 
