@@ -87,11 +87,12 @@ def export_fmu_verb(
     low: Low = None,
     high: High = None,
     rate_limit: RateLimit = None,
+    integral_gain: IntegralGain = 0.0,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU with a binary for this machine and its source."""
     from bench.export.fmu import write_fmu
 
-    loaded, settings = _opened(model, low, high, rate_limit, None)
+    loaded, settings = _opened(model, low, high, rate_limit, None, integral_gain=integral_gain)
     if out.suffix != ".fmu":
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():

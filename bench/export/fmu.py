@@ -31,7 +31,7 @@ from piezo_model.structure import ModelStructure
 NAMESPACE = uuid.UUID("6f0d5a1e-57a4-5a0b-9d0e-0f6a4b8f7c11")
 METRE = 'm="1"'
 BASE_UNITS = {
-    "s": 's="1"', "V": 'kg="1" m="2" s="-3" A="-1"', "mV": 'kg="1" m="2" s="-3" A="-1" factor="1e-3"',
+    "s": 's="1"', "1/s": 's="-1"', "V": 'kg="1" m="2" s="-3" A="-1"', "mV": 'kg="1" m="2" s="-3" A="-1" factor="1e-3"',
     "kV": 'kg="1" m="2" s="-3" A="-1" factor="1e3"', "m": METRE, "mm": f'{METRE} factor="1e-3"',
     "um": f'{METRE} factor="1e-6"', "µm": f'{METRE} factor="1e-6"', "nm": f'{METRE} factor="1e-9"', "rad": 'rad="1"',
     "mrad": 'rad="1" factor="1e-3"', "urad": 'rad="1" factor="1e-6"', "A": 'A="1"', "N": 'kg="1" m="1" s="-2"'}
@@ -62,6 +62,8 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
         Variable("highest_drive", 4, "parameter", "fixed", numbers["high"], x, "Upper limit of the drive"),
         Variable("rate_limit", 5, "parameter", "fixed", rate, f"{x}/s" if x else "",
                  "Largest change of the drive per second, 0 for none"),
+        Variable("measured", 6, "input", "discrete", s.y_centre, y, "Output that the last drive produced, for the integral action"),
+        Variable("integral_gain", 7, "parameter", "fixed", settings.integral_gain, "1/s", "Of the integral action, 0 for none"),
     ]
 
 
@@ -112,7 +114,7 @@ def _about(s: ModelStructure, settings: ExportSettings, token: str, fmi: int) ->
             units[unit] = BASE_UNITS["V"].replace('s="-3"', 's="-4"')
     return {"name": settings.name, "token": token, "fmi": fmi, "variables": found,
             "units": {unit: Markup(base) for unit, base in units.items()},
-            "rate_limit": settings.rate_limit or 0.0}
+            "rate_limit": settings.rate_limit or 0.0, "integral_gain": settings.integral_gain}
 
 
 def _platform(fmi: int) -> str:

@@ -96,6 +96,21 @@ def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: in
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
+def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, fmi: int) -> None:
+    gain, y_ref = 0.4 / SAMPLE_TIME, reference()[:400]
+    measured = 0.9 * np.roll(y_ref, 1) + 0.3
+    write_fmu(a_model(), ExportSettings(x_limits=LIMITS, integral_gain=gain), tmp_path / "loop.fmu", fmi)
+    it, compensator = slave(tmp_path / "loop.fmu", fmi, tmp_path / "loop"), Compensator(a_model(), LIMITS, integral_gain=gain)
+    for k, (wanted, y) in enumerate(zip(y_ref, measured, strict=True)):
+        (it.setReal if fmi == 2 else it.setFloat64)([6], [y])
+        compensator.correct(y)
+        assert step(it, fmi, k, wanted) == compensator.step(wanted)
+    assert compensator.feedback[1] != 0.0
+    it.terminate()
+    it.freeInstance()
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
 def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path, fmi: int) -> None:
     model, y_ref = a_model(), reference()[:500]
     turned = replace(model, structure=replace(model.structure, y_scale=-model.structure.y_scale))

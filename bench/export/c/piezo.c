@@ -194,6 +194,16 @@ piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high,
     return PIEZO_OK;
 }
 
+piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second)
+{
+    const double gain = (double)per_second * PIEZO_SAMPLE_TIME_S;
+    if (!(gain >= 0 && gain <= 1)) {
+        return PIEZO_BAD_LIMITS;
+    }
+    of(axis).feedback->gain = (real)gain;
+    return PIEZO_OK;
+}
+
 void piezo_get_state(const piezo_axis *axis, piezo_state *state)
 {
     const Compensator c = of(axis);

@@ -100,6 +100,9 @@ piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, pie
 /* Limits of the drive and its largest change from sample to sample, in input units. */
 piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high, piezo_real max_step);
 
+/* Gain of the integral action per second, from 0 to 1 / PIEZO_SAMPLE_TIME_S. */
+piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second);
+
 /* The states of the actuator, to be carried over a restart of the controller. Learning starts anew from there. */
 void piezo_get_state(const piezo_axis *axis, piezo_state *state);
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state);
