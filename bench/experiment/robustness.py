@@ -97,7 +97,7 @@ def exhibit(table: pd.DataFrame) -> Exhibit:
 def sentences(table: pd.DataFrame) -> Iterator[str]:
     """Say for each mode how many situations end near the floor, and which one does worst."""
     for way, found in table.groupby("way", sort=False):
-        worst = found.loc[found["ratio"].idxmax()]
+        worst = found.sort_values("ratio").iloc[-1]
         yield (f"{str(way).capitalize()}: {(found.ratio <= 1.5).mean():.0%} of {len(found)} situations end within 1.5 times the floor, "
                f"{(found.ratio <= 2.0).mean():.0%} within twice; the worst is seed {worst.seed} ({worst.plant}, {worst.reference}) with "
                f"{worst.ratio:.1f} times, {worst.straight / worst.cycle_5:.0f} times nearer than the straight line that it began with.")
