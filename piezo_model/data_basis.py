@@ -14,7 +14,7 @@ Source: the paper's equations (3) to (6); K. Kuhnen, European Journal of Control
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,34 +28,9 @@ from solvers.core import padded
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 BLOCK = 64
 """BASIS_BLOCK of ``core/data_basis.h``."""
-
-FILLED, SAMPLES = range(2)
-"""Entries of ``BasisArrays.counts``: rows that wait for their block to be full; samples counted since the last clear."""
-
-X_MIN, X_MAX, Y_MIN, Y_MAX = range(4)
-"""Entries of ``BasisArrays.span``."""
-
-
-class BasisArrays(NamedTuple):
-    """Views of everything in a data basis of the core."""
-
-    regressors: RegressorArrays
-    play: Vector
-    creep: Vector
-    start_play: Vector
-    """States at the first counted sample."""
-    start_creep: Vector
-    rows: Vector
-    gram: Vector
-    span: Vector
-    counts: Integers
-    stride: int
-    forgetting: float
-
 
 MEMORY = ("play", "creep", "start_play", "start_creep", "rows", "gram", "span", "counts")
 
@@ -100,13 +75,6 @@ class DataBasis:
         """The operators' states before the coming sample; what is written to its arrays is taken."""
         return OperatorState(self._core["play"], self._core["creep"])
 
-    @property
-    def arrays(self) -> BasisArrays:
-        """Views of everything that the basis holds."""
-        core = self._core
-        return BasisArrays(self._regressors, core["play"], core["creep"], core["start_play"], core["start_creep"], core["rows"],
-                           core["gram"], core["span"], core["counts"].view(np.int64), self._regressors.stride, self.forgetting)
-
     def clear(self) -> None:
         """Forget P, q and c; the operator states stay, since they follow the actuator for as long as it is powered."""
         face.basis_clear(self._core.block)
@@ -114,7 +82,7 @@ class DataBasis:
     @property
     def samples(self) -> int:
         """Samples counted since the last ``clear``."""
-        return int(self.arrays.counts[SAMPLES])
+        return int(self._core.whole("counts")[1])
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
         """Take the next samples.
@@ -197,8 +165,7 @@ class DataBasis:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that changes while samples stream by, waiting rows included."""
-        arrays = self.arrays
-        return {name: getattr(arrays, name).copy() for name in MEMORY}
+        return {name: self._core[name].copy() for name in MEMORY}
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave.
@@ -208,9 +175,8 @@ class DataBasis:
         ValueError
             Where an array is missing or of another size; nothing is changed then.
         """
-        arrays = self.arrays
         for name in MEMORY:
-            if name not in memory or memory[name].shape != getattr(arrays, name).shape:
+            if name not in memory or memory[name].shape != self._core[name].shape:
                 raise ValueError(f"the memory of the data basis has no array {name!r} of the size that this structure needs")
         for name in MEMORY:
-            getattr(arrays, name)[:] = memory[name]
+            self._core[name][:] = memory[name]

@@ -1,4 +1,4 @@
-"""One setting for all property tests: no deadline, since the first call of a kernel compiles it and machines differ."""
+"""One setting for all property tests: no deadline, since machines differ."""
 
 from hypothesis import settings
 

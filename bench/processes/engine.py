@@ -21,7 +21,6 @@ from joblib.externals.loky import get_reusable_executor
 
 from bench.passed.race_error import RaceError
 from bench.processes.child import warm_up
-from bench.processes.compiling import compile_solvers
 from bench.processes.line_up import Limits, LineUp
 from bench.timing import cores
 from solvers.registry import Entry
@@ -174,7 +173,6 @@ def _taken(entries: tuple[Entry, ...], limits: Limits) -> tuple[LineUp, cores.Co
     core = cores.claim()
     _permit_children()
     warm_up()
-    compile_solvers(entries)
     return LineUp(entries, limits, core.number), core
 
 

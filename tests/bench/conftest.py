@@ -8,16 +8,8 @@ import pytest
 from browser import Browser
 from command_line import CommandLine, Finished
 
-from bench.processes.compiling import compile_solvers
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
-from solvers import entries
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled() -> None:
-    """Our solvers are compiled before any test asks a process of its own for an answer within seconds."""
-    compile_solvers(list(entries()), rows=True)
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,6 @@ from bench.passed.row import Row, who
 from bench.passed.task import Task
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.processes.sentinel import EVERY_S
@@ -69,7 +68,6 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     """Do whatever is not done yet."""
     settings = settings_of(run, AnytimeSettings)
     chosen = checked(settings)
-    compile_solvers(chosen, progress)
     problems = list(problems_of(run, settings, progress))
     progress("waiting for a core on which no other race times", 0, 1)
     with cores.claim() as core, LineUp(chosen, settings.limits, core.number) as line_up:

@@ -26,7 +26,6 @@ from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
 from bench.passed.row import Row, who
 from bench.passed.task import Task
-from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races.field import entries_of, field_of
@@ -98,7 +97,6 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     still = settings.stage(STILL)
     limits = replace(settings.limits, time_limit_s=settings.time_limit_s + len(still.y_ref) * still.sample_time)
     entries = check(settings)
-    compile_solvers(entries, progress)
     files = {(entry.name, entry.lane): entry.path for entry in entries}
     with LineUp(entries, limits, None) as line_up:
         tasks = list(tasks_of(settings, field_of(run, line_up.children.values())))

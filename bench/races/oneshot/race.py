@@ -12,7 +12,6 @@ from bench.passed.progress import Progress
 from bench.passed.task import Task
 from bench.problems.protocol import RaceProblem
 from bench.processes import engine
-from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races import null_solver
@@ -32,7 +31,6 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     """Do whatever is not done yet."""
     settings = settings_of(run, OneshotSettings)
     chosen = checked(settings)
-    compile_solvers(chosen, progress)
     problems = list(problems_of(run, settings, progress))
     (_race_here if workers.is_one else _race_spread)(run, settings, chosen, problems, progress, workers)
     note_conditions(run, workers)

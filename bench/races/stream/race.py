@@ -24,7 +24,6 @@ from bench.passed.task import Task
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
-from bench.processes.compiling import compile_solvers
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races import null_solver
@@ -84,7 +83,6 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     """Do whatever is not done yet."""
     settings = settings_of(run, StreamSettings)
     chosen = checked(settings)
-    compile_solvers(chosen, progress, rows=True)
     stream = _stream(run, settings, progress)
     schedule_s = settings.samples * PERIOD_NS * 1e-9
     limits = replace(settings.limits, time_limit_s=settings.time_limit_s + 2.0 * schedule_s)
