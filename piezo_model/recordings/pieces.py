@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -42,6 +44,16 @@ def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:
         yield np.concatenate(held, axis=1)
 
 
+def ahead(pieces: Iterable[Matrix]) -> Iterator[Matrix]:
+    """The same pieces, each made by a thread while the one before it is worked on."""
+    made = iter(pieces)
+    with ThreadPoolExecutor(1) as thread:
+        coming = thread.submit(next, made, None)
+        while (piece := coming.result()) is not None:
+            coming = thread.submit(next, made, None)
+            yield piece
+
+
 def limited(pieces: Iterable[Matrix], rows: int | None) -> Iterator[Matrix]:
     """The first rows of pieces, or all of them."""
     for piece in pieces:
@@ -68,7 +80,9 @@ def matrix_of(batch: pa.RecordBatch) -> Matrix:
 
 
 def _numbers(column: pa.Array) -> NDArray[Any]:
-    return np.asarray(column.to_numpy(zero_copy_only=False))
+    if column.null_count:
+        column = column.cast(pa.float64(), safe=False).fill_null(math.nan)
+    return np.asarray(np.from_dlpack(column))  # to_numpy would import pandas
 
 
 def first_line(error: Exception) -> str:

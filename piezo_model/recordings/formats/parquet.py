@@ -10,7 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as arrow_parquet
 
-from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, first_line, matrix_of
+from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, ahead, first_line, matrix_of
 from piezo_model.recordings.tables import Column, Kind, Reading
 
 NAME = "a Parquet file"
@@ -33,6 +33,9 @@ class ParquetTable:
 
     def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
         """Stream columns as arrays of shape (columns, rows)."""
+        return ahead(self._batches(at))
+
+    def _batches(self, at: Sequence[int]) -> Iterator[Matrix]:
         names = [self.columns[k].name for k in at]
         for k in at:
             if self.columns[k].kind not in ("number", "clock"):
