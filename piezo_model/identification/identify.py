@@ -128,7 +128,7 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     w = optimum(problem, solver)
     model = HysteresisCreepModel.from_weights(structure, w)
     fit, _ = forward_error(model, recording, skip, state, high - low)
-    judged = judge(recording, structure, skip, state, fit, solver, proximal)
+    judged = judge(recording, model, skip, state, fit, solver, proximal)
     if judged.refusal is not None and not force:
         raise IdentificationError(f"{recording.name}: {judged.refusal}")
     straight = judged.straight and fit.line[1] > 0.0

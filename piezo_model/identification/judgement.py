@@ -18,6 +18,7 @@ from piezo_model.identification import rivals
 from piezo_model.identification.baseline import Baseline, cross_validate
 from piezo_model.identification.counting import HEAD
 from piezo_model.identification.fit_report import Fit, percent
+from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -57,8 +58,10 @@ class Judgement:
     one_way: bool
 
 
-def judge(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, fit: Fit, solver: str, proximal: float) -> Judgement:
+def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: OperatorState, fit: Fit, solver: str, proximal: float,
+          ) -> Judgement:
     """Hold a fit against a line, a cubic and what else would explain the recording."""
+    s = model.structure
     if recording.length > HEAD:  # with so many samples to so few weights, the error is that on data left out
         recording = recording.head(HEAD + skip)
         baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
@@ -66,7 +69,9 @@ def judge(recording: Recording, s: ModelStructure, skip: int, state: OperatorSta
         baseline = cross_validate(recording, s, skip, state, solver, proximal)
         if math.isnan(baseline.model_percent):
             baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
-    x, y = (signal[skip:] for signal in recording.arrays())
+    x, y = recording.arrays()
+    own = ((y - model.simulate(x, state.copy())) / fit.span)[skip:]
+    x, y = x[skip:], y[skip:]
     stride = math.ceil(x.size / LOOK)
     u, v = 0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span
     way = np.diff(u[::stride])
@@ -78,17 +83,18 @@ def judge(recording: Recording, s: ModelStructure, skip: int, state: OperatorSta
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal = None
     if not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
-        refusal = _refusal(u, v, stride, s, error, line)
+        refusal = _refusal(u, v, own, s, error, line)
     return Judgement(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
 
 
-def _refusal(u: Vector, v: Vector, stride: int, s: ModelStructure, error: float, line: float) -> str | None:
+def _refusal(u: Vector, v: Vector, own: Vector, s: ModelStructure, error: float, line: float) -> str | None:
     """Why there is to be no model, in one sentence without its full stop; None where there is no reason."""
+    stride, channels = math.ceil(u.size / LOOK), rivals.channels(u, v, LOOK)
     thin_u, thin_v, u, v = u[::stride], v[::stride], u[:LOOK], v[:LOOK]
     no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
-    cubic = rivals.rms(rivals.left_over(rivals.polynomials(2.0 * thin_u - 1.0, 3), thin_v))
+    cubic, cubic_first = (rivals.rms(rivals.left_over(rivals.polynomials(2.0 * a - 1.0, 3), b)) for a, b in ((thin_u, thin_v), (u, v)))
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
-    if no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and rivals.channels(u, v).error > far_better:
+    if no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better:
         return f"the output is noise that does not follow the drive: {compared}"
     few = rivals.roughness(u) > FEW
     if few and error > RIGHT * line and rivals.unforeseen(u) < MUCH_BETTER:
@@ -98,11 +104,13 @@ def _refusal(u: Vector, v: Vector, stride: int, s: ModelStructure, error: float,
     if not few and error > MUCH_BETTER * line and rivals.sense(thin_u, thin_v) < REVERSED:
         return f"the output leads the drive round its loops, as where the columns of input and output are swapped: {compared}"
     seconds = s.sample_time
-    found = {"channels": rivals.channels(u, v), "butterfly": rivals.butterfly(thin_u, thin_v)}
+    found = {"channels": channels, "butterfly": rivals.butterfly(thin_u, thin_v)}
     if no_better:  # where the model is better than a line: over one loop, time says as much as the drive does
         found["drift"] = rivals.drift(thin_v)
     if min(found.values()).error > far_better:
-        found |= {"delay": rivals.delay(thin_u, thin_v), "resonance": rivals.resonance(u, v)}
+        resonance = rivals.resonance(u, v)  # of the first samples: to be held against what model and cubic leave of those
+        fair = max(rivals.rms(own) / max(rivals.rms(own[:LOOK]), 1e-300), cubic / max(cubic_first, 1e-300))
+        found |= {"delay": rivals.delay(thin_u, thin_v), "resonance": resonance._replace(error=fair * resonance.error)}
     name, best = min(found.items(), key=lambda each: each[1])
     if best.error < (far_better if name == "butterfly" else min(far_better, MUCH_BETTER * cubic)):
         left = f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"

@@ -24,6 +24,8 @@ Matrix = NDArray[np.float64]
 KNOTS = 24
 PURE = 0.9
 """Share of the drive's power in one tone from which on delay, resonance and hysteresis look the same."""
+APART = 0.5
+"""Share of the error of one cubic for all below which two cubics are two channels."""
 DAMPING = (0.003, 0.7)
 """Range of the damping ratio that makes a resonance."""
 
@@ -99,9 +101,12 @@ def drift(v: Vector) -> Rival:
     return Rival(rms(left_over(polynomials(np.linspace(-1.0, 1.0, v.size), 5), v)))
 
 
-def channels(u: Vector, v: Vector) -> Rival:
-    """One cubic for even samples and one for odd ones."""
-    return Rival(rms(np.concatenate([left_over(polynomials(2 * u[i::2] - 1, 3), v[i::2]) for i in (0, 1)])))
+def channels(u: Vector, v: Vector, look: int) -> Rival:
+    """One cubic for even samples and one for odd ones, over ``look`` samples spread in pairs; not where one for all does nearly as well."""
+    even = 2 * np.arange(0, u.size // 2, max(1, u.size // look))
+    columns, values = [polynomials(2 * u[even + i] - 1, 3) for i in (0, 1)], [v[even + i] for i in (0, 1)]
+    apart = rms(np.concatenate([left_over(*each) for each in zip(columns, values, strict=True)]))
+    return Rival(apart if apart < APART * rms(left_over(np.vstack(columns), np.concatenate(values))) else np.inf)
 
 
 def butterfly(u: Vector, v: Vector) -> Rival:

@@ -88,6 +88,15 @@ def _one_loop(rng: Generator) -> tuple[Vector, Vector]:
     return u, noisy(rng, creeping(rng, u), 0.001)
 
 
+def _slow_and_late(rng: Generator) -> tuple[Vector, Vector]:
+    """A swelling and shrinking sine and the same later in phase: of one cycle, 12 000 samples are a short arc."""
+    k = np.arange(int(rng.integers(60_000, 120_000)))
+    period, late = rng.uniform(0.05, 0.5) * k.size, rng.uniform(0.02, 0.9)
+    size, phase = 1.0 + rng.uniform(0.05, 0.95) * np.sin(2 * np.pi * k / (period * rng.uniform(3.0, 20.0))), 2 * np.pi * rng.uniform()
+    u, y = (0.5 * size * np.sin(2 * np.pi * k / period + phase - shift) for shift in (0.0, late))
+    return u, noisy(rng, y, 10.0 ** rng.uniform(-5.0, -3.0))
+
+
 DESCRIBABLE: dict[str, Kind] = {
     "hysteresis": _on(loops),
     "hysteresis and creep": _on(creeping),
@@ -101,6 +110,7 @@ DESCRIBABLE: dict[str, Kind] = {
     "an amplifier that clips": _on(lambda rng, u: np.clip(loops(rng, u), -0.6, 0.7)),
     "Bouc-Wen": _plant("bouc_wen"),
     "relays of Preisach": _plant("relay_preisach"),
+    "a slow sine and a lag": _slow_and_late,
 }
 
 

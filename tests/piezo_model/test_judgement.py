@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording
 
 from piezo_model import IdentificationError, Recording, identify
+from piezo_model.identification import rivals
+from piezo_model.identification.judgement import LOOK
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError
 from piezo_model.units import quantity
@@ -32,6 +34,27 @@ def test_data_that_the_model_class_describes_are_taken(kind: str) -> None:
     on_a_curve = kind in ("saturation without hysteresis", "a straight line", "a straight line in noise")
     assert any("No hysteresis" in finding for finding in model.report["findings"]) == on_a_curve
     assert any("falls as the input rises" in finding for finding in model.report["findings"]) == (kind == "a falling output")
+
+
+@settings(max_examples=30)
+@given(kind=st.sampled_from([*DESCRIBABLE, "delay at two frequencies", "resonance", "butterfly", "drift only"]), seed=SEEDS)
+def test_one_channel_is_never_taken_for_two(kind: str, seed: int) -> None:
+    x, y = ({**DESCRIBABLE, **{name: made for name, (made, _) in UNDESCRIBABLE.items()}})[kind](np.random.default_rng(seed))
+    u, v = ((signal - signal.min()) / np.ptp(signal) for signal in (x, y))
+    assert rivals.channels(u, v, LOOK).error == np.inf
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS)
+def test_two_channels_in_turn_are_told_from_one(seed: int) -> None:
+    x, y = UNDESCRIBABLE["two interleaved channels"][0](np.random.default_rng(seed))
+    u, v = ((signal - signal.min()) / np.ptp(signal) for signal in (x, y))
+    assert rivals.channels(u, v, LOOK).error < 0.2
+
+
+@pytest.mark.parametrize("seed", [5, 7, 8, 19])
+def test_a_slow_drive_of_which_the_first_samples_are_a_short_arc_is_judged_by_all_of_it(seed: int) -> None:
+    assert identify(recording(DESCRIBABLE["a slow sine and a lag"], seed)).report["fit"]["samples"] > 50_000
 
 
 def test_a_model_can_be_forced_and_then_says_first_what_speaks_against_it() -> None:
