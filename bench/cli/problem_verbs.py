@@ -11,23 +11,26 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, make
 from bench.report.console import AsJson, console, print_json, print_table, progress_bar, records
 from solvers.certificate import WORK, Certificate, NotCertified, verify
 
 
+@reads_a_recording
 def problems_verb(
+    reading: Reading,
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
     source: Annotated[Path | None, typer.Option("--from", help="Folder with saved problems, in place of making them.")] = None,
     export: Annotated[Path | None, typer.Option(help="Folder for the problems as NPZ and a test set of qpbenchmark.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Number of problems; all by default.")] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
-    recording: Annotated[Path | None, typer.Option(help="For the set recorded: CSV or Parquet.")] = None,
-    time: Annotated[str | None, typer.Option(help="Time column of the recording; guessed by default.")] = None,
-    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
-    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    recording: Annotated[Path | None, typer.Option(help=f"For the set recorded. {FILE}")] = None,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
     folder: Annotated[Path | None, typer.Option(help="For the set foreign: NPZ, MAT, QPS and MPS files.")] = None,
     test_set: Annotated[Path | None, typer.Option(help="For the set test_set: Python file with one of qpbenchmark.")] = None,
     work: Annotated[float, typer.Option(min=1.0, help="For programs of others: bit operations for each proof.")] = WORK,
@@ -46,9 +49,8 @@ def problems_verb(
         else:
             print_table(("set", "problems", "what it is for"), sets, left=3)
         return
-    files = {name: str(value) for name, value in (("recording", recording), ("folder", folder), ("test_set", test_set), ("time", time),
-                                                  ("input", input), ("output", output)) if value is not None}
-    chosen, left_out, total = _chosen(problem_set, source, seed, {**files, "work": str(work)})
+    said = as_text(recording=recording, folder=folder, test_set=test_set, time=time, input=input, output=output, work=work, **reading)
+    chosen, left_out, total = _chosen(problem_set, source, seed, said)
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
     rows: list[tuple[str, ...]] = []

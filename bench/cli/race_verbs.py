@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.passed.progress import Progress
 from bench.processes.engine import Backend, Workers
 from bench.processes.solver_child import SolverChild
@@ -56,8 +57,10 @@ def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
     return verb
 
 
+@reads_a_recording
 @with_options_of_kinds
 def race_verb(
+    reading: Reading,
     kind: str = DEFAULT,
     problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set, paper and measured by default; may be given "
                                                                          "again. A stream and a loop have their own problems.")] = None,
@@ -71,10 +74,10 @@ def race_verb(
     scaling: Annotated[list[Scale] | None, typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; "
                                                               "both by default.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Problems of each set; all by default.")] = None,
-    recording: Annotated[Path | None, typer.Option(help="CSV or Parquet file to make problems of, the set recorded.")] = None,
-    time: Annotated[str | None, typer.Option(help="Time column of the recording; guessed by default.")] = None,
-    input: Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")] = None,
-    output: Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")] = None,
+    recording: Annotated[Path | None, typer.Option(help=f"To make problems of, the set recorded. {FILE}")] = None,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
     folder: Annotated[Path | None, typer.Option(help="Folder of NPZ, MAT, QPS and MPS files to race on, the set "
                                                                "foreign.")] = None,
     test_set: Annotated[Path | None, typer.Option(help="Python file with a test set of qpbenchmark to race on.")] = None,
@@ -104,15 +107,15 @@ def race_verb(
         raise typer.BadParameter(f"only a {' or '.join(owners)} has {option}; ask for --race {owners[0]}",
                                  param_hint=f"--{option.replace('_', '-')}")
     names, solver_files = _names_and_files(solver or [])
-    files = {**{name: path and str(path.resolve()) for name, path in (("recording", recording), ("folder", folder), ("test_set", test_set))},
-             "time": time, "input": input, "output": output}
-    sets = problem_set or [name for name, option in FILE_OF.items() if files[option]]
+    files = {"recording": recording, "folder": folder, "test_set": test_set}
+    said = as_text(**{name: path and path.resolve() for name, path in files.items()}, time=time, input=input, output=output, **reading)
+    sets = problem_set or [name for name, option in FILE_OF.items() if option in said]
     lists: dict[str, Any] = {"problem_sets": sets, "lanes": lane, "tiers": tier,
                              "scalings": [choice.value for choice in scaling or ()]}
     settings = race.settings(
         solvers=names, solver_files=solver_files, limit=limit, seed=seed, time_limit_s=time_limit, memory_mb=memory,
         effort=replace(race.settings().effort, budget_s=budget), repeats=repeats,
-        set_options={name: text for name, text in files.items() if text},
+        set_options=said,
         **{name: tuple(asked) for name, asked in lists.items() if asked}, **chosen)
     spread = Workers(workers, backend, scheduler)
     race.check(spread)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypedDict
 
 import typer
 
+FILE = "A recording in any known format; piezobench inspect shows how it is read."
 Time = Annotated[str | None, typer.Option(help="Time column: a name, a path such as group/channel, or a number counted "
                                                "from 1; guessed by default.")]
 Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
@@ -30,11 +31,16 @@ class Reading(TypedDict):
     sheet: str | None
 
 
+def as_text(**said: Any) -> dict[str, str]:
+    """What was said of a recording, as the options of a problem set."""
+    return {name: str(value) for name, value in said.items() if value is not None}
+
+
 def reads_a_recording(verb: Callable[..., None]) -> Callable[..., None]:
     """Add the options to a verb, which gets them together as its argument ``reading``."""
     own = inspect.signature(verb, eval_str=True)
     kept = [parameter for name, parameter in own.parameters.items() if name != "reading"]
-    added = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=kind)
+    added = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
              for name, kind in _OPTIONS.items()]
 
     @functools.wraps(verb)

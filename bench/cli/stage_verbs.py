@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
@@ -34,7 +34,7 @@ class LagOption(StrEnum):
 
 @reads_a_recording
 def identify_verb(
-    recording: Annotated[Path, typer.Argument(help="A recording in any known format; piezobench inspect shows how it is read.")],
+    recording: Annotated[Path, typer.Argument(help=FILE)],
     out: Annotated[Path, typer.Option(help="Where the model is written, JSON.")],
     reading: Reading,
     time: Time = None,

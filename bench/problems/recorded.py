@@ -9,7 +9,7 @@ variable without bounds.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 KEPT_BACK = 0.2
 LONGEST_VALIDATION = 200_000
 """Samples; every problem carries its own copy."""
+READING = {"sample_time": float, "header_row": int, "decimal": str, "sheet": str}
+"""Options of ``Recording.open`` for what a file does not say, and how each is read from its text."""
 SOLVER, PROXIMAL = "box_active_set", 1e-10
 
 
@@ -35,7 +37,8 @@ class Recorded(ProblemSet):
     name = "recorded"
     description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
     needs: ClassVar = {"recording": "a recording in any known format"}
-    takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column"}
+    takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column",
+                       **dict.fromkeys(READING, "how the file is read")}
 
     def __len__(self) -> int:
         """Orders times windows."""
@@ -44,7 +47,8 @@ class Recorded(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Accumulate each window at each order and certify it; windows that are too short are left out."""
         time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
-        whole = Recording.open(self.options["recording"], time, input, output).in_memory()
+        reading: dict[str, Any] = {name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options}
+        whole = Recording.open(self.options["recording"], time, input, output, **reading).in_memory()
         fitted = round((1.0 - KEPT_BACK) * whole.length)
         recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + LONGEST_VALIDATION))
         (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
