@@ -22,8 +22,9 @@ from qpsolvers import Problem
 from qpsolvers.exceptions import QPError
 from scipy.sparse import csc_matrix
 
-from bench.processes.child import START_LIMIT_S, Child, LateError, LostError
+from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
+from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers.certificate import Certificate, NotCertified, certify
 
 Vector = NDArray[np.float64]
@@ -44,7 +45,7 @@ HANG_S = 3600.0
 """Seconds after which a library that was asked for a start hangs; no proof takes so long."""
 
 
-class Prover(Child):
+class Prover(ForkedChild):
     """A process that looks for proofs; another one starts after it was lost."""
 
     def prove(self, function: Callable[..., T], *arguments: Any) -> T:

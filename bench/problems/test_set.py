@@ -14,7 +14,8 @@ from bench.problem_files.program import checked
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.foreign import ForeignPrograms, Source
 from bench.problems.protocol import ProblemSetError
-from bench.processes.child import Child, LateError, LostError
+from bench.processes.forked_child import ForkedChild
+from piezo_model.child_process import LateError, LostError
 
 LIMIT_S = 600.0
 """For all of a test set to be made; some download their programs."""
@@ -35,7 +36,7 @@ class QpbenchmarkTestSet(ForeignPrograms):
 
     @cached_property
     def _programs(self) -> list[tuple[str, Problem]]:
-        with Child() as child:
+        with ForkedChild() as child:
             try:
                 found = child.call(LIMIT_S, read_test_set, str(self.path.resolve()))
             except LateError:

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed, parallel_config
 from joblib.externals.loky import get_reusable_executor
 
 from bench.passed.race_error import RaceError
-from bench.processes.child import warm_up
+from bench.processes.forked_child import warm_up
 from bench.processes.line_up import Limits, LineUp
 from bench.timing import cores
 from solvers.registry import Entry

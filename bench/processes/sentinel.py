@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.processes.child import START_LIMIT_S, Child
+from bench.processes.forked_child import ForkedChild
 from bench.timing.clock import Effort, time_pairs
+from piezo_model.child_process import START_LIMIT_S
 
 SIZE, TIMES = 32, 64
 EFFORT = Effort(budget_s=0.004, fewest=20, most=60)
@@ -56,7 +57,7 @@ class Sentinel:
     looks: list[tuple[float, list[int]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._child = Child()
+        self._child = ForkedChild()
 
     def look(self, unless_within_s: float = 0.0) -> None:
         """Time the work, unless the last look is less than so many seconds ago."""

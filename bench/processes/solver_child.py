@@ -10,19 +10,18 @@ from pathlib import Path
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request
 from bench.processes import worker
-from bench.processes.child import START_LIMIT_S, Child, LateError, LostError
+from bench.processes.forked_child import ForkedChild
+from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers.protocol import Lane
 from solvers.registry import Described, Entry
 
-LOADING_S = 10.0 * START_LIMIT_S
-"""A child that hangs while its library loads and has no parent any more ends after so long."""
 BUILD_LIMIT_S = 60.0
 """Seconds on top for a task of the lane codegen, since the first of a shape of problem generates and compiles."""
 
 
 def entry_of_file(path: str | Path) -> Entry:
     """The entry of a user's solver file, whose code runs in a process of its own; ImportError says what is wrong."""
-    with Child() as child:
+    with ForkedChild() as child:
         try:
             found = child.call(START_LIMIT_S, worker.introduce, path)
         except LateError:
@@ -34,7 +33,7 @@ def entry_of_file(path: str | Path) -> Entry:
     raise ImportError(f"{path}: {found}")
 
 
-class SolverChild(Child):
+class SolverChild(ForkedChild):
     """The process of one solver in one lane; started at once, and again after it was lost.
 
     Parameters
@@ -58,7 +57,7 @@ class SolverChild(Child):
 
     def _load(self) -> None:
         self._described: Described | None = None
-        self.begin(LOADING_S, worker.load, self.entry, *self._limits)
+        self.begin(worker.load, self.entry, *self._limits)
 
     def describe(self) -> Described:
         """What the solver is, or why it is absent; waits until its library is loaded."""

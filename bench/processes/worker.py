@@ -7,11 +7,11 @@ hands back the answer with its duals, the raw times and what it noticed about th
 from __future__ import annotations
 
 import os
-import resource
 from pathlib import Path
 
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request
+from piezo_model.child_process import limit_memory
 from solvers.protocol import Solver
 from solvers.registry import Described, Entry, describe, from_file
 
@@ -39,13 +39,6 @@ def answer(request: Request) -> Outcome:
     outcome = request.answer(cls, first=not answered)
     _loaded[1:] = [cls]
     return outcome
-
-
-def limit_memory(megabytes: int) -> None:
-    """Let this process grow by so much over what it has now; allocations beyond fail."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    limit = pages * resource.getpagesize() + megabytes * 2**20
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
 def introduce(path: str | Path) -> Entry | str:

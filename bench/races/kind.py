@@ -8,8 +8,8 @@ from pathlib import Path
 
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
-from bench.processes.child import warm_up
 from bench.processes.engine import Workers
+from bench.processes.forked_child import warm_up
 from bench.races.field import checked
 from bench.races.settings import RaceSettings
 from bench.report import race_page

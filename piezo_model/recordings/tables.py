@@ -209,6 +209,8 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
     RecordingError
         The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
     """
+    from piezo_model.recordings import apart  # which makes tables of this module
+
     path = Path(path)
     try:
         if path.is_dir():
@@ -218,7 +220,10 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
         if not head:
             raise RecordingError(f"{path}: is an empty file")
         known = next(module for module in _registered() if module.recognises(path, head))
-        return known.open_table(path, reading or Reading())
+        if getattr(known, "APART", False):
+            return apart.open_table(known, path, reading or Reading())
+        table: Table = known.open_table(path, reading or Reading())
+        return table
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install "
                              "piezobench[formats]") from None

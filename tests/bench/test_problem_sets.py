@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
 from pathlib import Path
 
@@ -148,6 +149,24 @@ def test_the_last_fifth_of_a_recording_is_what_the_model_is_judged_with(recorded
     best = next(problem for problem in recorded if problem.name == "n12-m6-whole")
     assert best.validation is not None
     assert best.validation.error_percent(best.optimal_weights) < 2.0
+
+
+def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, piezobench: CommandLine) -> None:
+    """Semicolons, decimal commas, no header, no times, and the output before the input."""
+    x = SIGNALS["multi_sine"](duration_s=3.0, sample_time=1e-3, low=0.0, high=150.0, seed=3)
+    y = plants.get("relay_preisach", sample_time=1e-3).run(x)
+    (tmp_path / "stage.txt").write_text("".join(f"{b:.6f};{a:.6f}\n".replace(".", ",") for a, b in zip(x, y, strict=True)))
+    said = ("--recording", tmp_path / "stage.txt", "--header-row", 0, "--decimal", ",", "--sample-rate", 1000, "--input", 2, "--output", 1)
+    listed = piezobench("problems", "--set", "recorded", "--limit", 1, *said)
+    assert "n5-m3-whole" in listed.stdout, listed.stderr
+    raced = piezobench("race", *said, "--solver", "box_active_set", "--lane", "kernel", "--limit", 1, "--out", tmp_path, "--name", "run")
+    assert raced.status == 0, raced.stderr
+    options = json.loads((tmp_path / "run/run.json").read_text())["settings"]["set_options"]
+    assert options == {"recording": str(tmp_path / "stage.txt"), "input": "2", "output": "1", "sample_time": "0.001", "header_row": "0",
+                       "decimal": ","}
+    refused = piezobench("race", *said[:2], "--sheet", "two", "--sample-time", "later", "--out", tmp_path)
+    assert refused.status == 2
+    assert "--sample-time" in refused.stderr
 
 
 def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path) -> None:

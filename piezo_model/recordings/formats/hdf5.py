@@ -20,6 +20,7 @@ from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
 
 NAME = "an HDF5 file"
 ORDER = 30
+APART = True
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
 

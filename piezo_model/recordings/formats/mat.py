@@ -18,6 +18,7 @@ from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, pars
 
 NAME = "a MATLAB file"
 ORDER = 25
+APART = True
 NAMES, VALUES, UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 
 

@@ -13,6 +13,7 @@ from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, R
 
 NAME = "an MDF file"
 ORDER = 70
+APART = True
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -15,6 +15,7 @@ from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, R
 
 NAME = "a TDMS file"
 ORDER = 60
+APART = True
 UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 

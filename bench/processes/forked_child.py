@@ -1,0 +1,58 @@
+"""A child process that is forked from a server, for libraries that take long to import.
+
+The server has imported what all children need (qpsolvers is among it, and it imports every library that it finds), with every
+thread pool limited to one thread.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle, send_handle
+from typing import Any
+
+from piezo_model.child_process import Child, serve
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
+                    "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
+PRELOADED = ["bench.processes.forked_child", "bench.processes.worker", "cvxpy", "solvers.core"]
+"""What the server imports; absent ones are passed over."""
+
+
+def _context() -> Any:
+    for name in THREAD_VARIABLES:
+        os.environ[name] = "1"
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOADED)
+    return context
+
+
+def warm_up() -> None:
+    """Start the server that children are forked from; it imports for a second or two, beside whatever comes next."""
+    _context()
+    forkserver.ensure_running()
+
+
+class ForkedChild(Child):
+    """A child of the server."""
+
+    def _start(self, lent: Connection, alive: Connection) -> None:
+        assert self._connection is not None
+        self._process = _context().Process(target=_serve, daemon=True, args=(lent, alive))
+        self._process.start()
+        send_handle(self._connection, self._log.fileno(), self._process.pid)
+
+    def _exit_code(self, within_s: float) -> int | None:
+        self._process.join(within_s)
+        code: int | None = self._process.exitcode
+        return code
+
+
+def _serve(connection: Connection, alive: Connection) -> None:
+    """Serve, with what is printed going to the parent's file."""
+    sink = recv_handle(connection)
+    os.dup2(sink, 1)
+    os.dup2(sink, 2)
+    serve(connection, alive)

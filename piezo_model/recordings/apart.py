@@ -1,0 +1,117 @@
+"""Files whose formats are parsed by libraries in C are read in a child process: it may crash, hang or eat memory alone.
+
+The child keeps the file that it opened last; there is one for each process that reads, started by the first such file.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib import import_module
+from pathlib import Path
+from threading import Lock
+from types import ModuleType
+from typing import Any, TypeVar
+
+from numpy.typing import NDArray
+
+from piezo_model.child_process import Child, LateError, LostError, limit_memory
+from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
+
+T = TypeVar("T")
+
+MEMORY_MB = 4096
+"""That a file may take to be read."""
+LEAST_S, BYTES_PER_S = 60.0, 5e6
+"""Time that a question may take, and how fast a file is read at least."""
+_turn = Lock()
+
+
+@dataclass(frozen=True)
+class File:
+    """A file as it was when it was opened, and the module of its format."""
+
+    path: Path
+    module: str
+    reading: Reading
+    size: int
+    changed_ns: int
+
+
+@dataclass(frozen=True)
+class Rows:
+    """How a channel is read."""
+
+    file: File
+    at: int
+
+    def __call__(self, start: int, stop: int) -> NDArray:
+        """Values from one row to before another."""
+        return _ask(_read, self.file, self.at, start, stop)
+
+
+def open_table(module: ModuleType, path: Path, reading: Reading) -> ChannelTable:
+    """List the channels; the errors are those of :func:`piezo_model.recordings.tables.open_table`."""
+    found = path.stat()
+    file = File(path.absolute(), module.__name__, reading, found.st_size, found.st_mtime_ns)
+    form, columns = _ask(_list, file)
+    return ChannelTable(path, form, [Channel(column, Rows(file, k)) for k, column in enumerate(columns)])
+
+
+def _ask(question: Callable[..., T], file: File, *more: int) -> T:
+    """The child's answer; what it raised is raised here, and how it ended is said in a sentence."""
+    limit_s = LEAST_S + file.size / BYTES_PER_S
+    try:
+        with _turn:
+            found: Any = _child(os.getpid()).call(limit_s, _answer, question, file, *more)
+    except LateError:
+        raise RecordingError(f"{file.path}: takes longer than {limit_s:.0f} s to be read") from None
+    except LostError as error:
+        raise RecordingError(f"{file.path}: is damaged, the process that read it ended with {error}") from None
+    if isinstance(found, Exception):
+        raise found
+    answer: T = found
+    return answer
+
+
+@cache
+def _child(process: int) -> Child:
+    """The child of a process, which a fork of it does not share."""
+    child = Child()
+    atexit.register(child.close)
+    return child
+
+
+# In the child.
+
+
+def _answer(question: Callable[..., T], file: File, *more: int) -> T | Exception:
+    try:
+        return question(file, *more)
+    except Exception as error:
+        return error
+
+
+def _list(file: File) -> tuple[str, tuple[Column, ...]]:
+    table = _opened(file)
+    return table.form, table.columns
+
+
+def _read(file: File, at: int, start: int, stop: int) -> NDArray:
+    return _opened(file).channels[at].read(start, stop)
+
+
+@lru_cache(1)
+def _opened(file: File) -> ChannelTable:
+    _limited()
+    table: ChannelTable = import_module(file.module).open_table(file.path, file.reading)
+    return table
+
+
+@cache
+def _limited() -> None:
+    limit_memory(MEMORY_MB)

@@ -1,0 +1,24 @@
+"""NumPy's ``.npy``, mapped into memory and read in slices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
+
+NAME = "a NumPy file"
+ORDER = 40
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is an array."""
+    return head.startswith(b"\x93NUMPY")
+
+
+def open_table(path: Path, reading: Reading) -> ChannelTable:
+    """Open an array of rows and columns, or a structured array."""
+    with parsed(path, "NumPy"):
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    return in_memory(path, "NumPy", {"": array})

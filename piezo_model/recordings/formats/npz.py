@@ -1,0 +1,32 @@
+"""NumPy's ``.npz``, an archive of arrays."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from piezo_model.recordings.sampling_remark import sample_time_of
+from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
+
+NAME = "an archive of NumPy"
+ORDER = 45
+APART = True
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is an archive of arrays."""
+    if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return any(name.endswith(".npy") for name in archive.namelist())
+
+
+def open_table(path: Path, reading: Reading) -> ChannelTable:
+    """Read every array."""
+    with parsed(path, "NumPy"), np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    stated = {period for name, array in arrays.items() if array.size == 1 and array.dtype.kind in "iuf"
+              and (period := sample_time_of(name, float(array.ravel()[0]))) is not None}
+    return in_memory(path, "NumPy", arrays, sample_time=stated.pop() if len(stated) == 1 else None)

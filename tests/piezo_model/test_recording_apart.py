@@ -1,0 +1,121 @@
+"""What a file does to the process that parses it, it does to a child alone."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import unruly_format
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from recording_files import signals
+
+from piezo_model.recordings import Recording, RecordingError, apart
+from piezo_model.recordings.tables import Reading
+
+
+def opened(path: Path, what: str) -> str:
+    path.write_text(what)
+    with pytest.raises(RecordingError) as caught:
+        apart.open_table(unruly_format, path, Reading())
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("what", "words"), [
+    ("crash", "is damaged, the process that read it ended with SIGSEGV"),
+    ("exit", "is damaged, the process that read it ended with exit status 3, after printing 'goodbye'"),
+    ("eat", "is a damaged unruly file: Unable to allocate"),
+])
+def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_read(tmp_path: Path, what: str, words: str) -> None:
+    assert words in opened(tmp_path / "stage.rec", what)
+    scipy.io.savemat(tmp_path / "stage.mat", signals())
+    assert Recording.open(tmp_path / "stage.mat").length == 1000
+
+
+def test_a_file_that_is_read_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(apart, "LEAST_S", 1.5)
+    assert "takes longer than 2 s to be read" in opened(tmp_path / "stage.rec", "hang")
+
+
+def test_a_channel_that_crashes_when_its_rows_are_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "stage.rec").write_text("crash later")
+    table = apart.open_table(unruly_format, tmp_path / "stage.rec", Reading())
+    with pytest.raises(RecordingError, match="ended with SIGSEGV"):
+        list(table.pieces([0]))
+
+
+def test_a_file_that_was_changed_after_it_was_opened_is_read_as_it_was_listed_or_refused(tmp_path: Path) -> None:
+    path = tmp_path / "stage.mat"
+    scipy.io.savemat(path, signals())
+    recording = Recording.open(path)
+    expected = recording.arrays()
+    path.write_bytes(b"MATLAB 5.0 nothing")
+    np.testing.assert_array_equal(recording.arrays(), expected)  # the child holds it
+    with pytest.raises(RecordingError, match="damaged"):
+        Recording.open(path)
+
+
+def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "stage.mat", signals())
+    (tmp_path / "script.py").write_text(
+        "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import apart\n"
+        "print(Recording.open('stage.mat').length, apart._child(os.getpid())._process.pid)\n")
+    said = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    length, child = map(int, said.stdout.split())
+    assert length == 1000
+    assert not Path(f"/proc/{child}").exists()
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL])
+def test_a_child_that_is_busy_ends_with_its_parent_however_that_ends(tmp_path: Path, ending: signal.Signals) -> None:
+    (tmp_path / "stage.rec").write_text("hang")
+    program = ("import sys; from pathlib import Path; import unruly_format; from piezo_model.recordings import apart; from piezo_model."
+               "recordings.tables import Reading; apart.open_table(unruly_format, Path('stage.rec'), Reading())")
+    parent = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path,
+                              env={**os.environ, "PYTHONPATH": str(Path(unruly_format.__file__).parent)})
+    busy = tmp_path / "busy"
+    until(busy.exists)
+    child = Path("/proc") / busy.read_text()
+    assert child.exists()
+    parent.send_signal(ending)
+    parent.wait()
+    until(lambda: not child.exists() or "zombie" in (child / "status").read_text())
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("hdf5") / "stage.h5"
+    with h5py.File(path, "w") as file:
+        for name, values in signals().items():
+            file.create_dataset(name, data=values, chunks=(100,), compression="gzip")
+    return path.read_bytes()
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_hdf5_with_random_bytes_is_read_or_refused(whole: bytes, tmp_path: Path, data: st.DataObject) -> None:
+    broken, path = bytearray(whole), tmp_path / "stage.h5"
+    for _ in range(data.draw(st.integers(1, 20))):
+        broken[data.draw(st.integers(8, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(broken)
+    said = ""
+    try:
+        Recording.open(path)
+    except RecordingError as error:
+        said = str(error)
+    assert not said or (str(path) in said and "\n" not in said)
+
+
+def until(true: object, patience_s: float = 60.0) -> None:
+    end = time.monotonic() + patience_s
+    while not true():  # type: ignore[operator]
+        assert time.monotonic() < end
+        time.sleep(0.01)

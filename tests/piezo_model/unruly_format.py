@@ -1,0 +1,34 @@
+"""A format whose files say what happens to the process that reads them."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, parsed
+
+
+def open_table(path: Path, reading: Reading) -> ChannelTable:
+    match path.read_text():
+        case "crash":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        case "exit":
+            print("goodbye", flush=True)
+            os._exit(3)
+        case "eat":
+            with parsed(path, "unruly"):
+                np.ones(2**40)
+        case "hang":
+            started = path.with_name("starting")
+            started.write_text(str(os.getpid()))
+            started.rename(path.with_name("busy"))
+            time.sleep(1000.0)
+    return ChannelTable(path, "unruly", [Channel(Column.named("x", rows=100), crash)])
+
+
+def crash(start: int, stop: int) -> NDArray[np.float64]:
+    os.kill(os.getpid(), signal.SIGSEGV)
+    return np.zeros(stop - start)
