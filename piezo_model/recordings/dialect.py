@@ -45,6 +45,12 @@ class Dialect:
             return line.split()
         return [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=self.separator), [])]
 
+    def is_comment(self, line: str) -> bool:
+        """Whether a line is one: a semicolon may also be the separator after an empty first cell."""
+        if self.separator == ";" and line.lstrip().startswith(";"):
+            return not any(self.kind(cell) in ("number", "clock") for cell in self.split(line))
+        return bool(COMMENT.match(line))
+
     def kind(self, cell: str) -> Kind:
         """What a cell holds."""
         cell = cell.strip()
@@ -122,9 +128,9 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
     marks: Counter[str] = Counter()
     for at in range(first, len(lines)):
         line = lines[at]
-        if not line.strip() or COMMENT.match(line):
-            continue
         try:
+            if not line.strip() or dialect.is_comment(line):
+                continue
             cells = dialect.split(line)
         except csv.Error:
             continue
@@ -162,7 +168,7 @@ def _fits(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> boo
 def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, width: int, first: int) -> int:
     """Take rows above the first good one that are damaged and not a header: part of their cells are numbers."""
     at = start
-    while at > first and lines[at - 1].strip() and not COMMENT.match(lines[at - 1]):
+    while at > first and lines[at - 1].strip() and not dialect.is_comment(lines[at - 1]):
         cells = dialect.split(lines[at - 1])
         if len(cells) != width or not any(dialect.kind(cell) == "number" for cell in cells):
             break
@@ -193,7 +199,7 @@ def _headed(lines: Sequence[str], dialect: Dialect, width: int, start: int, kind
 
 def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
     """Names in a header with the first row in the same line, and where that row starts; afmformats has written such."""
-    width, cells = len(kinds), dialect.split(COMMENT.sub("", line, count=1) if COMMENT.match(line) else line)
+    width, cells = len(kinds), dialect.split(COMMENT.sub("", line, count=1) if dialect.is_comment(line) else line)
     if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
         return None
     joint = re.fullmatch(r"(\D*?\w?[^\W\d][^\d.+-]*)([+-]?[\d.].*)", cells[width - 1])
@@ -212,7 +218,7 @@ def _all_units(cells: Sequence[str]) -> bool:
 
 def _names(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> list[str] | None:
     """The names in a line above ``width`` columns, or None where the line is a remark."""
-    text = COMMENT.sub("", line.strip("\r\n"), count=1) if COMMENT.match(line) else line.strip("\r\n")
+    text = COMMENT.sub("", line.strip("\r\n"), count=1) if dialect.is_comment(line) else line.strip("\r\n")
     for cut in _splits(dialect, text):
         cells = [cell.strip().strip('"').strip() for cell in cut]
         if len(cells) == width + 1 > 2:  # a separator at the end, or LabVIEW's comment that no row has

@@ -72,14 +72,15 @@ def matrix_of(batch: pa.RecordBatch) -> Matrix:
     rows = np.empty((batch.num_columns, batch.num_rows))
     for row, column in zip(rows, batch.columns, strict=True):
         if pa.types.is_temporal(column.type):
-            row[:] = _numbers(column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()))
+            row[:] = numbers(column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()))
             row /= PER_SECOND[column.type.unit]
         else:
-            row[:] = _numbers(column.cast(pa.float64()) if pa.types.is_decimal(column.type) else column)
+            row[:] = numbers(column.cast(pa.float64()) if pa.types.is_decimal(column.type) else column)
     return rows
 
 
-def _numbers(column: pa.Array) -> NDArray[Any]:
+def numbers(column: pa.Array) -> NDArray[Any]:
+    """A column of numbers as an array, NaN where a value is missing."""
     if column.null_count:
         column = column.cast(pa.float64(), safe=False).fill_null(math.nan)
     return np.asarray(np.from_dlpack(column))  # to_numpy would import pandas

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from piezo_model.recordings.dialect import COMMENT, Dialect
+from piezo_model.recordings.dialect import Dialect
 from piezo_model.recordings.pieces import BUFFER_BYTES, RecordingError
 
 LONGEST_LINE = 1 << 20
@@ -75,11 +75,12 @@ class TextRows:
         return [None if cell is None else cell.decode(self._bytes_encoding, errors="replace") for cell in cells]
 
     def _is_row(self, line: str) -> bool:
-        return bool(line.strip()) and not COMMENT.match(line) and line.strip() not in self.repeated
+        return bool(line.strip()) and not self.dialect.is_comment(line) and line.strip() not in self.repeated
 
     def _cleaned(self, block: bytes) -> bytes:
-        if any(mark in block for mark in (b"#", b"%", b"//", b"!", b"**")) or (self.dialect.separator != ";" and b";" in block):
-            block = _COMMENTS.sub(b"", block)
+        marks = _MARKS[self.dialect.separator == ";":]
+        if any(mark in block for mark in marks):
+            block = re.sub(rb"(?m)^[ \t]*(?:" + b"|".join(map(re.escape, marks)) + rb").*\r?\n?", b"", block)
         for line in self.repeated:
             if line.encode(self._bytes_encoding) in block:
                 block = re.sub(rb"(?m)^[ \t]*" + re.escape(line.encode(self._bytes_encoding)) + rb"[ \t]*\r?$\n?", b"", block)
@@ -98,7 +99,8 @@ class TextRows:
         return "latin-1" if self.encoding == "latin-1" else "utf-8"
 
 
-_COMMENTS = re.compile(rb"(?m)^[ \t]*(?:#|%|//|;|!|\*\*).*\r?\n?")
+_MARKS = (b";", b"#", b"%", b"//", b"!", b"**")
+"""Of comments; the first may be a separator."""
 _MARGINS = re.compile(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)")
 _BLANKS = re.compile(rb"[ \t]+")
 _QUOTED = re.compile(rb'"[^"\n]*"')
@@ -120,7 +122,7 @@ def end_of_rows(path: Path, encoding: str, dialect: Dialect, width: int, start: 
     for line in reversed(lines):
         cells = dialect.split(line)
         holds = any(dialect.kind(cell) in ("number", "clock") for cell in cells)
-        if holds and not COMMENT.match(line) and len(cells) >= width:
+        if holds and not dialect.is_comment(line) and len(cells) >= width:
             return stop, dropped
         dropped += bool(re.search(r"\w", line))
         stop -= len(line.encode(encoding, errors="replace"))

@@ -158,7 +158,9 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
     assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
     for words in ("hold a transient", "The sensor has an offset of", "The sensor lags by"):
         assert len(sentences(model, words)) == 1
-    assert 1.5 < model.report["lag"]["samples"] < 4.0  # the error is nearly flat there
+    # The error (5) is smallest at 3.57 samples and less than 1 % larger from 3.3 to 4.1, so whole numbers on both sides are as near as
+    # the data tell: counted from sample 2000 on it is smallest at 3.58, and from 5000 on, of 8027, at 4.3.
+    assert 3.0 < model.report["lag"]["samples"] < 4.0
     # The same error from the saved file, by plain NumPy.
     model.save(tmp_path / "stage.json")
     saved = json.loads((tmp_path / "stage.json").read_text(encoding="utf-8"))

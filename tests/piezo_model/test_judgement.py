@@ -96,6 +96,10 @@ def test_sign_offset_and_unit_change_the_model_by_scale_alone(seed: int, scale: 
     np.testing.assert_allclose(other.report["fit"]["rms_percent"], one.report["fit"]["rms_percent"], rtol=1e-9)
 
 
+# Of sixteen such recordings three do not pass where the model goes on from its own start, offset included, in place of finding the
+# start of the next loop: 2.2, 2.6 and 3.3 times the fit. One loop hardly tells creep of its own length from the offset and the level
+# at which creep had rested. Creep rates of at least three over the length left one of sixteen (2.4 times), no creep none, with fits of
+# creeping actuators 1.2 to 1.6 times as large; a long recording needs its slow rates, so the rates are as they were.
 @settings(max_examples=4)
 @given(seed=SEEDS)
 def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int) -> None:

@@ -19,7 +19,7 @@ import pyarrow.csv as arrow_csv
 
 from piezo_model.recordings.clocks import ClockError, ClockReader, is_clock
 from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
-from piezo_model.recordings.pieces import Matrix, RecordingError, first_line
+from piezo_model.recordings.pieces import Matrix, RecordingError, first_line, numbers
 from piezo_model.recordings.sampling_remark import sample_time_in
 from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading
 from piezo_model.recordings.text_rows import LONGEST_LINE, TextRows, end_of_rows
@@ -62,7 +62,7 @@ class TextTable:
             for block in self.rows.blocks():
                 for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
                     yield np.stack([clocks[k].seconds(self.rows.decoded(column.to_pylist())) if k in clocks
-                                    else column.to_numpy(zero_copy_only=False)
+                                    else numbers(column)
                                     for k, column in zip(at, batch.columns, strict=True)])
         except (pa.ArrowException, OSError, ClockError) as error:
             raise RecordingError(self._complaint(at, error)) from None
