@@ -26,6 +26,8 @@ PURE = 0.9
 """Share of the drive's power in one tone from which on delay, resonance and hysteresis look the same."""
 APART = 0.5
 """Share of the error of one cubic for all below which two cubics are two channels."""
+ROUNDING = 1e-12
+"""Of the range; what is smaller says nothing."""
 DAMPING = (0.003, 0.7)
 """Range of the damping ratio that makes a resonance."""
 
@@ -106,7 +108,8 @@ def channels(u: Vector, v: Vector, look: int) -> Rival:
     even = 2 * np.arange(0, u.size // 2, max(1, u.size // look))
     columns, values = [polynomials(2 * u[even + i] - 1, 3) for i in (0, 1)], [v[even + i] for i in (0, 1)]
     apart = rms(np.concatenate([left_over(*each) for each in zip(columns, values, strict=True)]))
-    return Rival(apart if apart < APART * rms(left_over(np.vstack(columns), np.concatenate(values))) else np.inf)
+    together = rms(left_over(np.vstack(columns), np.concatenate(values)))
+    return Rival(apart if apart < APART * together and together > ROUNDING else np.inf)
 
 
 def butterfly(u: Vector, v: Vector) -> Rival:
