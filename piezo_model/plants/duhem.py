@@ -43,8 +43,8 @@ class Duhem(Actuator):
     True
     """
 
-    alpha: float = 3.0
-    slope_after_turn: float = 0.65
+    alpha: float = 4.5
+    slope_after_turn: float = 0.52
     saturation: float = 0.05
     asymmetry: float = 0.05
 
