@@ -86,7 +86,7 @@ def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> Non
     folder = Path(__file__).parents[2]
 
     def recipe(*words: str) -> str:
-        return subprocess.run(["make", "-n", "bench", *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+        return subprocess.run(["make", "-n", "--no-print-directory", "bench", *words], cwd=folder, capture_output=True, text=True, check=True).stdout
 
     assert recipe().strip().endswith("piezobench race")
     assert '--recording "my stage.csv" --input voltage_V' in recipe("RECORDING=my stage.csv", "OPTIONS=--input voltage_V")
