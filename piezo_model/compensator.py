@@ -29,6 +29,13 @@ CORRECTION = 1
 """Entry of the feedback memory (``Feedback`` in ``core/compensator.h``): what integral action has added to the reference so far."""
 
 
+def integral_share(gain: float, sample_time: float) -> float:
+    """Share of an error that integral action adds up a sample, of its gain in 1/s; ValueError where it is not between 0 and 1."""
+    if not 0.0 <= gain * sample_time <= 1.0:
+        raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / sample_time:g} per second, not {gain}")
+    return gain * sample_time
+
+
 class DriveLimits(NamedTuple):
     """Centres and scales of the structure, limits of the drive in the input unit and, with its largest change, unit amplitudes."""
 
@@ -87,12 +94,10 @@ class Compensator:
     def __init__(self, model: HysteresisCreepModel, x_limits: tuple[float, float] | None = None,
                  rate_limit: float | None = None, state: OperatorState | None = None, *, integral_gain: float = 0.0) -> None:
         s = model.structure
-        if not 0.0 <= integral_gain * s.sample_time <= 1.0:
-            raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / s.sample_time:g} per second, not {integral_gain}")
         self._x_limits, self._rate_limit = x_limits, rate_limit
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
-        self._use(model, state, np.array([0.0, 0.0, s.y_centre]), np.array([integral_gain * s.sample_time, 0.0, math.nan, 0.0]))
+        self._use(model, state, np.array([0.0, 0.0, s.y_centre]), np.array([integral_share(integral_gain, s.sample_time), 0.0, math.nan, 0.0]))
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, fade: Vector, feedback: Vector) -> None:
         s, self._model = model.structure, model

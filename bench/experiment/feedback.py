@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.experiment.hindsight import tracking_error
 from bench.experiment.robustness import SAMPLE_TIME, learner_of
 from bench.experiment.style import CONTINUOUS, LEARNED, STRAIGHT, Exhibit, axis
 from bench.report.charts import data
@@ -92,24 +93,21 @@ def rows(seed: int) -> Iterator[dict[str, Any]]:
     situation = Situation.draw(seed, CYCLES * CYCLE_S, SAMPLE_TIME)
     y_ref, delay = situation.y_ref, 1 + int(situation.sensor_options.get("delay_samples", 0))
     t, span, slope = np.arange(y_ref.size) * SAMPLE_TIME, float(np.ptp(y_ref)), steepest(situation)
-    highest = peak(0.0, GAIN, delay)
+    tuned = [pi_gains(ratio, delay, peak(0.0, GAIN, delay)) for ratio in RATIOS]
     judged, settled = slice(-round(JUDGED_S / SAMPLE_TIME), None), slice(-round((JUDGED_S + SETTLING_S) / SAMPLE_TIME), None)
     for name, frequency in DISTURBANCES.items():
         added = SHARE * span * (np.sin(2.0 * np.pi * frequency * t) if frequency else np.log1p(10.0 * t))
 
-        def error(y: Vector) -> float:
-            return 100.0 * float(np.sqrt(np.nanmean((y[judged] - y_ref[judged]) ** 2))) / span
-
-        found = {}
+        outputs = {}
         for way, gain in (("compensation alone", 0.0), ("compensation and integral action", GAIN)):
             learner = learner_of(situation, "continuous", integral_gain=gain / SAMPLE_TIME)
-            found[way] = error(learner.run(y_ref, Disturbed(situation.sensor(), added).run)[1])
-        found["PI control alone"] = min(
-            error(pi_alone(situation, Disturbed(situation.sensor(), added[settled]), y_ref[settled], pi_gains(ratio, delay, highest), slope))
-            for ratio in RATIOS)
+            outputs[way] = [learner.run(y_ref, Disturbed(situation.sensor(), added).run)[1]]
+        outputs["PI control alone"] = [pi_alone(situation, Disturbed(situation.sensor(), added[settled]), y_ref[settled], gains, slope)
+                                       for gains in tuned]
         for way in WAYS:
+            least = min(tracking_error(y[judged], y_ref[judged]) for y in outputs[way])
             yield {"seed": seed, "plant": situation.plant, "reference": situation.reference, "disturbance": name, "way": way,
-                   "rms_percent": found[way]}
+                   "rms_percent": 100.0 * least / span}
 
 
 def exhibit(table: pd.DataFrame) -> Exhibit:

@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 from bench.export.numbers import Precision
 from bench.rendering import c_identifier
+from piezo_model.compensator import integral_share
 from piezo_model.learning.continuous_learning import CHECKPOINT_S, MOST_EXCHANGES, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
@@ -102,12 +103,14 @@ class ExportSettings:
         def samples(seconds: float) -> int:
             return max(1, round(seconds / s.sample_time))
 
-        if not 0.0 <= self.integral_gain * s.sample_time <= 1.0:
-            raise ExportError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / s.sample_time:g} per second, not {self.integral_gain}")
+        try:
+            gain = integral_share(self.integral_gain, s.sample_time)
+        except ValueError as error:
+            raise ExportError(str(error)) from None
         low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
         forgetting, interval = math.exp(-s.sample_time / self.memory_s), samples(self.hand_over_s)
         return {
-            "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": self.integral_gain * s.sample_time,
+            "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
             "steps": 100_000, "tolerance": Tier.HIGH.tolerance or 0.0, "smoothing": 1.0 / samples(1.0),

@@ -1,6 +1,5 @@
 #include "continuous.h"
 
-#define MIN_EXCITATION ((real)0.02)
 #define BELIEF ((real)1e-6) /* what the weights in use count where learning begins anew, as a share of a full memory of unit amplitudes */
 /* After a fault the sensor is the old one if the RMS error of the weights in use is at most TRUST times what it was before, plus
  * TOLERANCE unit amplitudes. */
@@ -11,7 +10,7 @@ enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH };
 
 static int64_t checkpoint_bytes(Shape s)
 {
-    return (swept_kept_bytes(unknowns(s)) + 63) / 64 * 64 + (int64_t)sizeof(real) * (padded(row_width(s)) + LANES);
+    return room_bytes(swept_kept_bytes(unknowns(s))) + (int64_t)sizeof(real) * (padded(row_width(s)) + LANES);
 }
 
 int64_t continuous_bytes(Shape s)

@@ -1,6 +1,5 @@
 #include "cyclic.h"
 
-#define MIN_EXCITATION ((real)0.02)
 #define RECALL ((real)0.3)         /* part that the cycles before have in a problem, where their data agree with the new ones */
 #define NARROW ((real)0.8)
 #define SHRINKING ((real)0.9)
@@ -14,7 +13,7 @@ int64_t cyclic_bytes(Shape s)
     const int d = unknowns(s), ld = padded(d);
     const int64_t vectors = 8 * ld + padded(weight_count(s)) + LANES + 2 * padded(triangle(s)) + padded(d * d);
     return HEAD_BYTES + room_bytes(sizeof(CyclicMemory)) + vectors * (int64_t)sizeof(real)
-        + (basis_bytes(s) + 63) / 64 * 64 + descent_bytes(d);
+        + room_bytes(basis_bytes(s)) + descent_bytes(d);
 }
 
 Cyclic cyclic_at(void *memory)
@@ -40,7 +39,7 @@ Cyclic cyclic_at(void *memory)
     c.past = reals(&room, 1, padded(triangle(c.shape)));
     c.P = reals(&room, 1, padded(c.d * c.d));
     c.basis = basis_at(room.at);
-    c.descent = descent_at(room.at + (basis_bytes(c.shape) + 63) / 64 * 64);
+    c.descent = descent_at(room.at + room_bytes(basis_bytes(c.shape)));
     c.answer = c.descent.answer;
     return c;
 }

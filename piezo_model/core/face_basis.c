@@ -15,12 +15,8 @@ static Shape take_basis(Arguments *a, Basis *b)
 
 FACE(face_basis_bytes)
 {
-    Arguments a;
-    Shape shape;
     (void)module;
-    take_arguments(&a, "basis_bytes(n, zones, rates, offset)", given, count, 4);
-    shape = take_shape(&a);
-    return finish_integer(&a, good(&a) ? basis_bytes(shape) : 0);
+    return size_for(basis_bytes, "basis_bytes(n, zones, rates, offset)", given, count);
 }
 
 FACE(face_basis_setup)

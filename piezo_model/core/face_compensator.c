@@ -15,12 +15,8 @@ static Shape take_compensator(Arguments *a, Compensator *c)
 
 FACE(face_compensator_bytes)
 {
-    Arguments a;
-    Shape shape;
     (void)module;
-    take_arguments(&a, "compensator_bytes(n, zones, rates, offset)", given, count, 4);
-    shape = take_shape(&a);
-    return finish_integer(&a, good(&a) ? compensator_bytes(shape) : 0);
+    return size_for(compensator_bytes, "compensator_bytes(n, zones, rates, offset)", given, count);
 }
 
 FACE(face_compensator_setup)

@@ -122,12 +122,8 @@ FACE(face_continuous_drive)
 
 FACE(face_cyclic_bytes)
 {
-    Arguments a;
-    Shape shape;
     (void)module;
-    take_arguments(&a, "cyclic_bytes(n, zones, rates, offset)", given, count, 4);
-    shape = take_shape(&a);
-    return finish_integer(&a, good(&a) ? cyclic_bytes(shape) : 0);
+    return size_for(cyclic_bytes, "cyclic_bytes(n, zones, rates, offset)", given, count);
 }
 
 FACE(face_cyclic_setup)
@@ -182,12 +178,8 @@ FACE(face_cyclic_enter)
 
 FACE(face_continuous_bytes)
 {
-    Arguments a;
-    Shape shape;
     (void)module;
-    take_arguments(&a, "continuous_bytes(n, zones, rates, offset)", given, count, 4);
-    shape = take_shape(&a);
-    return finish_integer(&a, good(&a) ? continuous_bytes(shape) : 0);
+    return size_for(continuous_bytes, "continuous_bytes(n, zones, rates, offset)", given, count);
 }
 
 FACE(face_continuous_setup)

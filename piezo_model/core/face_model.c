@@ -12,6 +12,15 @@ Shape take_shape(Arguments *a)
     return s;
 }
 
+PyObject *size_for(int64_t (*bytes)(Shape), const char *signature, PyObject *const *given, Py_ssize_t count)
+{
+    Arguments a;
+    Shape shape;
+    take_arguments(&a, signature, given, count, 4);
+    shape = take_shape(&a);
+    return finish_integer(&a, good(&a) ? bytes(shape) : 0);
+}
+
 FACE(face_play)
 {
     Arguments a;
@@ -94,12 +103,8 @@ FACE(face_dead_zone)
 
 FACE(face_model_bytes)
 {
-    Arguments a;
-    Shape shape;
     (void)module;
-    take_arguments(&a, "model_bytes(n, zones, rates, offset)", given, count, 4);
-    shape = take_shape(&a);
-    return finish_integer(&a, good(&a) ? model_bytes(shape) : 0);
+    return size_for(model_bytes, "model_bytes(n, zones, rates, offset)", given, count);
 }
 
 FACE(face_model_setup)

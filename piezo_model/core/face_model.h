@@ -50,6 +50,8 @@ FACE(face_structure_response);
 
 /* n, zones, rates and offset, four arguments. */
 Shape take_shape(Arguments *a);
+/* The size of a state of the shape that is given, as Python asks for it. */
+PyObject *size_for(int64_t (*bytes)(Shape), const char *signature, PyObject *const *given, Py_ssize_t count);
 enum { MOST_OPERATORS = 10000 };
 
 #endif

@@ -10,6 +10,8 @@
 #include "regressors.h"
 #include "sensor_guard.h"
 
+#define MIN_EXCITATION ((real)0.02) /* smallest share of the drive's range that new weights may come from */
+
 enum { RESET, BUILD, LEARN };
 
 /* What a sample brought; several at once are possible. piezo_model/learning/events.py has the same names. */
@@ -42,11 +44,9 @@ typedef struct {
 CORE_INLINE void *room_for(Room *room, size_t bytes)
 {
     void *const first = room->at;
-    room->at += (bytes + 63) / 64 * 64;
+    room->at += room_bytes((int64_t)bytes);
     return first;
 }
-
-CORE_INLINE int64_t room_bytes(size_t bytes) { return (int64_t)((bytes + 63) / 64 * 64); }
 
 /* All weights of a model, w_H0 = 1 first, from the unknowns v; `middle` is the slope about zero among the slopes. */
 CORE_INLINE void weights_of(Shape s, int middle, const real *v, real *weights)

@@ -1,7 +1,6 @@
 /* The extension module piezo_model.core._core. */
 #include "face_model.h"
-
-#define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))face_##name, METH_FASTCALL, text}
+#include "module.h"
 
 static PyMethodDef methods[] = {
     METHOD(play, "play(x, r, z, out): play operators over samples; z moves on."),
@@ -50,16 +49,4 @@ static PyModuleDef definition = {
     {{1, NULL}, NULL, 0, NULL}, "_core", "Model, data basis and compensator in C; see the headers in piezo_model/core.", -1, methods, NULL, NULL, NULL, NULL,
 };
 
-PY_EXPORT PyObject *PyInit__core(void);
-
-PyObject *PyInit__core(void)
-{
-    PyObject *const module = PyModule_Create2(&definition, PYTHON_ABI_VERSION);
-    if (module != NULL
-        && (PyModule_AddStringConstant(module, "sources", CORE_SOURCES) != 0
-            || PyModule_AddStringConstant(module, "compiler", CORE_COMPILER) != 0
-            || PyModule_AddStringConstant(module, "instructions", CORE_INSTRUCTIONS) != 0)) {
-        return NULL;
-    }
-    return module;
-}
+PyObject *PyInit__core(void) { return make_module(&definition); }

@@ -10,7 +10,7 @@
 int64_t cone_bytes(int rows, int coupled)
 {
     const int64_t own = HEAD_BYTES + (int64_t)padded(rows) * (coupled + 3) * (int64_t)sizeof(real) + (int64_t)padded(coupled) * 8;
-    return (own + 63) / 64 * 64 + box_bytes(rows);
+    return room_bytes(own) + box_bytes(rows);
 }
 
 Cone cone_at(void *memory)

@@ -1,6 +1,7 @@
 /* The extension module solvers.core._core. This file is compiled without the instructions of an instruction set, so that it can say
  * what the processor has before anything else of the library runs. */
 #include "face_solvers.h"
+#include "module.h"
 
 #if defined(__x86_64__) || defined(_M_X64)
 #include <cpuid.h>
@@ -34,8 +35,6 @@ static PyObject *face_processor_level(PyObject *module, PyObject *const *given, 
     take_arguments(&a, "processor_level()", given, count, 0);
     return finish_integer(&a, processor_level());
 }
-
-#define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))face_##name, METH_FASTCALL, text}
 
 static PyMethodDef methods[] = {
     METHOD(processor_level, "Level of the x86-64 instruction set here, 2 to 4; 0 on other processors."),
@@ -84,16 +83,4 @@ static PyModuleDef definition = {
     {{1, NULL}, NULL, 0, NULL}, "_core", "Solvers in C; see the headers in solvers/core.", -1, methods, NULL, NULL, NULL, NULL,
 };
 
-PY_EXPORT PyObject *PyInit__core(void);
-
-PyObject *PyInit__core(void)
-{
-    PyObject *const module = PyModule_Create2(&definition, PYTHON_ABI_VERSION);
-    if (module != NULL
-        && (PyModule_AddStringConstant(module, "sources", CORE_SOURCES) != 0
-            || PyModule_AddStringConstant(module, "compiler", CORE_COMPILER) != 0
-            || PyModule_AddStringConstant(module, "instructions", CORE_INSTRUCTIONS) != 0)) {
-        return NULL;
-    }
-    return module;
-}
+PyObject *PyInit__core(void) { return make_module(&definition); }

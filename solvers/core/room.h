@@ -25,6 +25,9 @@ CORE_INLINE real *reals(Room *room, int rows, int columns)
     return first;
 }
 
+/* What so many bytes take where the next part begins on a cache line. */
+CORE_INLINE int64_t room_bytes(int64_t bytes) { return (bytes + 63) / 64 * 64; }
+
 /* Whole numbers, as many bytes as so many reals, so that what follows stays on its cache line. */
 CORE_INLINE int32_t *integers(Room *room, int count)
 {

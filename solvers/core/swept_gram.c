@@ -16,7 +16,7 @@ int64_t swept_kept_bytes(int d)
 
 static int64_t cold_at(int d) { return swept_kept_bytes(d) + padded(d + 1) * (d + 1) * (int64_t)sizeof(real); }
 
-int64_t swept_bytes(int d) { return (cold_at(d) + 63) / 64 * 64 + box_bytes(d); }
+int64_t swept_bytes(int d) { return room_bytes(cold_at(d)) + box_bytes(d); }
 
 Swept swept_at(void *memory)
 {
@@ -45,13 +45,13 @@ Swept swept_at(void *memory)
     s.G = reals(&room, ld, ld);
     s.P = reals(&room, s.d, ld);
     s.q = reals(&room, 1, ld);
-    s.cold = box_at((char *)memory + (cold_at(s.d) + 63) / 64 * 64);
+    s.cold = box_at((char *)memory + room_bytes(cold_at(s.d)));
     return s;
 }
 
 int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal)
 {
-    const int64_t bytes = swept_bytes(d), cold = (cold_at(d) + 63) / 64 * 64;
+    const int64_t bytes = swept_bytes(d), cold = room_bytes(cold_at(d));
     Swept s;
     int status;
     memset(memory, 0, (size_t)cold);

@@ -95,7 +95,7 @@ void piezo_learner_reset(void *learner, const double *weights, const double *pla
 /* The program solved at once, warm from the weights in use. */
 static int solve(Cyclic *c)
 {
-    char *const memory = (char *)c->head + (cyclic_bytes(c->shape) + 63) / 64 * 64;
+    char *const memory = (char *)c->head + room_bytes(cyclic_bytes(c->shape));
     Box box;
     if (box_setup(memory, c->d, c->lower, c->upper) != OK) {
         return 0;
