@@ -219,7 +219,7 @@ def _between(lines: pd.DataFrame, own: pd.DataFrame) -> tuple[float, float]:
     if not estimates:
         return LARGEST**2, 1.0  # as uncertain as can be
     variances, weights = np.array(estimates).T
-    return float(np.average(variances, weights=weights)), float(weights.sum())
+    return float(np.average(variances, weights=weights)), max(float(weights.sum()), 1.0)
 
 
 def _p(theta: pd.Series, scale: pd.Series, freedom: pd.Series) -> Vector:

@@ -34,7 +34,7 @@ CYCLIC = ("status.h", "product.h", "box.h", "cone.h", "descent.h", "descent.c", 
 CORE = {
     "projected_difference": CYCLIC, "accelerated_projection": (*CYCLIC, "acceleration.c"),
     "box_active_set": (*CYCLIC, *BOX),
-    "recursive_active_set": (*BOX, "swept.h", *(f"swept_{part}.c" for part in ("exchange", "gram", "refresh", "rows")), "learning.h",
+    "recursive_active_set": (*BOX, "swept.h", *(f"swept_{part}.c" for part in ("exchange", "gram", "refresh", "renewal", "rows")), "learning.h",
                              "sensor_guard.h", "regressors.h", "continuous.h", "continuous.c"),
 }
 """The core's files that a learner needs."""

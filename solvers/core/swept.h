@@ -9,7 +9,8 @@
  * symmetric, and its last row is the answer: M_xF = -z_F and M_xA is the gradient at A. So z is optimal iff that row is <= 0 (and
  * >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound, where there is one.
  *
- * swept_gram.c sweeps, swept_exchange.c sweeps until z is optimal, swept_refresh.c makes M anew and swept_rows.c takes the rows.
+ * swept_gram.c sweeps, swept_exchange.c sweeps until z is optimal, swept_refresh.c makes M anew, swept_renewal.c does so a little at
+ * each row, and swept_rows.c takes the rows.
  *
  * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle, "Principal pivoting
  * method of quadratic programming", 1968.
@@ -23,6 +24,8 @@ enum { SWEPT_KIND = 0x53575031 };
 /* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end inside swept_rows.c or in swept_recover. */
 enum { SINGULAR = 101, CYCLING = 102 };
 enum { SWEPT_REFRESH = 256 }; /* rows after which M is made anew */
+#define FLOOR ((real)1e-11) /* of rho_j/G_jj where G_FF is singular */
+#define SPENT 1e5 /* what `surprise` begins with there: the inverse has few digits to lose */
 
 #ifdef CORE_FLOAT
 #define NO_BOUND 1e15F /* bounds from here on are none */
@@ -42,6 +45,8 @@ typedef struct {
     double row_weight, root_weight; /* of a new row, and the root of what the coming row enters with */
     double proximal;                /* share of the diagonal that the proximal term has */
     double surprise;                /* the product of sigma since M was made anew */
+    double next_surprise;           /* the same of the matrix being made */
+    int32_t renewing, next_count;   /* whether one is being made, and on how many variables it is swept */
 } SweptHead;
 
 /* Vectors have ld numbers, d + 1 rounded up to whole blocks of eight. */
@@ -56,6 +61,8 @@ typedef struct {
     real *g, *root, *u; /* the gradient; pivots and 4 rows of sweeps */
     int32_t *list;      /* of free variables */
     real *M, *G;        /* ld rows each; a row adds to G from the diagonal blocks on only */
+    real *next_M, *next_free, *next_rho, *next_centre; /* of the matrix being made */
+    int32_t *next_list;
     real *P, *q;        /* room for the data of a cold start */
     Box cold;
 } Swept;
@@ -89,7 +96,18 @@ CORE_API void swept_sweep(Swept *s, int j);
 CORE_API int swept_sweep_free(Swept *s);
 CORE_API int swept_exchange(Swept *s);
 CORE_API int swept_violated(const Swept *s);
+/* M <- G + diag(rho), not swept on any variable, with rho_j at least `floor` G_jj and the gradient about `centre`. */
+CORE_API void swept_unswept(Swept *s, real floor);
+/* One step of iterative refinement of the last row of M by the residual from G; twice what it lowers the cost by. */
+CORE_API real swept_refine(Swept *s);
+CORE_API int swept_tolerable(const Swept *s, real gain);
 CORE_API int swept_refresh(Swept *s);
+/* u = xi_A - M[:, F] xi_F and M <- M + u u'/sigma for the weighted row xi; 0 where M is left as it was for its sigma. */
+CORE_API int swept_move(Swept *s);
+/* The parts that one row has in making the matrix anew: before it, 0 where only swept_refresh helps; and once M and G have it, `exchanged`
+ * where the free variables have changed. */
+CORE_API int swept_use_renewed(Swept *s);
+CORE_API void swept_renew(Swept *s, int exchanged);
 
 CORE_INLINE real *row_of(const Swept *s, real *matrix, int i) { return matrix + (size_t)i * (size_t)s->ld; }
 /* z with its sign turned at F, and the gradient at A. */

@@ -10,7 +10,9 @@
 #include "swept.h"
 
 enum { LIMIT = 20 }; /* a row of a stream takes none or one */
-#define NEGLIGIBLE ((real)1e-15) /* share of the optimal cost below which what an exchange would gain is left alone */
+/* Share of the optimal cost below which what an exchange would gain is left alone, and with a free variable, which is clipped then,
+ * what clipping it costs. */
+#define NEGLIGIBLE ((real)1e-15)
 
 /* Whether any entry of the last row of M has the wrong sign. */
 int swept_violated(const Swept *s)
@@ -34,6 +36,7 @@ static void reflect(Swept *s, int j)
     s->origin[j] = s->sign[j] > 0 ? s->ub[j] : s->lb[j];
     s->sign[j] = -s->sign[j];
     s->centre[j] = width - s->centre[j];
+    s->head->renewing = 0;
     swept_complete(s, s->G);
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 entries = load(row + b);
@@ -58,13 +61,14 @@ int swept_exchange(Swept *s)
     const real *const last = last_row(s);
     for (int done = 0; done < LIMIT + d; ++done) {
         int chosen = -1, beyond = 0, is_free;
-        real most = NEGLIGIBLE * MAGNITUDE(last[d]);
+        const real least = NEGLIGIBLE * MAGNITUDE(last[d]);
+        real most = 0;
         for (int j = 0; j < d; ++j) {
             const real below = -s->side[j] * last[j], above = -(s->width[j] + last[j]) * s->free[j];
             const real size = above > below ? above : below;
             if (size > 0) {
-                const real gain = size * size / MAGNITUDE(row_of(s, s->M, j)[j]);
-                if (gain > most) {
+                const real square = size * size, gain = square / MAGNITUDE(row_of(s, s->M, j)[j]);
+                if (gain > most && (gain > least || s->free[j] * square * row_of(s, s->G, j)[j] > least)) {
                     chosen = j;
                     beyond = above > below;
                     most = gain;

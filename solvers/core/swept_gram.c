@@ -14,7 +14,11 @@ int64_t swept_kept_bytes(int d)
     return HEAD_BYTES + ld * (SWEPT_VECTORS + 2 * ld) * (int64_t)sizeof(real) + ld * 8;
 }
 
-static int64_t cold_at(int d) { return swept_kept_bytes(d) + padded(d + 1) * (d + 1) * (int64_t)sizeof(real); }
+static int64_t cold_at(int d)
+{
+    const int64_t ld = padded(d + 1);
+    return swept_kept_bytes(d) + ld * (d + 4 + ld) * (int64_t)sizeof(real) + ld * 8;
+}
 
 int64_t swept_bytes(int d) { return room_bytes(cold_at(d)) + box_bytes(d); }
 
@@ -45,6 +49,11 @@ Swept swept_at(void *memory)
     s.G = reals(&room, ld, ld);
     s.P = reals(&room, s.d, ld);
     s.q = reals(&room, 1, ld);
+    s.next_M = reals(&room, ld, ld);
+    s.next_free = reals(&room, 1, ld);
+    s.next_rho = reals(&room, 1, ld);
+    s.next_centre = reals(&room, 1, ld);
+    s.next_list = integers(&room, s.d + 1);
     s.cold = box_at((char *)memory + room_bytes(cold_at(s.d)));
     return s;
 }

@@ -23,13 +23,11 @@
  */
 #include "swept.h"
 
-#define FLOOR ((real)1e-11) /* of rho_j/G_jj where G_FF is singular */
 /* Refinement ends where a step gains less than SETTLED times the one before, or RESOLVED times the cost; G_FF counts as singular where
  * that is still more than TOLERATED times the cost, or 1e-4 of what z = 0 costs. */
 #define SETTLED ((real)1e-3)
 #define RESOLVED ((real)1e-24)
 #define TOLERATED ((real)1e-14)
-#define SPENT 1e5        /* what `surprise` begins with where G_FF is singular: its inverse has few digits to lose */
 #ifdef CORE_FLOAT
 #define UNSEEN 1e-30F    /* rho_j where the data say nothing on variable j, whatever their scale */
 #else
@@ -50,14 +48,10 @@ static void unwind(Swept *s)
     swept_complete(s, s->G);
 }
 
-/* Sweep M on F from G + diag(rho) and q - rho c; the last row is left at z = c. OK or SINGULAR. */
-static int factorise(Swept *s, real floor)
+void swept_unswept(Swept *s, real floor)
 {
     const int d = s->d;
     real trace = 0;
-    s->head->since_refresh = 0;
-    s->head->surprise = floor > 0 ? SPENT : 1;
-    ++s->head->refreshes;
     for (int j = 0; j < d; ++j) {
         trace += row_of(s, s->G, j)[j];
     }
@@ -74,30 +68,52 @@ static int factorise(Swept *s, real floor)
         row_of(s, s->M, j)[d] -= rho * s->centre[j];
         last_row(s)[j] -= rho * s->centre[j];
     }
+}
+
+/* Sweep M on F from G + diag(rho) and q - rho c; the last row is left at z = c. OK or SINGULAR. */
+static int factorise(Swept *s, real floor)
+{
+    s->head->since_refresh = s->head->renewing = 0;
+    s->head->surprise = floor > 0 ? SPENT : 1;
+    ++s->head->refreshes;
+    swept_unswept(s, floor);
     if (!swept_sweep_free(s)) {
         return SINGULAR;
     }
-    for (int j = 0; j < d; ++j) {
+    for (int j = 0; j < s->d; ++j) {
         if (s->free[j] > 0) {
-            last_row(s)[j] = row_of(s, s->M, j)[d] = -s->centre[j];
+            last_row(s)[j] = row_of(s, s->M, j)[s->d] = -s->centre[j];
         }
     }
     return OK;
 }
 
-/* g = q + (G + diag rho) z - diag(rho) c. */
+/* g = q + (G + diag rho) z - diag(rho) c, of which the blocks of G from the diagonal on are read, each for its transpose, too. */
 static void residual(Swept *s)
 {
-    const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
+    const real *const last = last_row(s);
+    real *const z = s->u;
     for (int b = 0; b < s->ld; b += LANES) {
-        const vec8 offset = plus_product(load(s->centre + b), load(s->free + b), load(last + b));
-        store(s->g + b, less_product(load(q + b), load(s->rho + b), offset));
+        store(z + b, sub(zeros(), mul(load(s->free + b), load(last + b))));
+        store(s->g + b, mul(load(s->rho + b), sub(load(z + b), load(s->centre + b))));
     }
-    swept_subtract_free(s, s->G, last, s->g);
+    z[s->d] = 1; /* q is the last column of G */
+    for (int i = 0; i <= s->d; ++i) {
+        const real *const row = row_of(s, s->G, i);
+        const int own = i / LANES * LANES;
+        const vec8 share = splat(z[i]);
+        vec8 dot = zeros();
+        store(s->g + own, plus_product(load(s->g + own), share, load(row + own)));
+        for (int b = own + LANES; b < s->ld; b += LANES) {
+            const vec8 entries = load(row + b);
+            store(s->g + b, plus_product(load(s->g + b), share, entries));
+            dot = plus_product(dot, load(z + b), entries);
+        }
+        s->g[i] += sum8(dot);
+    }
 }
 
-/* One step of iterative refinement of the last row of M by the residual from G; twice what it lowers the cost by. */
-static real refine_answer(Swept *s)
+real swept_refine(Swept *s)
 {
     const int d = s->d;
     real *const last = last_row(s), gain = 0;
@@ -112,6 +128,12 @@ static real refine_answer(Swept *s)
         row_of(s, s->M, j)[d] = last[j];
     }
     return gain;
+}
+
+int swept_tolerable(const Swept *s, real gain)
+{
+    const real cost = MAGNITUDE(last_row(s)[s->d]), q_cost = row_of(s, s->G, s->d)[s->d];
+    return gain <= TOLERATED * (cost > (real)1e-4 * q_cost ? cost : (real)1e-4 * q_cost);
 }
 
 /* Make M anew with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or CYCLING. */
@@ -130,20 +152,18 @@ int swept_refresh(Swept *s)
         }
         status = factorise(s, floored ? FLOOR : 0);
         while (status == OK && exchanges != s->head->exchanges) {
-            const real q_cost = row_of(s, s->G, s->d)[s->d];
-            real before, wrong = refine_answer(s), enough, cost;
+            real before, wrong = swept_refine(s), enough;
             exchanges = s->head->exchanges;
             for (int k = 0; k < 3; ++k) {
                 before = wrong;
-                wrong = refine_answer(s);
+                wrong = swept_refine(s);
                 enough = RESOLVED * MAGNITUDE(last[s->d]);
                 enough = enough > SETTLED * before ? enough : SETTLED * before;
                 if (!(wrong > enough)) {
                     break;
                 }
             }
-            cost = MAGNITUDE(last[s->d]) > (real)1e-4 * q_cost ? MAGNITUDE(last[s->d]) : (real)1e-4 * q_cost;
-            status = !floored && !(wrong <= TOLERATED * cost) ? SINGULAR : swept_exchange(s);
+            status = !floored && !swept_tolerable(s, wrong) ? SINGULAR : swept_exchange(s);
         }
         if (status == OK || status == CAPPED) {
             return status;
@@ -216,7 +236,7 @@ int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
     if (factorise(s, 0) != OK) {
         factorise(s, FLOOR);
     }
-    refine_answer(s);
+    swept_refine(s);
     refined = swept_error(s);
     memcpy(s->row, last_row(s), (size_t)s->ld * sizeof(real));
     stand_at_centre(s);

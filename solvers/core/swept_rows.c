@@ -5,30 +5,28 @@
  *     u = xi_A - M[:, F] xi_F,    sigma = 1 + xi_F'u_F,    M <- M + u u' / sigma.
  *
  * So a sample costs 2 (d + 1)^2 multiplications and no square root or division but one, a change of the active set half of that, and
- * the exact optimum is there after every sample. Forgetting is in the weights: row k enters with lambda^(-k/2) and the clock k starts
- * anew at each refresh.
+ * the exact optimum is there after every sample. Forgetting is in the weights: row k enters with lambda^(-k/2); the clock k is put
+ * back where the weights have grown to RESCALED^2.
  *
- * Refresh rule. M is made anew (swept_refresh.c) after SWEPT_REFRESH rows; where the weights have grown to GROWTH; and at the row that
- * would bring the product of the sigma since then, det G_FF after over before, to MOST_SURPRISE. A row that says what the data left
- * open has a large sigma, and adding it to M cancels log10 sigma digits of the entries; so between two refreshes M loses six digits
- * and SWEPT_REFRESH roundings at most, and the cost errs to second order in that. A sigma below one, which takes a lost positive
- * definiteness, and exchanges that do not end are answered in the same way.
+ * Refresh rule. M is made anew a little at each row (swept_renewal.c) so that no M is in use for much longer than SWEPT_REFRESH rows;
+ * at once (swept_refresh.c) at the row that would bring the product of the sigma since then, det G_FF after over before, to
+ * MOST_SURPRISE. A row that says what the data left open has a large sigma, and adding it to M cancels log10 sigma digits of the
+ * entries; so between two refreshes M loses six digits and 2 SWEPT_REFRESH roundings at most, and the cost errs to second order in
+ * that. A sigma below one, which takes a lost positive definiteness, and exchanges that do not end are answered at once, too.
  *
  * Source: L. Ljung, System Identification, 1999, chapter 11 (recursive least squares).
  */
 #include "swept.h"
 
-#define GROWTH 1e8
+#define RESCALED ((real)8192) /* 2^13 */
 #define MOST_SURPRISE 1e6
 
-/* G <- G + xi xi' and M <- M + u u'/sigma for the weighted row xi; 0 where M is left as it was for its sigma. */
-static int add_row(Swept *s)
+int swept_move(Swept *s)
 {
-    const int d = s->d, ld = s->ld;
+    const int ld = s->ld;
     const real *const row = s->row;
     real *const u = s->u, sigma, inverse;
     vec8 dot = zeros();
-    int fits;
     for (int b = 0; b < ld; b += LANES) {
         const vec8 xi = load(row + b);
         store(u + b, less_product(xi, load(s->free + b), xi));
@@ -39,52 +37,90 @@ static int add_row(Swept *s)
     }
     sigma = 1 + sum8(dot);
     s->head->surprise *= (double)sigma;
-    fits = sigma > (real)0.999 && s->head->surprise < MOST_SURPRISE; /* NaN does not fit */
-    inverse = 1 / sigma;
-    if (!fits) {
-        inverse = 0;
-        memset(u, 0, (size_t)ld * sizeof(real));
+    if (!(sigma > (real)0.999 && s->head->surprise < MOST_SURPRISE)) { /* NaN does not fit */
+        return 0;
     }
-    for (int i = 0; i <= d; ++i) {
-        const vec8 factor = splat(u[i] * inverse), weight = splat(row[i]);
-        real *const of_M = row_of(s, s->M, i), *const of_G = row_of(s, s->G, i);
+    inverse = 1 / sigma;
+    for (int i = 0; i <= s->d; ++i) {
+        const vec8 factor = splat(u[i] * inverse);
+        real *const of_M = row_of(s, s->M, i);
         for (int b = 0; b < ld; b += LANES) {
             store(of_M + b, plus_product(load(of_M + b), factor, load(u + b)));
         }
-        for (int b = i / LANES * LANES; b < ld; b += LANES) {
+    }
+    return 1;
+}
+
+/* G <- G + xi xi'. */
+static void add_row(Swept *s)
+{
+    const real *const row = s->row;
+    for (int i = 0; i <= s->d; ++i) {
+        const vec8 weight = splat(row[i]);
+        real *const of_G = row_of(s, s->G, i);
+        for (int b = i / LANES * LANES; b < s->ld; b += LANES) {
             store(of_G + b, plus_product(load(of_G + b), weight, load(row + b)));
         }
     }
-    return fits;
+}
+
+/* Divide all weights by RESCALED^2, a power of two, so that nothing is rounded: G shrinks, and with it M_AA, but M_FF grows. */
+static void rescale(Swept *s)
+{
+    const vec8 shrink = splat(1 / (RESCALED * RESCALED));
+    for (int j = 0; j < s->ld; ++j) {
+        s->u[j] = s->free[j] > 0 ? RESCALED : 1 / RESCALED;
+    }
+    for (int i = 0; i <= s->d; ++i) {
+        real *const of_M = row_of(s, s->M, i), *const of_G = row_of(s, s->G, i);
+        for (int b = 0; b < s->ld; b += LANES) {
+            store(of_M + b, mul(load(of_M + b), mul(load(s->u + b), splat(s->u[i]))));
+            store(of_G + b, mul(load(of_G + b), shrink));
+        }
+    }
+    for (int b = 0; b < s->ld; b += LANES) {
+        store(s->rho + b, mul(load(s->rho + b), shrink));
+    }
+    s->head->root_weight /= (double)RESCALED;
+    s->head->renewing = 0;
 }
 
 int swept_take(Swept *s, const real *row)
 {
     const int d = s->d;
-    double weight;
-    real target = row[d];
-    int fits;
+    real target = row[d], weight;
+    int fits, exchanges, status = OK;
     for (int j = 0; j <= d; ++j) {
         if (!(MAGNITUDE(row[j]) < LARGEST_ENTRY)) {
             return NOT_FINITE;
         }
     }
-    weight = s->head->root_weight *= s->head->root_growth;
+    while (s->head->root_weight * s->head->root_weight >= (double)(RESCALED * RESCALED) * s->head->row_weight) {
+        rescale(s);
+    }
+    fits = swept_use_renewed(s);
+    s->head->root_weight *= s->head->root_growth;
+    weight = (real)s->head->root_weight;
     for (int j = 0; j < d; ++j) {
         target += s->origin[j] * row[j];
-        s->row[j] = (real)weight * s->sign[j] * row[j];
+        s->row[j] = weight * s->sign[j] * row[j];
     }
-    s->row[d] = (real)weight * target;
-    fits = add_row(s);
+    s->row[d] = weight * target;
+    fits = swept_move(s) && fits;
+    add_row(s);
     ++s->head->since_refresh;
-    if (s->head->since_refresh >= SWEPT_REFRESH || !fits || weight * weight >= GROWTH * s->head->row_weight) {
+    if (!fits || s->head->since_refresh >= 2 * SWEPT_REFRESH) {
         return swept_refresh(s);
     }
+    exchanges = s->head->exchanges;
     if (swept_violated(s)) {
-        const int status = swept_exchange(s);
-        return status == OK || status == CAPPED ? status : swept_refresh(s);
+        status = swept_exchange(s);
+        if (status != OK && status != CAPPED) {
+            return swept_refresh(s);
+        }
     }
-    return OK;
+    swept_renew(s, s->head->exchanges > exchanges);
+    return status;
 }
 
 void swept_answer(Swept *s)

@@ -113,3 +113,9 @@ def test_runs_without_any_times_in_common_have_no_lines() -> None:
     nothing = compare_times(pd.DataFrame(columns=["task", "repeat", "timed", "problem_set", "problem", "scaling", "solver", "lane",
                                                   "log_ratio"]).astype({"log_ratio": float}), "null", 1.2)
     assert (len(nothing.lines), len(nothing.rows), nothing.sentences()) == (0, 0, [])
+
+
+def test_two_solvers_alone_are_compared_at_once_and_nothing_can_be_told_of_them() -> None:
+    times = compared(0, {"s1": 1.2}, lanes=2, blocks=3)
+    assert set(times.lines.finding) == {CANNOT_TELL}
+    assert times.lines.repeats.max() < 1000

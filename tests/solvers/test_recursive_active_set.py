@@ -198,7 +198,7 @@ def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
     ld = 24
     M = s._numbers[s._places["M"]:s._places["M"] + 19 * ld]
     s.append_many(drifting(rng, 18, 4 * REFRESH))
-    while s._head[s._places["since_refresh"]] < REFRESH - 1:
+    while s._head[s._places["since_refresh"]] < REFRESH - 18:
         s.append_many(drifting(rng, 18, 1))
     row_weight, root_weight = s._numbers[s._places["row_weight"]:][:2]
     carried, root = M.copy(), root_weight**2 / row_weight

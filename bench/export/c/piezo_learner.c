@@ -18,6 +18,7 @@
 #include "core/swept_exchange.c"
 #include "core/swept_gram.c"
 #include "core/swept_refresh.c"
+#include "core/swept_renewal.c"
 #include "core/swept_rows.c"
 
 #include "core/continuous.c"
