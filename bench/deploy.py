@@ -36,13 +36,15 @@ from bench.timing.percentiles import Percentile, percentile, rate_bound
 from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
-from solvers import Lane, find
+from solvers import Lane, Tier, find
 from solvers.certificate import exact_cost_gap
 
 Microseconds = NDArray[np.float64]
 
-WHO = ["solver", "lane", "tier", "settings"]
+WHO = ["solver", "lane", "rung", "settings"]
 QUANTILES = (0.999, 0.99, 0.5)
+RANK = [str(tier) for tier in (Tier.DEFAULT, Tier.LOW, Tier.STAGE, Tier.MID, Tier.HIGH, Tier.EXACT)]
+"""Tiers from loose to exact."""
 CONTINUOUS = "recursive_active_set"
 """The solver that follows every sample."""
 
@@ -81,7 +83,9 @@ class Candidate:
     Attributes
     ----------
     solver, lane, tier : str
+        The tier is the most exact that it serves.
     settings : dict
+        Its rung, or its own.
     gap : float
         Worst of cost gap and violation over the problems; infinite where one has no answer.
     problems, right : int
@@ -217,19 +221,21 @@ def _judged(run: Run, rule: Rule, missed: int, samples: int) -> None:
 def _of_oneshot(run: Run, rule: Rule) -> Iterable[Candidate]:
     """Scaled data from a cold start, as the compensator solves it; times of update and solve.
 
-    Deadlines count hot and in turns with others; percentiles are hot, since only the most exact tier takes turns.
+    Deadlines count hot and in turns with others; percentiles are hot, since only one tier takes turns. Rungs for the picture are left
+    out: to take one for what it reached here would be to tune on the problems that are raced.
     """
     rows, times = run.rows(ONESHOT), run.times()
-    rows = rows[(rows.scaling == "scaled") & (rows.start == "cold")]
+    rows = rows[(rows.scaling == "scaled") & (rows.start == "cold") & (rows.tier != Tier.RUNG)]
     hot, raw = _pairs(times, ("",)), _pairs(times, ("", "interleaved_"))
     floor = _all(raw, rows[rows.solver == null_solver.ENTRY.name].task)
     missed = int(np.count_nonzero(floor > rule.deadline_us))
     _judged(run, rule, missed, floor.size)
     bound = rate_bound(missed, floor.size) if floor.size else 0.0  # nothing is forgiven where it was not measured
     field = rows[(rows.solver != null_solver.ENTRY.name) & rows.lane.isin([str(lane) for lane in rule.lanes])]
-    for (solver, lane, tier, settings), part in field.groupby(WHO, sort=False):
+    for names, whole in field.groupby(WHO[:3], sort=False):
+        part, tier = whole.drop_duplicates("task"), max(whole.tier, key=RANK.index)
         worst = part[["cost_gap", "violation"]].max(axis=1, skipna=False).fillna(math.inf)
-        yield _candidate((solver, lane, tier, settings), worst, _all(raw, part.task), bound, rule, _all(hot, part.task))
+        yield _candidate((*names[:2], tier, {"rung": int(whole.rung.iloc[0])}), worst, _all(raw, part.task), bound, rule, _all(hot, part.task))
 
 
 def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
@@ -240,16 +246,18 @@ def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
     bound = stream_figures.floor_bound(floor)
     paced = (rows.solver != stream_figures.FLOOR) & rows.paced.astype(bool)
     field = rows[paced & rows.lane.isin([str(lane) for lane in rule.lanes])]
-    for who, part in field.groupby(WHO, sort=False):
+    for (solver, lane, _, text), part in field.groupby(WHO, sort=False):
         worst = part.own_gap_max.astype(float).where(part.unanswered == 0).fillna(math.inf)
-        yield _candidate(who, worst, us := stream_figures.raw(times, part.task, "response"), bound, rule, us)
+        steps = json.loads(str(text)).get("steps")
+        settings = {"steps": steps} if steps else {"rung": int(part.rung.iloc[0])}
+        yield _candidate((solver, lane, part.tier.iloc[0], settings), worst, us := stream_figures.raw(times, part.task, "response"), bound, rule, us)
 
 
 def _candidate(who: Any, worst: pd.Series, us: Microseconds, bound: float, rule: Rule, tail: Microseconds) -> Candidate:
     """Deadlines from the times ``us``, percentiles from ``tail``."""
     solver, lane, tier, settings = who
     missed = int(np.count_nonzero(us > rule.deadline_us))
-    return Candidate(str(solver), str(lane), str(tier), json.loads(settings), float(worst.max()), len(worst),
+    return Candidate(str(solver), str(lane), str(tier), settings, float(worst.max()), len(worst),
                      int((worst <= rule.accuracy).sum()), us.size, missed, max(0, missed - math.ceil(bound * us.size)),
                      tuple(percentile(tail, q) for q in QUANTILES))
 

@@ -19,6 +19,7 @@ import json
 import os
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
 from piezo_model.atomic_file import replacing, write_text
 
-VERSION = 1
+VERSION = 2
 """Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are misread."""
 
 
@@ -146,24 +147,25 @@ class Run:
             raise RunError(f"{error}; remove the file and resume the run, and it is made again") from None
 
     def is_done(self, task: Task) -> bool:
-        """Whether the task's row is on disk."""
-        return self._task_path(task).is_file()
+        """Whether the task's row is on disk, and whole."""
+        return zipfile.is_zipfile(self._task_path(task))
 
     def _task_path(self, task: Task) -> Path:
         return self.path / "tasks" / f"{task.key}.npz"
 
     def save(self, task: Task, row: Mapping[str, Any] | Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
         """Put one finished task on disk, with its row or its rows and its raw times by what was timed."""
-        with replacing(self._task_path(task)) as temporary, temporary.open("wb") as file:
+        with replacing(self._task_path(task), durable=False) as temporary, temporary.open("wb") as file:
             np.savez(file, row=np.array(json.dumps(row)), **times)
 
-    def task(self, task: Task) -> tuple[Row, dict[str, Any]]:
-        """Row and raw times of a task that is done."""
+    def task(self, task: Task) -> tuple[list[Row], dict[str, Any]]:
+        """Rows and raw times of a task that is done."""
         with np.load(self._task_path(task), allow_pickle=False) as data:
-            return json.loads(str(data["row"])), {what: data[what] for what in data.files if what != "row"}
+            return _rows(data), {what: data[what] for what in data.files if what != "row"}
 
     def save_notes(self, name: str, notes: Mapping[str, Any]) -> None:
         """Keep what was noted of a part of the race; that they are there says that the part is done."""
+        os.sync()  # its tasks, which were not flushed one by one
         write_text(self.path / "tasks" / f"{name}.json", json.dumps(notes))
 
     def has_notes(self, name: str) -> bool:
@@ -184,11 +186,10 @@ class Run:
         rows, times = [], []
         for path in sorted((self.path / "tasks").glob("[!.]*.npz")):  # an interrupted write leaves a hidden file
             with np.load(path, allow_pickle=False) as data:
-                row = json.loads(str(data["row"]))
-                rows += row if isinstance(row, list) else [row]
-                of = {"task": path.stem} if isinstance(row, list) else {
-                    "task": row["task"], "repeat": row.get("repeat", 0)}
-                times += [{"repeat": 0, **of, "what": what, "ns": data[what]} for what in data.files if what != "row"]
+                some = _rows(data)
+                rows += some
+                of = {"task": some[0]["task"], "repeat": some[0].get("repeat", 0)}
+                times += [{**of, "what": what, "ns": data[what]} for what in data.files if what != "row"]
         table = pd.DataFrame(schema.gathered(rows), columns=["task", *schema.columns]).sort_values(list(schema.order),
                                                                                                   ignore_index=True)
         with replacing(self.path / "times.parquet") as temporary:
@@ -217,3 +218,9 @@ class Run:
         if missing:
             raise RunError(f"{path}: has no column {missing[0]!r}")
         return rows
+
+
+def _rows(data: Mapping[str, Any]) -> list[Row]:
+    """The rows of a task's file, which holds one or several."""
+    found = json.loads(str(data["row"]))
+    return found if isinstance(found, list) else [found]

@@ -10,8 +10,10 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def replacing(path: str | Path, durable: bool = True) -> Iterator[Path]:
     """Yield a temporary path in the target's folder; on success it replaces the target, on failure it goes.
+
+    What is not ``durable`` is not flushed, which takes milliseconds: after a loss of power the file may be there and broken.
 
     Examples
     --------
@@ -31,16 +33,21 @@ def replacing(path: str | Path) -> Iterator[Path]:
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)  # mkstemp is private; an ordinary new file is not
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
+        if durable:
+            _flush(temporary)
         temporary.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the new name is on disk, too, and not only what it names
-        finally:
-            os.close(folder)
+        if durable:
+            _flush(path.parent)  # the new name is on disk, too, and not only what it names
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -16,7 +16,7 @@ from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.structure import StructureError
 
 FORMAT = "piezobench-compensator"
-VERSION = 1
+VERSION = 2
 MODES = ("cyclic", "continuous")
 
 
@@ -27,10 +27,12 @@ class Deployment:
     Attributes
     ----------
     model : HysteresisCreepModel
-    solver, lane, tier : str
+    solver, lane : str
         As of ``solvers.get``.
+    tier : str
+        What its answers reached.
     settings : mapping
-        The solver's own, on top of the tier's.
+        The solver's own, or its rung.
     mode : "cyclic" or "continuous"
     x_limits : pair of float
         Limits of the drive in the input unit.

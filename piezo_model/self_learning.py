@@ -70,7 +70,7 @@ class SelfLearningCompensator:
     integral_gain : float
         Of the integral action, in 1/s, as of ``Compensator``; samples that the guard of the sensor does not trust are left out.
     solver_options : mapping, optional
-        Lane, tier and settings of the solver as of ``solvers.get``; the tier is high by default.
+        Lane, rung and settings of the solver as of :func:`piezo_model.learning.solving.solved`.
     model : HysteresisCreepModel, optional
         What it starts with; the straight line through the ranges by default.
     state : OperatorState, optional
@@ -281,7 +281,7 @@ class SelfLearningCompensator:
         found = Deployment.load(path)
         chosen: dict[str, Any] = {
             "solver": found.solver, "x_limits": found.x_limits, "mode": cast(Mode, found.mode), "model": found.model,
-            "solver_options": {"lane": found.lane, "tier": found.tier, **found.settings}}
+            "solver_options": {"lane": found.lane, **found.settings}}
         return cls(found.model.structure, **{**chosen, **options})
 
     @classmethod

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from solvers.protocol import Solver, Tier
+from solvers.protocol import Solver
 
 Tolerance = Callable[[float, int], float]
 """A tolerance from the constant c and the exponent k of a rung."""
@@ -70,8 +70,6 @@ class Backend:
         Settings of every rung.
     always : mapping
         Settings of every rung and of the default, too.
-    each : mapping
-        Settings of one tier.
     warm : bool
         Whether a lane hands a starting point on to a library that uses it.
     """
@@ -85,7 +83,6 @@ class Backend:
     polish: Mapping[str, Any] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict)
     always: Mapping[str, Any] = field(default_factory=dict)
-    each: Mapping[Tier, Mapping[str, Any]] = field(default_factory=dict)
     warm: bool = False
 
     def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -100,12 +97,6 @@ class Backend:
         return tuple(MappingProxyType({**{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
                                        **self.more, **self.always, **polish}) for k, polish in steps or [(0, {})])
 
-    def tiers(self) -> Mapping[Tier, Mapping[str, Any]]:
-        """The settings of each tier: its ε for every tolerance, absolute and relative alike."""
-        asked = {tier: {} if tier is Tier.DEFAULT else dict.fromkeys(self.tolerances, tier.tolerance) | {**self.more}
-                 for tier in Tier}
-        return MappingProxyType({tier: MappingProxyType({**asked[tier], **self.each.get(tier, {}), **self.always}) for tier in Tier})
-
 
 class LibrarySolver(Solver):
     """A solver of somebody's library, described by one entry."""
@@ -117,7 +108,7 @@ class LibrarySolver(Solver):
         if "library" in vars(cls):
             cls.algorithm, cls.licence, cls.distribution = (
                 cls.library.algorithm, cls.library.licence, cls.library.distribution)
-            cls.tiers = cls.library.tiers()
+            cls.always = cls.library.always
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -152,8 +143,7 @@ GUROBI = Backend("interior point", "proprietary", "gurobipy",
 HIGHS = Backend("primal active set", "MIT", "highspy",
                 {"primal_feasibility_tolerance": between(1e-10, 1e-7, share), "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
                  "qp_regularization_value": share}, (7, 9, 11, 13),
-                each={Tier.LOW: {"qp_regularization_value": 1e-7}, Tier.MID: {"qp_regularization_value": 1e-10},
-                      Tier.HIGH: {"qp_regularization_value": 1e-12}}, always={"time_limit": 10.0})
+                always={"time_limit": 10.0})
 # Counted in steps and not in seconds, so that a run can be repeated.
 OSQP = Backend("ADMM", "Apache-2.0", "osqp", EPS, (4, 6, 8, 10, 12, 14), (14,), {"polishing": True},
                {"max_iter": 200_000}, {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50})

@@ -177,7 +177,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
         tuple(sorted(c.index for c in names if c.kind is kind))
         for kind in (Kind.LOWER, Kind.UPPER, Kind.ROW, Kind.EQUALITY, Kind.PIN))
     value = program.value(point.x) * factor
-    return Certificate(data.fingerprint(), lower, upper, rows, equalities, pinned, shift,
+    return Certificate(data.fingerprint, lower, upper, rows, equalities, pinned, shift,
                        definite or is_unique(program, point), _rounded(point.x), str(value), nearest_double(value))
 
 
@@ -227,7 +227,7 @@ def verify(problem: Problem, certificate: Certificate) -> None:
             raise NotCertified(f"proof line {name} fails: {why}")
 
     data = DoubleProblem.of(problem)
-    line("1 (problem)", certificate.problem == data.fingerprint(), "the certificate belongs to other data")
+    line("1 (problem)", certificate.problem == data.fingerprint, "the certificate belongs to other data")
     shift, definite = data.convexity_shift()
     line("2 (convexity)", certificate.convexity_shift == shift, f"the rule gives the shift {shift!r}")
     program, factor = data.exact(shift)
@@ -276,7 +276,7 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     x = finite("x", x, data.q.shape)
     if not math.isfinite(c):
         raise ValueError(f"the constant term c is {c}")
-    if certificate.problem != data.fingerprint():
+    if certificate.problem != data.fingerprint:
         raise NotCertified("proof line 1 (problem) fails: the certificate belongs to other data")
     program, factor = data.exact(certificate.convexity_shift)
     given = column(x)

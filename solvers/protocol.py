@@ -48,21 +48,22 @@ class Lane(StrEnum):
 
 
 class Tier(StrEnum):
-    """How exact an answer the solver is asked for; each solver says how this maps to its own settings."""
+    """What an answer must reach, the same for all; with which rung of its ladder a solver reaches it is found out beforehand."""
 
     DEFAULT = "default"
-    """The library's own default settings."""
+    """What the library does unasked."""
     LOW = "low"
-    """Absolute and relative tolerance 1e-3."""
+    """Relative cost gap 1e-3."""
     MID = "mid"
-    """Absolute and relative tolerance 1e-6."""
+    """Relative cost gap 1e-6."""
     HIGH = "high"
-    """Absolute and relative tolerance 1e-9."""
-
-    @property
-    def tolerance(self) -> float | None:
-        """The tolerance asked for; None leaves the library's default."""
-        return {Tier.DEFAULT: None, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9}[self]
+    """Relative cost gap 1e-9."""
+    EXACT = "exact"
+    """Relative cost gap 1e-12."""
+    STAGE = "stage"
+    """The stage does not notice: the model errs on unseen data as that of the exact optimum, within 1 % of the sensor's noise."""
+    RUNG = "rung"
+    """Nothing: a rung that is timed for the picture of time against accuracy alone."""
 
 
 class Status(StrEnum):
@@ -70,8 +71,8 @@ class Status(StrEnum):
 
     OK = "ok"
     """The answer is as exact as the judge asks."""
-    INACCURATE = "inaccurate"
-    """The solver says solved and the judge says otherwise."""
+    MISSED = "missed"
+    """The solver says solved, and the answer does not reach the tier."""
     SOLVER_FAILED = "solver_failed"
     """The solver itself says that it found no answer."""
     ADAPTER_FAILED = "adapter_failed"
@@ -97,10 +98,8 @@ class Solver(ABC):
 
     Parameters
     ----------
-    tier : Tier
-        Accuracy asked for.
     **settings
-        The library's own settings, on top of what the tier maps to.
+        The library's own settings, such as a rung of the ladder; without any it does what it does unasked.
 
     Notes
     -----
@@ -120,10 +119,8 @@ class Solver(ABC):
     """Compiler and flags of what is built on this machine; reported with the version."""
     warm_startable: ClassVar[bool] = False
     """Whether ``solve(warm_start=x)`` makes use of x."""
-    tiers: ClassVar[Mapping[Tier, Mapping[str, Any]]] = {}
-    """The settings that each tier maps to."""
-    variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
-    """Settings that a race shows beside each other, such as numbers of steps."""
+    always: ClassVar[Mapping[str, Any]] = {}
+    """Settings of every use, which others on top may change."""
     takes_rows: ClassVar[bool] = False
     """Whether the solver follows data that come row by row by ``append``; it then has the setting ``forgetting``."""
     iteration_setting: ClassVar[str | None] = None
@@ -148,9 +145,8 @@ class Solver(ABC):
         """
         return ({},)
 
-    def __init__(self, tier: Tier | str = Tier.DEFAULT, **settings: Any) -> None:
-        self.tier = Tier(tier)
-        self.settings: dict[str, Any] = {**self.tiers.get(self.tier, {}), **settings}
+    def __init__(self, **settings: Any) -> None:
+        self.settings: dict[str, Any] = {**self.always, **settings}
 
     @abstractmethod
     def setup(self, problem: Problem) -> None:

@@ -21,12 +21,12 @@ import inspect
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from solvers.protocol import Lane, Solver, Tier
+from solvers.protocol import Lane, Solver
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
@@ -70,7 +70,10 @@ class Described:
     version: str
     licence: str
     warm_start: bool
-    variants: tuple[Mapping[str, Any], ...] = ({},)
+    ladder: tuple[Mapping[str, Any], ...] = ({},)
+    """Of a problem whose constant is 1, what is in use unasked included."""
+    unasked: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of every use."""
     absent: str = ""
     """Empty, or why the solver is absent."""
 
@@ -189,7 +192,7 @@ def find(name: str, lane: Lane | str | None = None) -> Entry:
     raise KeyError(f"there is no solver {name!r}{where}; known are {', '.join(sorted({e.name for e in entries()}))}")
 
 
-def get(name: str, lane: Lane | str | None = None, tier: Tier | str = Tier.DEFAULT, **settings: Any) -> Solver:
+def get(name: str, lane: Lane | str | None = None, **settings: Any) -> Solver:
     """Make a solver by name.
 
     Examples
@@ -200,7 +203,7 @@ def get(name: str, lane: Lane | str | None = None, tier: Tier | str = Tier.DEFAU
     >>> s.solve().round(6).tolist()
     [1.0, 0.0]
     """
-    return find(name, lane).load()(tier, **settings)
+    return find(name, lane).load()(**settings)
 
 
 def describe(entry: Entry) -> Described:
@@ -216,7 +219,8 @@ def describe(entry: Entry) -> Described:
             raise
         version = ""
     version = f"{version}, {cls.built_with}" if cls.built_with else version
-    return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, cls.variants)
+    ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))
+    return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, ladder, dict(cls.always))
 
 
 def available() -> list[Entry]:

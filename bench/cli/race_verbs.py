@@ -69,8 +69,9 @@ def race_verb(
     lane: Annotated[list[Lane] | None, typer.Option(help="How solvers are called: compiled, by their own object, through "
                                                          "qpsolvers or cvxpy, as generated C; may be given again. All but "
                                                          "codegen by default.")] = None,
-    tier: Annotated[list[Tier] | None, typer.Option(help="Accuracy asked for: the library's default, 1e-3, 1e-6 or 1e-9; "
-                                                         "may be given again.")] = None,
+    tier: Annotated[list[Tier] | None, typer.Option(help="What answers must reach: a cost gap of 1e-3 (low), 1e-6, 1e-9 or "
+                                                         "1e-12 (exact), what the stage does not notice, what the library "
+                                                         "does unasked, or every rung for the picture; may be given again.")] = None,
     scaling: Annotated[list[Scale] | None, typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; "
                                                               "both by default.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Problems of each set; all by default.")] = None,
@@ -82,7 +83,7 @@ def race_verb(
                                                                "foreign.")] = None,
     test_set: Annotated[Path | None, typer.Option(help="Python file with a test set of qpbenchmark to race on.")] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
-    budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.01,
+    budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.005,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Megabytes that a solver may allocate.")] = 2048,
     repeats: Annotated[int, typer.Option(min=1, help="Fresh processes for each solver.")] = 1,

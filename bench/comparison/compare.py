@@ -20,7 +20,7 @@ from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compa
 from bench.races import null_solver
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
-from solvers import Status
+from solvers import Status, Tier
 
 GAP_FACTOR = 10.0
 LEAST_GAP = 1e-12
@@ -204,10 +204,11 @@ def _said(value: Any) -> str:
 
 
 def _matched(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
-    """The rows of both runs side by side, with NaN where one has none."""
-    both = a[["task", *NAMES, "status", "cost_gap"]].merge(b[["task", *NAMES, "status", "cost_gap"]], on=["task", *NAMES],
-                                                           how="outer", suffixes=("_a", "_b"), indicator="in_run")
-    both = both.rename(columns={"cost_gap_a": "gap_a", "cost_gap_b": "gap_b"})
+    """The rows of both runs side by side, with NaN where one has none; those for the picture are nobody's result."""
+    columns = ["task", *NAMES, "rung", "status", "cost_gap"]
+    both = a.loc[a.tier != Tier.RUNG, columns].merge(b.loc[b.tier != Tier.RUNG, columns], on=NAMES, how="outer",
+                                                     suffixes=("_a", "_b"), indicator="in_run")
+    both = both.rename(columns={"cost_gap_a": "gap_a", "cost_gap_b": "gap_b"}).assign(task=both.task_a.fillna(both.task_b))
     return both.assign(in_run=both.in_run.astype(str), status_a=both.status_a.fillna(""), status_b=both.status_b.fillna(""))
 
 

@@ -14,10 +14,11 @@ import pandas as pd
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from bench.timing.clock import Effort
+from solvers import Tier
 
 FEWEST = Effort().fewest
 """Times that a level needs: what the slowest solver is timed at the least."""
-NAMES = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "start", "settings"]
+NAMES = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "start"]
 
 
 class Timed(NamedTuple):
@@ -33,12 +34,22 @@ WAYS = (Timed("in turns", "interleaved_update", "interleaved_solve"), Timed("hot
 
 
 def log_ratios(a: Run, b: Run) -> pd.DataFrame:
-    """One row a task and repeat that both runs timed: ``task``, ``repeat``, ``timed``, ``log_ratio`` (b over a) and NAMES."""
-    both = levels(a).merge(levels(b), on=["task", "repeat", "timed"], suffixes=("_a", "_b"))
-    better = both.task.isin(both.task[both.timed == WAYS[0].name])
+    """One row a pair of tasks that serve one tier and a repeat that both runs timed: ``task`` (of a), ``repeat``, ``timed``,
+    ``log_ratio`` (b over a) and NAMES; of the tiers that two tasks both serve the first, and none for the picture.
+    """
+    first, second = (levels(run).merge(served(run), on="task") for run in (a, b))
+    both = first.merge(second, on=[*NAMES, "repeat", "timed"], suffixes=("_a", "_b"))
+    both = both.drop_duplicates(["task_a", "task_b", "repeat", "timed"])
+    better = both.task_a.isin(both.task_a[both.timed == WAYS[0].name])
     both = both[(both.timed == WAYS[0].name) | ~better]
-    both = both.assign(log_ratio=both.level_b - both.level_a).drop(columns=["level_a", "level_b"])
-    return both.merge(a.rows(ONESHOT)[["task", *NAMES]], on="task")
+    both = both.assign(log_ratio=both.level_b - both.level_a).rename(columns={"task_a": "task"})
+    return both.drop(columns=["level_a", "level_b", "task_b"])
+
+
+def served(run: Run) -> pd.DataFrame:
+    """The tasks of a run with NAMES, once for each tier; without those for the picture."""
+    rows = run.rows(ONESHOT)
+    return rows.loc[rows.tier != Tier.RUNG, ["task", *NAMES]]
 
 
 def levels(run: Run) -> pd.DataFrame:

@@ -16,13 +16,12 @@ from bench.comparison.compare import RunComparison
 from bench.comparison.lines import CANNOT_TELL, LINE, SAME
 from bench.rendering import markdown_templates
 from bench.report import charts
-from bench.report.markdown import settings_label
 from bench.report.page import Cell, Figure, Grid, save
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 2
 LINE_HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "could have shown", "repeats that would do", "rows", "adjusted p")
-HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "tier", "start", "settings",
+HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "tier", "start", "rungs",
             "adjusted p", "cost gaps", "statuses")
 LINE_COLUMNS = [*LINE, "rows", "finding", "ratio", "ratio_low", "ratio_high", "shown", "repeats", "p", "adjusted"]
 MOST_LINES = 40
@@ -102,7 +101,7 @@ def grid(comparison: RunComparison) -> Grid:
 
 
 def _cells(row: Mapping[str, Any]) -> list[Cell]:
-    names = (row["problem_set"], row["problem"], row["scaling"], row["tier"], row["start"], settings_label(row["settings"]))
+    names = (row["problem_set"], row["problem"], row["scaling"], row["tier"], row["start"], " → ".join(_rungs(row)))
     low, high = (_number(row[f"ratio_{end}"], ".3f") for end in ("low", "high"))
     statuses = (row["status_a"] or "–", row["status_b"] or "–")
     return [*(Cell(name, name) for name in (row["solver"], row["lane"], ", ".join(row["changes"]))),
@@ -110,6 +109,11 @@ def _cells(row: Mapping[str, Any]) -> list[Cell]:
             *(Cell(name, name) for name in names), Cell(_number(row["adjusted"], ".1e"), row["adjusted"]),
             Cell(f"{_number(row['gap_a'], '.1e')}, {_number(row['gap_b'], '.1e')}", row["gap_b"]),
             Cell(statuses[0] if statuses[0] == statuses[1] else " → ".join(statuses), statuses[1])]
+
+
+def _rungs(row: Mapping[str, Any]) -> list[str]:
+    """The rung of each run, one where they agree."""
+    return list(dict.fromkeys(f"{row[name]:.0f}" for name in ("rung_a", "rung_b") if not pd.isna(row[name])))
 
 
 def _number(value: float, how: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,8 @@ class Outcome:
         Whether the solver wrote into the arrays that it was given.
     repeatable : bool
         Whether the same data gave the same bits again.
+    asked : mapping
+        The settings that the solver was given.
     preemptions : int
         How often the process was taken off its core while it was timed.
     """
@@ -46,6 +50,7 @@ class Outcome:
     iterations: int = -1
     mutated: bool = False
     repeatable: bool = True
+    asked: Mapping[str, Any] = field(default_factory=dict)
     preemptions: int = 0
     setup_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     update_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))

@@ -1,4 +1,4 @@
-"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one tier."""
+"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one rung of its ladder."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from solvers.protocol import Lane, Tier
+from solvers.protocol import Lane, Solver, Tier
 
 if TYPE_CHECKING:  # a child needs tasks and no model
     from piezo_model.identification_problem import Scaling
 
 Start = Literal["cold", "warm"]
 """Whether a solve begins from nothing or from the optimum of the problem before."""
+
+
+UNASKED = -1
+"""In the place of a rung: what a solver does without any settings."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +30,11 @@ class Task:
     scaling: Scaling
     solver: str
     lane: Lane
-    tier: Tier
+    tiers: tuple[Tier, ...]
+    """What it serves."""
+    rung: int = UNASKED
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Solver settings on top of the tier's, such as the number of steps."""
+    """Solver settings on top of the rung's, such as the number of steps."""
     repeat: int = 0
     """Which of several runs of the same, each in a fresh process."""
     start: Start = "cold"
@@ -36,12 +42,11 @@ class Task:
     @property
     def key(self) -> str:
         """A file name that is the same in every run for the same task."""
-        text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.tier,
+        text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.rung,
                            dict(self.settings), *([self.repeat] if self.repeat else []),
                            *([self.start] if self.start != "cold" else [])], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
-    @property
-    def label(self) -> str:
-        """Settings in words, for tables: "steps=100", or nothing."""
-        return ", ".join(f"{name}={value}" for name, value in self.settings.items())
+    def asked(self, cls: type[Solver], c: float) -> dict[str, Any]:
+        """The settings for a problem whose constant is c."""
+        return {**({} if self.rung == UNASKED else cls.ladder(c)[self.rung]), **self.settings}

@@ -30,7 +30,7 @@ def folder() -> Path:
 def key(programs: Sequence[Problem], work: float) -> str:
     """Name of the programs' data; NotCertified where they hold no numbers."""
     try:
-        data = [DoubleProblem.of(program).fingerprint() for program in programs]
+        data = [DoubleProblem.of(program).fingerprint for program in programs]
     except ValueError as error:
         raise NotCertified(str(error)) from None
     return hashlib.sha256(json.dumps([VERSION, work, data]).encode()).hexdigest()

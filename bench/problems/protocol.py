@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -68,6 +69,16 @@ class CertifiedForm:
         return max(0.5 * float(x @ (self.qp.P @ x)), abs(float(self.qp.q @ x))) or self.cost_unit
 
     @property
+    def unit(self) -> float:
+        """The cost that tolerances are multiples of, known from the data alone."""
+        return self.c if self.cost_unit == 0.0 else max(abs(self.c), self.cost_unit)
+
+    @property
+    def size(self) -> float:
+        """‖x*‖∞, to which a violation is relative; 1 where it is 0."""
+        return max((abs(entry) for entry in self.certificate.x), default=0.0) or 1.0
+
+    @property
     def optimum_is_unique(self) -> bool:
         """Whether the data themselves single out one optimum; a shift that made them convex does not count."""
         return self.certificate.unique and self.certificate.convexity_shift == 0.0
@@ -122,11 +133,21 @@ class RaceProblem:
         """Number of variables."""
         return int(next(iter(self.forms.values())).qp.q.shape[0])
 
+    @property
+    def has_noise(self) -> bool:
+        """Whether the noise of the sensor is known, by which it is told what the stage notices."""
+        return self.validation is not None and self.validation.noise_um > 0.0
+
     @cached_property
     def optimal_weights(self) -> Vector:
         """The certified optimum in weight coordinates and unit amplitudes."""
         form = next(iter(self.forms.values()))
         return np.asarray(form.to_weights @ np.array(form.certificate.x), dtype=np.float64)
+
+    @cached_property
+    def optimum_error_percent(self) -> float:
+        """Error of the model of the optimum on the unseen data, NaN where there are none."""
+        return math.nan if self.validation is None else self.validation.error_percent(self.optimal_weights)
 
     @cached_property
     def condition(self) -> float:
@@ -217,6 +238,8 @@ class ProblemSet(ABC):
     """Options that the set cannot be made without: what each is, by name."""
     takes: ClassVar[Mapping[str, str]] = {}
     """Options that may be left out."""
+    calibrated_on: ClassVar[str] = ""
+    """The set whose problems of other seeds say which settings reach an accuracy; its own name unless it is made from files."""
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         for option, what in self.needs.items():

@@ -36,6 +36,7 @@ class Recorded(ProblemSet):
 
     name = "recorded"
     description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
+    calibrated_on = "paper"
     needs: ClassVar = {"recording": "a recording in any known format"}
     takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column",
                        **dict.fromkeys(READING, "how the file is read")}

@@ -29,7 +29,7 @@ class RaceSettings:
     solvers: tuple[str, ...] = ()
     """Names to race; empty for all."""
     lanes: tuple[Lane, ...] = LANES
-    tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
+    tiers: tuple[Tier, ...] = tuple(Tier)
     scalings: tuple[Scaling, ...] = SCALINGS
     limit: int | None = None
     """Number of problems of each set; None for all."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -61,8 +62,8 @@ def write(run: Run, package: str, summary: pd.DataFrame, **content: Any) -> Path
 
 
 def settings_label(text: str) -> str:
-    """Turn ``{"steps": 100}`` into ``steps 100``."""
-    return text.strip("{}").replace('"', "").replace(":", "")
+    """Turn ``{"steps": 100, "eps": 1.23456e-9}`` into ``steps 100, eps 1.2e-09``."""
+    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in json.loads(text).items())
 
 
 def number(value: float) -> str:

@@ -16,14 +16,22 @@ import numpy as np
 
 from solvers.protocol import Nanoseconds, Solver, Vector
 
+MOST_BUDGETS = 10.0
+
 
 @dataclass(frozen=True)
 class Effort:
-    """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls."""
+    """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls; once in any case, and
+    after MOST_BUDGETS no more than that."""
 
     budget_s: float = 0.03
     fewest: int = 3
     most: int = 300
+
+    def goes_on(self, done: int, spent_ns: int) -> bool:
+        """Whether to time once more after so many calls and nanoseconds."""
+        budgets = spent_ns / (self.budget_s * 1e9) if self.budget_s > 0.0 else 1.0
+        return done == 0 or budgets < (MOST_BUDGETS if done < self.fewest else 1.0 if done < self.most else 0.0)
 
 
 @contextmanager
@@ -52,7 +60,7 @@ def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort
     solves: list[int] = []
     spent = 0
     with no_garbage_collection():
-        while len(solves) < effort.fewest or (spent < effort.budget_s * 1e9 and len(solves) < effort.most):
+        while effort.goes_on(len(solves), spent):
             updates.append(time_call(update))
             solves.append(time_call(solve))
             spent += updates[-1] + solves[-1]
@@ -67,7 +75,7 @@ def time_kernel(solver: Solver, update: Callable[[], object], effort: Effort, wa
     solves: list[Nanoseconds] = []
     spent, done = 0, 0
     with no_garbage_collection():
-        while done < effort.fewest or (spent < effort.budget_s * 1e9 and done < effort.most):
+        while effort.goes_on(done, spent):
             compiled, taken = solver.time_kernel(effort.fewest, **start)
             updates.append(np.array([time_call(update)], dtype=np.int64) if compiled is None else compiled)
             solves.append(taken)

@@ -52,13 +52,14 @@ def optimum(problem: IdentificationProblem, solver: str) -> Vector:
     IdentificationError
         If the solver found no answer.
     """
-    form = problem.form()
-    engine = solvers.get(solver, tier="high")
-    engine.setup(form.qp)
-    z = engine.solve().copy()
-    if not engine.solution().found or not np.all(np.isfinite(z)):
-        raise IdentificationError(f"the solver {solver} found no answer")
-    return form.weights(np.maximum(z, form.qp.lb))
+    form, cls = problem.form(), solvers.find(solver).load()
+    for rung in reversed(cls.ladder(form.c)):  # the uppermost one may ask for more than rounding allows
+        engine = cls(**rung)
+        engine.setup(form.qp)
+        z = engine.solve().copy()
+        if engine.solution().found and np.all(np.isfinite(z)):
+            return form.weights(np.maximum(z, form.qp.lb))
+    raise IdentificationError(f"the solver {solver} found no answer")
 
 
 def prove(problem: IdentificationProblem, w: Vector) -> Certificate:

@@ -89,7 +89,8 @@ class CyclicLearning(Learner):
         core, s = self.core, self._compensator.model.structure
         program = Problem(core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), lb=core["lower"].copy(), ub=np.full(s.d, np.inf))
         try:
-            answer, seconds = solved(self._settings.solver, self._settings.solver_options, program, core["start"].copy())
+            answer, seconds = solved(self._settings.solver, self._settings.solver_options, program, core["start"].copy(),
+                                     0.5 * float(core["data"][0]))
         except Exception as error:  # whatever a library does, the drive goes on
             core.whole("refusals")[:] += 1
             face.cyclic_enter(core.block, RESET)

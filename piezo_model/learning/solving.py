@@ -15,13 +15,18 @@ import solvers
 if TYPE_CHECKING:
     from qpsolvers import Problem
 
+    from solvers.protocol import Solver
+
 Vector = NDArray[np.float64]
 STEPPED = "projected_difference"
 """The solver that takes a step a sample, in the core."""
 
 
-def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector) -> tuple[Vector, float]:
+def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> tuple[Vector, float]:
     """Answer (d,) of a solver, NaN where it found none, and the seconds that it took; warm from ``start`` where it can.
+
+    The ``options`` are lane, settings and ``rung``: one of the solver's ladder for the constant c of the problem, or -1 for what it does
+    unasked; the uppermost that it says it reaches by default.
 
     Examples
     --------
@@ -29,7 +34,7 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1))[0].tolist()
     [2.0]
     """
-    engine = solvers.get(solver, **{"tier": "high", **(options or {})})
+    engine = at_rung(solver, program, c, **(options or {}))
     engine.setup(program)
     begin = perf_counter()
     found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
@@ -37,11 +42,25 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     return (found if engine.solution().found else np.full_like(found, np.nan)), spent
 
 
+def at_rung(solver: str, program: Problem, c: float, lane: str | None = None, rung: int | None = None, **settings: Any) -> Solver:
+    """A solver at a rung of its ladder, by default at the uppermost that it says it reaches."""
+    cls = solvers.find(solver, lane).load()
+    ladder = cls.ladder(c)
+    *above, last = ({},) if rung == -1 else ladder[::-1] if rung is None else (ladder[rung],)
+    for asked in above:
+        engine = cls(**{**asked, **settings})
+        engine.setup(program)
+        engine.solve()
+        if engine.solution().found:
+            return engine
+    return cls(**{**last, **settings})
+
+
 def step_ratio(options: Mapping[str, Any] | None) -> float:
     """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot be."""
     from qpsolvers import Problem
 
-    engine = solvers.get(STEPPED, **{"tier": "high", **(options or {})})
+    engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "rung"})
     engine.setup(Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
     return float(engine.settings.get("step_ratio", 0.5))
 

@@ -27,7 +27,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from solvers.codegen._build import COMPILER, Sources, run
-from solvers.codegen._embedded import TOLERANCE, Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape
 
 if importlib.util.find_spec("cvxpygen") is None:
     raise ImportError("No module named 'cvxpygen'")
@@ -119,7 +119,6 @@ class Cvxpygen(Embedded):
 
     licence = "Apache-2.0"
     distribution = "cvxpygen"
-    tiers = TOLERANCE
     backend: ClassVar[str]
     """CVXPYgen's name of the solver."""
 

@@ -24,13 +24,10 @@ from qpsolvers import Problem, Solution
 
 from solvers.codegen._build import HERE, Sources, built_with, library
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Unsupported, Vector, only_box
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, only_box
 from solvers.rows import Program
 
 CORE = HERE.parent / "core"
-TOLERANCE: Mapping[Tier, Mapping[str, Any]] = MappingProxyType(
-    {tier: {"tolerance": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)})
-"""The tiers of solvers that take one tolerance, absolute and relative."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +75,11 @@ class Embedded(Solver):
     """Those of them that ``generate`` writes into the C."""
     glue: ClassVar[str] = ""
     """C that puts generated code behind ``embedded.h``."""
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """Tolerances c · 10⁻ᵏ, absolute and relative alike."""
+        return tuple({"tolerance": c * 10.0**-k} for k in (4, 6, 8, 10, 12, 13)) if "tolerance" in cls.parameters else super().ladder(c)
 
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:

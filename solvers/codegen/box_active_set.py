@@ -14,7 +14,7 @@ from solvers.core import face
 
 
 class BoxActiveSet(OurOwn):
-    """``box_active_set.c``; it has no tolerance, so every tier is the same."""
+    """``box_active_set.c``; it has no tolerance, so its ladder has one rung."""
 
     name = "box_active_set"
     algorithm = "primal-dual active set"

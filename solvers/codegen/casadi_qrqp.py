@@ -10,12 +10,14 @@ Timed: ``update`` copies P and q; ``solve`` is one call of the function, which s
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import casadi
 
 from solvers.codegen._build import Sources
-from solvers.codegen._embedded import TOLERANCE, Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape
 
 
 class CasadiQrqp(Embedded):
@@ -25,8 +27,13 @@ class CasadiQrqp(Embedded):
     algorithm = "primal-dual active set"
     licence = "LGPL-3.0-or-later, the C MIT-0"
     distribution = "casadi"
-    tiers = TOLERANCE
     compiled_in = ("tolerance",)
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """Those of the direct lane; each is built."""
+        return ({"tolerance": 1e-8}, {"tolerance": 1e-12})
+
     glue = r"""
 #include <string.h>
 #include "qp.h"

@@ -16,7 +16,7 @@ import osqp
 from scipy.sparse import csc_matrix
 
 from solvers.codegen._build import Sources
-from solvers.codegen._embedded import TOLERANCE, Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape
 from solvers.rows import Triangle
 
 
@@ -28,7 +28,6 @@ class Osqp(Embedded):
     licence = "Apache-2.0"
     distribution = "osqp"
     warm_startable = True
-    tiers = TOLERANCE
     glue = r"""
 #include <math.h>
 #include "osqp.h"

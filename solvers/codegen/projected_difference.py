@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from solvers.codegen._embedded import OurOwn
 from solvers.core import face
+from solvers.kernel import projected_difference as kernel
 
 
 class ProjectedDifference(OurOwn):
@@ -22,7 +23,8 @@ class ProjectedDifference(OurOwn):
     warm_startable = True
     iteration_setting = "steps"
     parameters = MappingProxyType({"steps": 15200.0, "step_ratio": 0.5})
-    variants = tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
+    ladder = kernel.ProjectedDifference.ladder
+    always = kernel.ProjectedDifference.always
     core = ("descent", "eigenvalue")
 
     def memory(self, d: int) -> int:  # noqa: D102

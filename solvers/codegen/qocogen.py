@@ -18,7 +18,7 @@ import qocogen
 from scipy.sparse import csc_matrix
 
 from solvers.codegen._build import Sources
-from solvers.codegen._embedded import TOLERANCE, Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape
 
 
 class Qocogen(Embedded):
@@ -28,7 +28,6 @@ class Qocogen(Embedded):
     algorithm = "interior point"
     licence = "BSD-3-Clause"
     distribution = "qocogen"
-    tiers = TOLERANCE
     glue = r"""
 #include "qoco_custom.h"
 #include "embedded.h"

@@ -6,7 +6,7 @@ Source: R. H. Byrd, M. E. Hribar, J. Nocedal, "An interior point algorithm for l
 Journal on Optimization 9 (1999), pages 877 to 900.
 
 Timed: ``solve`` is everything; expect tens of milliseconds. ``barrier_tol`` bounds the last barrier parameter and
-``xtol`` the last trust radius. A tier keeps ``gtol`` far below them, since the library's test of the gradient does not
+``xtol`` the last trust radius. A rung keeps ``gtol`` far below them, since the library's test of the gradient does not
 look at complementarity and on its own stops with x wrong by 1e-2. That small a ``gtol`` also makes the library call a
 constraint violation of 1e-15 a failure, so whether x is found is judged here from its status and ``xtol``. There is no
 warm start: from a point on the bounds an interior method takes longer.
@@ -22,7 +22,7 @@ from scipy.optimize import Bounds, LinearConstraint, minimize
 
 from solvers.backend import Backend, LibrarySolver, absolute, share
 from solvers.direct._box import cost, inside, refuse_crossing
-from solvers.protocol import Lane, Matrix, Tier, Vector
+from solvers.protocol import Lane, Matrix, Vector
 from solvers.rows import Program
 
 CONVERGED = (1, 2, 4)
@@ -36,7 +36,7 @@ class ScipyTrustConstr(LibrarySolver):
     lane = Lane.DIRECT
     library = Backend("interior point", "BSD-3-Clause", "scipy",
                       {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": share, "barrier_tol": absolute}, (4, 6, 8, 10, 12),
-                      more={"maxiter": 10_000}, each={tier: {"gtol": 1e-6 * (tier.tolerance or 0.0)} for tier in Tier if tier.tolerance})
+                      more={"maxiter": 10_000})
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -73,9 +73,12 @@ def _half_finite(name: str, values: Vector, shape: tuple[int, ...], open_side: f
     return values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DoubleProblem:
-    """A problem as dense, checked arrays: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (e, d), b (e,)."""
+    """A problem as dense, checked arrays: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (e, d), b (e,).
+
+    Problems are equal whose fingerprints are.
+    """
 
     P: Matrix
     q: Vector
@@ -97,6 +100,15 @@ class DoubleProblem:
                    finite("A", _rows(problem.A, d), (b.size, d)), finite("b", b, b.shape),
                    _half_finite("lb", lb, (d,), -np.inf), _half_finite("ub", ub, (d,), np.inf))
 
+    def __eq__(self, other: object) -> bool:
+        """Whether the data are the same."""
+        return isinstance(other, DoubleProblem) and self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        """That of the fingerprint."""
+        return hash(self.fingerprint)
+
+    @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of all data."""
         digest = hashlib.sha256()
@@ -127,8 +139,7 @@ class DoubleProblem:
 
     def exact(self, shift: float) -> tuple[ExactProgram, Rational]:
         """The exact program with P + shift·I, and the factor that turns its cost into V."""
-        P, exponent = _shifted(*self._symmetric, shift)
-        return ExactProgram(P, column(self.q) * power_of_two(-exponent), self.constraints()), power_of_two(exponent)
+        return _exact(self, shift)
 
     def _is_plainly_definite(self) -> bool:
         """Whether a Cholesky factorisation in doubles proves P ≻ 0; where it does not, P may be so all the same.
@@ -200,6 +211,13 @@ class DoubleProblem:
             upper = np.flatnonzero((x - step >= self.ub) & np.isfinite(self.ub))
         found = ((Kind.LOWER, lower), (Kind.UPPER, upper), (Kind.ROW, near[np.argsort(slack[near], kind="stable")]))
         return [(kind, i) for kind, which in found for i in which.tolist()]
+
+
+@lru_cache(maxsize=128)
+def _exact(data: DoubleProblem, shift: float) -> tuple[ExactProgram, Rational]:
+    """Many answers are judged on few programs, and to read one costs more than to judge an answer."""
+    P, exponent = _shifted(*data._symmetric, shift)
+    return ExactProgram(P, column(data.q) * power_of_two(-exponent), data.constraints()), power_of_two(exponent)
 
 
 def _shifted(P: IntegerRows, exponent: int, shift: float) -> tuple[IntegerRows, int]:

@@ -10,6 +10,7 @@ root of its number of steps.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from qpsolvers import Problem, Solution
 
 from solvers.core import BUILT_WITH, face
 from solvers.descent import Descent
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Tier, Vector, box_solution, dense, only_box
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 
 class AcceleratedProjection(Solver):
@@ -49,9 +50,12 @@ class AcceleratedProjection(Solver):
     built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
     iteration_setting: ClassVar[str | None] = "steps"
-    tiers: ClassVar[Mapping[Tier, Mapping[str, Any]]] = {
-        tier: {"tolerance": tier.tolerance} for tier in (Tier.LOW, Tier.MID, Tier.HIGH)
-    }
+    always: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """Tolerances, which are relative to the gradient at the start."""
+        return tuple({"tolerance": 10.0**-k} for k in (3, 4, 5, 6, 8, 10, 12, 13))
 
     def setup(self, problem: Problem) -> None:
         """Allocate, scale and find the step.
@@ -64,7 +68,7 @@ class AcceleratedProjection(Solver):
             A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds cross.
         """
         self._lb, self._ub = only_box(problem, self.name)
-        self._tolerance, self._steps = float(self.settings.get("tolerance", 1e-13)), int(self.settings.get("steps", 100_000))
+        self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
         self._P, self._q = dense(problem)
         self._method = Descent(self._lb, self._ub, self.name)
         self.update(self._P, self._q)

@@ -42,7 +42,7 @@ PROXIMAL = 1e-11
 
 
 class BoxActiveSet(Solver):
-    """Exact box QP solver, cold or warm; it has no tolerance, so every tier is the same.
+    """Exact box QP solver, cold or warm; it has no tolerance, so its ladder has one rung.
 
     Settings
     --------

@@ -11,6 +11,7 @@ and different paths. The paper runs 15 200 steps: one per sampling period of 125
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,7 +27,7 @@ from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vec
 class ProjectedDifference(Solver):
     """Projected gradient with a fixed step, for bounds and for general rows G x ≤ h without equalities.
 
-    A number of steps is asked for, not a tolerance, so every tier runs the same steps.
+    A number of steps is asked for and not a tolerance, so its rungs are numbers of steps.
 
     Settings
     --------
@@ -60,7 +61,12 @@ class ProjectedDifference(Solver):
     built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
     iteration_setting: ClassVar[str | None] = "steps"
-    variants: ClassVar[tuple[Mapping[str, Any], ...]] = tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
+    always: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """Numbers of steps; the last is the paper's."""
+        return tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
 
     def setup(self, problem: Problem) -> None:
         """Allocate, find the step and store P for it.
@@ -76,7 +82,7 @@ class ProjectedDifference(Solver):
         if problem.A is not None:
             raise Unsupported(f"{self.name} takes bounds and inequalities, and the problem has equalities")
         settings = self.settings
-        self._steps = int(settings.get("steps", 15200))
+        self._steps = int(settings["steps"])
         self._ratio = float(settings.get("step_ratio", 0.5))
         self._tolerance = settings.get("tolerance")
         if self._steps < 0:

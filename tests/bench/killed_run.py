@@ -24,7 +24,7 @@ from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane, Tier
 
-TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, Tier.HIGH) for i in range(2)]
+TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, (Tier.HIGH,)) for i in range(2)]
 
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 

@@ -48,7 +48,7 @@ def test_the_libraries_that_have_a_limit_name_it() -> None:
 @pytest.mark.parametrize("entry", LIMITED, ids=lambda entry: entry.name)
 def test_the_iterate_at_the_limit_can_be_had_and_is_no_answer(entry: solvers.registry.Entry, hard: Problem) -> None:
     cls = entry.load()
-    solver = cls(Tier.HIGH, **{str(cls.iteration_setting): 3})
+    solver = cls(**{**cls.ladder(1.0)[-1], str(cls.iteration_setting): 3})
     solver.setup(hard)
     assert np.isnan(solver.solve()).all()
     assert not solver.solution().found
@@ -60,7 +60,8 @@ def test_the_iterate_at_the_limit_can_be_had_and_is_no_answer(entry: solvers.reg
 
 @pytest.mark.parametrize("entry", LIMITED, ids=lambda entry: entry.name)
 def test_a_solve_that_came_to_its_end_stands_nowhere_else(entry: solvers.registry.Entry, hard: Problem) -> None:
-    solver = entry.load()(Tier.LOW)
+    cls = entry.load()
+    solver = cls(**cls.ladder(1.0)[0])
     solver.setup(hard)
     assert np.isfinite(solver.solve()).all()
     assert solver.iterate() is None
@@ -70,7 +71,7 @@ def test_a_solve_that_came_to_its_end_stands_nowhere_else(entry: solvers.registr
 def test_iterates_come_closer_as_the_limit_grows(entry: solvers.registry.Entry, hard: Problem) -> None:
     cls, proof, gaps = entry.load(), certify(hard, np.zeros(12)), []
     for limit in (2, 20_000):
-        solver = cls(Tier.HIGH, **{str(cls.iteration_setting): limit})
+        solver = cls(**{**cls.ladder(1.0)[-1], str(cls.iteration_setting): limit})
         solver.setup(hard)
         x = solver.solve().copy()
         if not np.isfinite(x).all():
@@ -130,10 +131,10 @@ def test_limits_grow_and_the_curve_ends_where_the_solver_is_done(raced: Raced) -
 
 def test_no_limit_is_tried_that_would_by_the_growth_of_the_last_take_too_long(hard: Problem) -> None:
     entry = solvers.find("projected_difference", "direct")
-    task = Task("set", "hard", "scaled", entry.name, entry.lane, Tier.HIGH)
+    task = Task("set", "hard", "scaled", entry.name, entry.lane, (Tier.HIGH,))
     fields = {"P": hard.P, "q": hard.q, "lb": hard.lb, "ub": hard.ub}
     for longest_s, points in ((0.0, 1), (3600.0, 4)):
-        outcome = AnytimeRequest(task, fields, Effort(0.0, 1, 1), LIMITS[:4], longest_s).answer(entry.load(), True)
+        outcome = AnytimeRequest(task, fields, 1.0, Effort(0.0, 1, 1), LIMITS[:4], longest_s).answer(entry.load(), True)
         assert isinstance(outcome, Curve), outcome.message
         assert [point.limit for point in outcome.points] == list(LIMITS[:points])
 

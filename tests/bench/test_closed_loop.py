@@ -101,7 +101,7 @@ def test_errors_in_percent_and_micrometres_agree(rows: pd.DataFrame) -> None:
 
 def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
     def rig(settings: dict[str, Any]) -> Any:
-        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, Tier.HIGH, settings))
+        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, (Tier.HIGH,), settings=settings))
 
     np.testing.assert_array_equal(rig({"steps": 1}).y_ref, rig({"steps": 15200}).y_ref)
     assert rig({"steps": 1}).stage().seed == rig({"steps": 15200}).stage().seed
@@ -120,7 +120,7 @@ def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
 
 
 def test_a_process_that_fails_gives_one_row_that_says_how() -> None:
-    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, Tier.HIGH)
+    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, (Tier.HIGH,))
     (row,) = closed_loop.rows_of(SETTINGS, task, Outcome("crashed", "the process ended with SIGSEGV"))
     assert set(LOOP.columns) <= set(row)
     assert (row["status"], row["window"], row["message"]) == ("crashed", -1, "the process ended with SIGSEGV")

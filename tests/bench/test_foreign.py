@@ -447,7 +447,7 @@ def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost(tmp_path: Path
         assert form.yardstick == pytest.approx(2e8 * form.cost_unit)
         x = np.linalg.solve(dense(form.to_weights), np.array([100.0, 20.0]))
         scaling = next(s for s, f in problem.forms.items() if f is form)
-        assert judge(problem, scaling, Tier.MID, Outcome(found=True, x=x)).cost_gap == pytest.approx(1e-6)
+        assert judge(problem, scaling, Outcome(found=True, x=x)).cost_gap == pytest.approx(1e-6)
 
 
 def test_sparse_problems_with_rows_are_saved_and_loaded_to_the_last_bit(foreign: tuple[dict[str, RaceProblem], dict[str, str]],
@@ -480,12 +480,12 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     problem = foreign[0][name]
     form = problem.forms[scaling]
     best = np.array(form.certificate.x)
-    right = judge(problem, scaling, Tier.HIGH, Outcome(found=True, x=best))
+    right = judge(problem, scaling, Outcome(found=True, x=best)).at(Tier.HIGH)
     assert (right.status, right.weight_error, np.isnan(right.model_error_percent)) == (Status.OK, 0.0, True)
     rows = dense(form.qp.G)
     k = int(np.argmin(form.qp.h - rows @ best))  # an active row, and a step of 1e-3 across it
-    wrong = judge(problem, scaling, Tier.HIGH, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
-    assert wrong.status == Status.INACCURATE
+    wrong = judge(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k]))).at(Tier.HIGH)
+    assert wrong.status == Status.MISSED
     assert wrong.violation > 1e-5
 
 
@@ -496,10 +496,10 @@ def test_the_cost_gap_of_a_program_whose_optimal_cost_is_zero_is_measured_in_its
     form = problem.forms[scaling]
     assert form.certificate.value == "0"
     x = np.linalg.solve(dense(form.to_weights), np.array([1e-6, -1e-6]))
-    verdict = judge(problem, scaling, Tier.HIGH, Outcome(found=True, x=x))
+    verdict = judge(problem, scaling, Outcome(found=True, x=x)).at(Tier.HIGH)
     assert verdict.cost_gap == pytest.approx(2e-8)
-    assert verdict.status == Status.INACCURATE
-    assert judge(problem, scaling, Tier.MID, Outcome(found=True, x=x)).status == Status.OK
+    assert verdict.status == Status.MISSED
+    assert judge(problem, scaling, Outcome(found=True, x=x)).at(Tier.MID).status == Status.OK
 
 
 @pytest.mark.parametrize(("solver", "status"), [("daqp", "ok"), ("clarabel", "ok"), ("box_active_set", "unsupported")])
@@ -509,9 +509,9 @@ def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
     problem = foreign[0]["other"]
     with SolverChild(find(solver, lane)) as child:
         for scaling in SCALINGS:
-            task = Task("foreign", problem.name, scaling, solver, lane, Tier.HIGH)
+            task = Task("foreign", problem.name, scaling, solver, lane, (Tier.HIGH,))
             outcome = child.ask(OneShot.of(task, problem.forms[scaling].qp, Effort(0.0, 1, 1)))
-            assert str(judge(problem, scaling, Tier.HIGH, outcome).status) == status, outcome.message
+            assert str(judge(problem, scaling, outcome).at(Tier.HIGH).status) == status, outcome.message
             assert not outcome.mutated
 
 

@@ -54,7 +54,7 @@ def race(run, progress, workers):
     with LineUp(checked(settings), settings.limits, None) as line_up:
         for solver in field_of(run, line_up.children.values()):
             for number in range(settings.tosses):
-                task = Task("toy", "coin", "scaled", solver.name, solver.lane, Tier.DEFAULT, repeat=number)
+                task = Task("toy", "coin", "scaled", solver.name, solver.lane, (Tier.DEFAULT,), repeat=number)
                 if not run.is_done(task):
                     outcome = line_up.children[solver.name, solver.lane].ask(Toss(number))
                     run.save(task, {**who(task, 1), "status": outcome.solver_status, "heads": outcome.found}, {})

@@ -74,7 +74,7 @@ def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
     rows = clean_race.rows
     asked = rows[(rows.tier == "high") & (rows.scaling == "scaled") & (rows.solver != "null")]
     sentence = figures.verdict(rows).sentences[0]
-    assert f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes answer every problem right" in sentence
+    assert f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes reach the tier high on every problem" in sentence
 
 
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
@@ -88,7 +88,7 @@ def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path:
     run = Run.create(tmp_path, faulty_race.run.settings, "run")
     lost = faulty_race.rows[faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")]
     lost.to_parquet(run.path / "rows.parquet")
-    assert "0 of 2 solver lanes answer every problem right" in oneshot.write(run).read_text()
+    assert "0 of 2 solver lanes reach the tier high on every problem" in oneshot.write(run).read_text()
 
 
 @pytest.mark.parametrize("text", [MARKUP, "a\r\nb", "|", "\\|", "`|`", "<!--", "&#124;", "~~x~~ *y*"])

@@ -46,7 +46,7 @@ def full_drive(amplitude: float = 1.0, size: int = 3000) -> np.ndarray:
 
 def solve(problem: IdentificationProblem, coordinates: Coordinates, scaling: Scaling, solver: str) -> np.ndarray:
     form = problem.form(coordinates, scaling)
-    engine = solvers.get(solver, "direct", "high")
+    engine = solvers.get(solver, "direct")
     engine.setup(form.qp)
     return form.weights(engine.solve())
 

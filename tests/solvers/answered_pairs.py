@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from qpsolvers import Problem
 
-from solvers.protocol import Matrix, Vector
+from solvers.backend import LibrarySolver
+from solvers.protocol import Matrix, Solver, Vector
 
 FORMS = ("boxes", "one-sided", "mixed", "free", "rows")
 SHARES = {"boxes": (1.0, 0.0, 0.0, 0.0), "one-sided": (0.0, 1.0, 0.0, 0.0), "mixed": (0.25, 0.25, 0.25, 0.25),
@@ -76,3 +77,17 @@ def apart_and_locked(array: Matrix | Vector) -> Any:
     view[...] = array
     view.flags.writeable = False
     return view
+
+
+FINER = {"scipy_trust_constr": {"gtol": 1e-6}, "highspy": {"qp_regularization_value": 1e-3}, "highs": {"qp_regularization_value": 1e-3}}
+"""Settings that are to lie so much below what is asked of the others."""
+
+
+def asking(cls: type[Solver], tolerance: float | None) -> dict[str, Any]:
+    """Settings that ask for one tolerance everywhere, absolute and relative alike; none where it is None."""
+    if tolerance is None or not (issubclass(cls, LibrarySolver) or any("tolerance" in rung for rung in cls.ladder(1.0))):
+        return {}
+    if not issubclass(cls, LibrarySolver):
+        return {"tolerance": tolerance}
+    finer = FINER.get(cls.name, {})
+    return {**{name: finer.get(name, 1.0) * tolerance for name in cls.library.tolerances}, **cls.library.more}

@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answered_pairs import FORMS, apart_and_locked, arrays, pair
+from answered_pairs import FORMS, apart_and_locked, arrays, asking, pair
 from qpsolvers import Problem
 
-from solvers import Lane, Solver, Tier, Unsupported
+from solvers import Lane, Solver, Unsupported
 from solvers.registry import Entry
 
 
 @dataclass(frozen=True)
 class Stated:
-    """What is asked of a solver here: the forms that it takes, and the error of x at the tiers MID and HIGH."""
+    """What is asked of a solver here: the forms that it takes, and the error of x at tolerances of 1e-6 and 1e-9."""
 
     library: str
     mid: float
@@ -31,7 +31,7 @@ class Stated:
     unreliable: tuple[str, ...] = ()
     """Forms that it takes and cannot be held to."""
     gives_up: bool = False
-    """Whether the library may say at the tier HIGH that it did not get there."""
+    """Whether the library may say at 1e-9 that it did not get there."""
 
 
 # Errors of x, whose entries are about 1, about ten times what was seen over eight seeds (trust-constr: two, qpax: one).
@@ -70,13 +70,14 @@ def sizes(name: str, form: str) -> tuple[int, ...]:
     return (7, 30) if form == "rows" else (2, 7, 30)
 
 
-def make(name: str, tier: Tier = Tier.MID, **settings: Any) -> Solver:
+def make(name: str, tolerance: float = 1e-6, **settings: Any) -> Solver:
     pytest.importorskip(FIELD[name].library, reason=f"{name} needs the optional library {FIELD[name].library}")
-    return Entry(name, Lane.DIRECT, f"solvers.direct.{name}").load()(tier, **settings)
+    cls = Entry(name, Lane.DIRECT, f"solvers.direct.{name}").load()
+    return cls(**{**asking(cls, tolerance), **settings})
 
 
-def ready(name: str, problem: Problem, tier: Tier = Tier.MID) -> Solver:
-    solver = make(name, tier)
+def ready(name: str, problem: Problem, tolerance: float = 1e-6) -> Solver:
+    solver = make(name, tolerance)
     solver.setup(problem)
     return solver
 
@@ -103,10 +104,10 @@ def test_the_answer_and_its_duals_are_as_exact_as_stated(name: str, form: str) -
 
 
 @pytest.mark.parametrize(("name", "form"), TAKEN)
-def test_what_is_called_found_at_the_highest_tier_is_as_exact_as_stated(name: str, form: str) -> None:
+def test_what_is_called_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, form: str) -> None:
     for d in sizes(name, form)[-2:]:
         problem = pair(form, d, seed=1)
-        solver = ready(name, problem.problems[0], Tier.HIGH)
+        solver = ready(name, problem.problems[0], 1e-9)
         x = solver.solve()
         if solver.solution().found:
             assert problem.error(x) <= FIELD[name].high

@@ -10,7 +10,7 @@ runs it beside the machine, where a step takes a period whatever it costs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
-from bench.passed.row import Row, who
+from bench.passed.row import Row, for_tiers, who
 from bench.passed.task import Task
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -26,8 +26,10 @@ from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.processes.sentinel import EVERY_S
 from bench.races.anytime.worker import AnytimeRequest, Curve, Point
+from bench.races.calibration import Found, Who, measurements, rungs_of
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
+from bench.races.metrics import relative_gap
 from bench.races.run_problems import problems_of
 from bench.races.settings import RaceSettings, settings_of
 from bench.store import Run, Schema
@@ -36,7 +38,6 @@ from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_US
 from piezo_model.identification_problem import Scaling
 from solvers import Status, Tier
-from solvers.certificate import exact_cost_gap
 from solvers.registry import Described
 
 NAN = float("nan")
@@ -47,7 +48,7 @@ LIMITS = (*BUDGETS, *(step * 10**power for power in range(4, 8) for step in (2, 
 """Iterations."""
 
 ANYTIME = Schema("anytime.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "repeat", "status", "message",
+    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message",
     "limit", "iteration_setting", "found", "iterations", "cost_gap", "violation", "update_us", "solve_us_p50", "samples",
     "periods"),
     ("problem_set", "problem", "scaling", "solver", "lane", "tier", "limit", "repeat"))
@@ -59,6 +60,7 @@ class AnytimeSettings(RaceSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
     tiers: tuple[Tier, ...] = (Tier.HIGH,)
+    """At whose rung; where a solver has a limit of iterations it says what the solver asks of itself."""
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.01, fewest=1))
     longest_s: float = BUDGETS[-1] * PERIOD_US * 1e-6
     """No limit that would take longer is tried."""
@@ -71,22 +73,26 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     problems = list(problems_of(run, settings, progress))
     progress("waiting for a core on which no other race times", 0, 1)
     with cores.claim() as core, LineUp(chosen, settings.limits, core.number) as line_up:
-        _race(run, settings, field_of(run, line_up.children.values()), line_up, problems, progress)
+        field = field_of(run, line_up.children.values())
+        found = {(name, scaling): rungs_of(run, settings, field, line_up.children, name, scaling, progress)
+                 for name in settings.problem_sets for scaling in settings.scalings}
+        _race(run, settings, field, found, line_up, problems, progress)
     note_conditions(run, workers)
 
 
-def tasks_of(settings: AnytimeSettings, field: Sequence[Described], problem: RaceProblem, scaling: Scaling, repeat: int = 0,
-             ) -> Iterator[Task]:
+def tasks_of(settings: AnytimeSettings, field: Sequence[Described], found: Mapping[Who, Mapping[Tier, Found]], problem: RaceProblem,
+             scaling: Scaling, repeat: int = 0) -> Iterator[Task]:
     """One task a curve."""
     for solver in field:
-        for tier in settings.tiers:
-            yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tier, repeat=repeat)
+        for rung, tiers in measurements(settings, solver, found[solver.name, solver.lane], scaling):
+            yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tiers, rung, repeat=repeat)
 
 
-def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described], line_up: LineUp, problems: Sequence[RaceProblem],
+def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described],
+          found: Mapping[tuple[str, Scaling], Mapping[Who, Mapping[Tier, Found]]], line_up: LineUp, problems: Sequence[RaceProblem],
           progress: Progress) -> None:
     """Do the tasks that are not done."""
-    parts = [(repeat, problem, scaling, list(tasks_of(settings, field, problem, scaling, repeat)))
+    parts = [(repeat, problem, scaling, list(tasks_of(settings, field, found[problem.set_name, scaling], problem, scaling, repeat)))
              for repeat in range(settings.repeats) for problem in problems for scaling in settings.scalings]
     done, total = 0, sum(len(tasks) for *_, tasks in parts)
     for repeat, problem, scaling, tasks in parts:
@@ -98,7 +104,7 @@ def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described], line_
                 done += 1
                 if not run.is_done(task):
                     outcome = line_up.children[task.solver, task.lane].ask(
-                        AnytimeRequest(task, fields, settings.effort, LIMITS, settings.longest_s))
+                        AnytimeRequest(task, fields, problem.forms[scaling].unit, settings.effort, LIMITS, settings.longest_s))
                     run.save(task, rows_of(problem, task, outcome), times_of(outcome))
                     line_up.sentinel.look(unless_within_s=EVERY_S)
 
@@ -112,21 +118,21 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
 
 def rows_of(problem: RaceProblem, task: Task, outcome: Outcome) -> list[Row]:
     """One row a point; one in all where there is none."""
-    shared = who(task, problem.d)
+    shared = who(task, problem.d, outcome.asked)
     if not isinstance(outcome, Curve):
-        return [{**shared, "status": outcome.failure, "message": outcome.message, "limit": -1, "iteration_setting": "",
+        return for_tiers(task, [{**shared, "status": outcome.failure, "message": outcome.message, "limit": -1, "iteration_setting": "",
                  "found": False, "iterations": -1, "cost_gap": NAN, "violation": NAN, "update_us": NAN, "solve_us_p50": NAN,
-                 "samples": 0, "periods": NAN}]
-    return [{**shared, **_figures(problem.forms[task.scaling], point), "iteration_setting": outcome.iteration_setting}
-            for point in outcome.points]
+                 "samples": 0, "periods": NAN}])
+    return for_tiers(task, [{**shared, **_figures(problem.forms[task.scaling], point), "iteration_setting": outcome.iteration_setting}
+                            for point in outcome.points])
 
 
 def _figures(form: CertifiedForm, point: Point) -> dict[str, Any]:
     """How exact and how fast; the status is ok wherever there is an answer to measure, however inexact."""
     measurable = point.x.shape == form.qp.q.shape and bool(np.isfinite(point.x).all())
-    gap = exact_cost_gap(form.qp, form.certificate, point.x, form.c) if measurable else None
+    gap, violation = relative_gap(form, point.x) if measurable else (NAN, NAN)
     update, solve = (float(np.median(times)) / 1e3 for times in (point.update_ns, point.solve_ns))
-    return {"status": str(Status.OK if gap else Status.SOLVER_FAILED), "message": "" if gap else f"no answer: {point.status}",
+    return {"status": str(Status.OK if measurable else Status.SOLVER_FAILED), "message": "" if measurable else f"no answer: {point.status}",
             "limit": point.limit, "found": point.found, "iterations": point.iterations,
-            "cost_gap": gap.relative if gap else NAN, "violation": gap.violation if gap else NAN, "update_us": update,
+            "cost_gap": gap, "violation": violation, "update_us": update,
             "solve_us_p50": solve, "samples": point.solve_ns.size, "periods": (update + solve) / PERIOD_US}

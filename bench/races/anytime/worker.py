@@ -56,6 +56,7 @@ class AnytimeRequest(Request):
 
     task: Task
     fields: Mapping[str, Any]
+    c: float
     effort: Effort
     limits: tuple[int, ...]
     longest_s: float
@@ -66,7 +67,8 @@ class AnytimeRequest(Request):
             limits = self.limits if cls.iteration_setting else (NO_LIMIT,)
             if first:
                 self._point(cls, limits[0], Effort(0.0, 1, 1))
-            return Curve(found=True, points=self._points(cls, limits), iteration_setting=cls.iteration_setting or "")
+            return Curve(found=True, points=self._points(cls, limits), asked=self.task.asked(cls, self.c),
+                         iteration_setting=cls.iteration_setting or "")
 
         return attempt(work)
 
@@ -86,7 +88,7 @@ class AnytimeRequest(Request):
 
     def _point(self, cls: type[Solver], limit: int, effort: Effort) -> Point:
         setting = {} if limit == NO_LIMIT else {str(cls.iteration_setting): limit}
-        solver, problem = cls(self.task.tier, **{**self.task.settings, **setting}), Problem(**self.fields)
+        solver, problem = cls(**{**self.task.asked(cls, self.c), **setting}), Problem(**self.fields)
         solver.setup(problem)
         x = real(solver.solve())
         if not np.isfinite(x).all() and (stood := solver.iterate()) is not None:

@@ -8,13 +8,14 @@ of the paper's cycle length, the time to learn, and how exact and how old the we
     samples       from the last sample of the building phase to the decision: what the solver took
     staleness     from the last sample that was learned from to the decision
 
-The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its tiers, and
-its answer is taken over as soon as it is there. Both for a stage that stays as it is and for one whose actuators drift.
+The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its tiers, with the
+rungs that the set `paper` of other seeds takes for them, and its answer is taken over as soon as it is there. Both for a stage that
+stays as it is and for one whose actuators drift.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,10 +25,11 @@ import numpy as np
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
-from bench.passed.row import Row, who
-from bench.passed.task import Task
+from bench.passed.row import Row, for_tiers, who
+from bench.passed.task import UNASKED, Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
+from bench.races.calibration import Found, Who, measurements, rungs_of
 from bench.races.field import entries_of, field_of
 from bench.races.loop.worker import Decision, Driven, LoopRequest
 from bench.races.settings import RaceSettings, settings_of
@@ -46,7 +48,7 @@ PAPER = "projected_difference"
 OF_A_DECISION = ("learn_samples", "stale_samples", "cost_gap", "error_old", "error_new")
 
 LOOP = Schema("loop.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "settings", "repeat", "status", "message", "axis",
+    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message", "axis",
     "window", "rms_percent", "max_percent", "rms_um", "max_um", "straight_rms_percent", "hand_overs", "refused",
     "learn_samples", "stale_samples", "cost_gap", "error_old", "error_new", "faults"),
     ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"))
@@ -78,7 +80,7 @@ class LoopSettings(RaceSettings):
 
     def rig(self, task: Task) -> Rig:
         """The rig of a task."""
-        rig = replace(self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), tier=str(task.tier))
+        rig = replace(self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), rung=task.rung)
         steps = task.settings.get("steps")
         return rig if steps is None else replace(rig, learn_s=steps * rig.sample_time, samples=len(rig.y_ref))
 
@@ -99,26 +101,28 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     entries = check(settings)
     files = {(entry.name, entry.lane): entry.path for entry in entries}
     with LineUp(entries, limits, None) as line_up:
-        tasks = list(tasks_of(settings, field_of(run, line_up.children.values())))
+        field = field_of(run, line_up.children.values())
+        found = rungs_of(run, settings, field, line_up.children, "paper", "scaled", progress)
+        tasks = list(tasks_of(settings, field, found))
         for done, task in enumerate(tasks):
-            progress(f"{task.solver} ({task.tier}) on the {task.problem} stage", done, len(tasks))
+            progress(f"{task.solver} ({', '.join(task.tiers)}) on the {task.problem} stage", done, len(tasks))
             if not run.is_done(task):
                 solver = task.solver, task.lane
                 outcome = line_up.children[solver].ask(LoopRequest(task, settings.rig(task), files[solver]))
                 run.save(task, rows_of(settings, task, outcome), {})
 
 
-def tasks_of(settings: LoopSettings, field: Sequence[Described]) -> Iterator[Task]:
+def tasks_of(settings: LoopSettings, field: Sequence[Described], found: Mapping[Who, Mapping[Tier, Found]]) -> Iterator[Task]:
     """Every solver at each tier on both stages; the paper's method with each length of the learning phase."""
     for repeat in range(settings.repeats):
         for problem in (STILL, DRIFTING):
             for solver in field:
                 if solver.name == PAPER:
                     for steps in settings.learn_steps:
-                        yield Task(KIND, problem, "scaled", PAPER, solver.lane, settings.tiers[0], {"steps": steps}, repeat)
+                        yield Task(KIND, problem, "scaled", PAPER, solver.lane, settings.tiers[:1], UNASKED, {"steps": steps}, repeat)
                 else:
-                    for tier in settings.tiers:
-                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, tier, {}, repeat)
+                    for rung, tiers in measurements(settings, solver, found[solver.name, solver.lane], "scaled"):
+                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, tiers, rung, repeat=repeat)
 
 
 def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
@@ -126,8 +130,8 @@ def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
     rig = settings.rig(task)
     shared = who(task, rig.structures[0].d)
     if not isinstance(outcome, Driven):
-        return [{**dict.fromkeys(LOOP.columns), **shared, "status": outcome.failure, "message": outcome.message, "axis": "",
-                 "window": -1, "hand_overs": 0, "refused": 0, "faults": 0}]
+        return for_tiers(task, [{**dict.fromkeys(LOOP.columns), **shared, "status": outcome.failure, "message": outcome.message, "axis": "",
+                 "window": -1, "hand_overs": 0, "refused": 0, "faults": 0}])
     error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
     straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
     rows = []
@@ -144,7 +148,7 @@ def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
                          "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
                          "refused": len(seen) - len(taken), "faults": outcome.faults,
                          **(taken[-1] if taken else dict.fromkeys(OF_A_DECISION, NAN))})
-    return rows
+    return for_tiers(task, rows)
 
 
 def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
@@ -152,7 +156,7 @@ def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
     if any(decision.taken for decision in decisions):
         return Status.OK, ""
     message = decisions[-1].message if decisions else "no learning phase came to its end"
-    return Status.SOLVER_FAILED if message.startswith("the solver") else Status.INACCURATE, message
+    return Status.SOLVER_FAILED if message.startswith("the solver") else Status.MISSED, message
 
 
 def in_percent(error_um: float) -> float:

@@ -68,7 +68,7 @@ class Driven(Outcome):
 
 @dataclass(frozen=True)
 class LoopRequest(Request):
-    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and tier.
+    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and rung.
 
     ``file`` is that of a user's own solver, which is made known first.
     """
@@ -83,7 +83,7 @@ class LoopRequest(Request):
             if self.file is not None:
                 add_file(self.file)
             if first:
-                solver = cls(self.task.tier)
+                solver = cls(**self.task.asked(cls, 1.0))
                 solver.setup(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.full(2, np.inf)))
                 solver.solve()
             return drive(self.rig)

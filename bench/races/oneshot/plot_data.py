@@ -16,16 +16,15 @@ import numpy as np
 import pandas as pd
 
 from bench.races import null_solver
+from bench.races.calibration import IN_LANE_DIRECT
 from bench.races.oneshot import figures
 from bench.report.charts import LEAST_GAP, NAMED, together
 from bench.timing.schedule import PERIOD_US
 from solvers import Lane, Status, Tier
 
-MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.MID, Tier.LOW, Tier.DEFAULT)]
+MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
 PAPERS_PACE = "one step a period"
 FULL_SOLVE = "full solve"
-SAME_LIBRARY = {"highs": "highspy", "proxqp": "proxsuite"}
-"""Solvers that qpsolvers and cvxpy call otherwise than the lane direct does."""
 OURS, OTHERS = ("box_active_set", "recursive_active_set"), 5
 """Whose time by size stands in the report beside that of how many others."""
 STAGES = ("set-up", "update", "solve", "wrapper")
@@ -39,7 +38,7 @@ def named(table: pd.DataFrame) -> pd.DataFrame:
 
 def most_exact(table: pd.DataFrame) -> pd.DataFrame:
     """Of each solver lane in each view the rows of its most exact tier; those that count steps are left out."""
-    table = named(table)
+    table = named(figures.at_tiers(table))
     table = table[~table.stepping]
     rank = table.tier.map(MOST_EXACT.index)
     best = rank.groupby([table.view, table.name]).transform("min")
@@ -146,7 +145,7 @@ def stages(rows: pd.DataFrame) -> pd.DataFrame:
     found = []
     for line in lines:
         update, solve, wrapper = line["update_us"], line["solve_us_p50"], 0.0
-        bare = own.get((line["view"], SAME_LIBRARY.get(line["solver"], line["solver"])))
+        bare = own.get((line["view"], IN_LANE_DIRECT.get(line["solver"], line["solver"])))
         if line["lane"] in (Lane.QPSOLVERS, Lane.CVXPY) and bare is not None and (more := update + solve - sum(bare)) > 0.0:
             (update, solve), wrapper = bare, more
         values = (line["setup_us"], update, solve, wrapper)

@@ -11,14 +11,14 @@ so that nothing which goes wrong now and then is lost.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.passed.outcome import Outcome
-from bench.passed.row import Row, who
+from bench.passed.row import Row, for_tiers, who
 from bench.passed.task import Task
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
@@ -36,21 +36,21 @@ MEDIANS = ("setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_u
 SUMS = ("samples", "preemptions")
 
 
-def row_of(problem: RaceProblem, task: Task, outcome: Outcome) -> Row:
-    """The row of a task: who, what, how right and how fast.
+def rows_of(problem: RaceProblem, task: Task, outcome: Outcome) -> list[Row]:
+    """The rows of a task, one for each tier that it serves: who, what, how right and how fast.
 
     ``periods`` is what the answer takes in sampling periods: the steps of a method that does one step a sample, else
     the median of update and solve over 125 µs. Percentiles are NaN where the sample cannot support them.
     """
-    verdict = judge(problem, task.scaling, task.tier, outcome)
+    verdict = judge(problem, task.scaling, outcome)
     solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
-    steps = task.settings.get("steps")
+    steps = outcome.asked.get("steps")
     span_um = problem.validation.span_um if problem.validation is not None else NAN
     middle, tail = percentile(solve, 0.5), percentile(solve, 0.99)
-    return {
-        **who(task, problem.d), "task": key_of_all_repeats(task), "start": task.start, **asdict(verdict),
-        "status": str(verdict.status),
+    row = {
+        **who(task, problem.d, outcome.asked), "task": key_of_all_repeats(task), "start": task.start, **asdict(verdict),
         "model_error_um": verdict.model_error_percent / 100.0 * span_um,
+        "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
         "noise_um": problem.validation.noise_um if problem.validation is not None else NAN,
         "setup_us": median(outcome.setup_ns / 1e3), "update_us": median(update), "solve_us_p50": median(solve),
         "solve_us_p50_low": number(middle.low), "solve_us_p50_high": number(middle.high),
@@ -60,6 +60,8 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome) -> Row:
         "periods": float(steps) if steps else (median(update) + median(solve)) / PERIOD_US,
         "reported_us": outcome.reported_us, "iterations": outcome.iterations, "mutates_input": outcome.mutated,
         "repeatable": outcome.repeatable, "preemptions": outcome.preemptions}
+    at = {str(tier): verdict.at(tier) for tier in task.tiers}
+    return [{**each, "status": str(at[each["tier"]].status), "message": at[each["tier"]].message} for each in for_tiers(task, [row])]
 
 
 def times_of(outcome: Outcome) -> dict[str, Nanoseconds]:
@@ -80,15 +82,14 @@ def times_of_turns(turns: Outcome) -> dict[str, Nanoseconds]:
 
 def key_of_all_repeats(task: Task) -> str:
     """The key under which all repeats of a task are one row."""
-    return Task(task.problem_set, task.problem, task.scaling, task.solver, task.lane, task.tier, task.settings,
-                start=task.start).key
+    return replace(task, repeat=0).key
 
 
 def over_repeats(rows: Iterable[Mapping[str, Any]]) -> list[Row]:
-    """One row for all repeats of each task."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
+    """One row for all repeats of each task and tier."""
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(row["task"], []).append(row)
+        groups.setdefault((row["task"], row["tier"]), []).append(row)
     return [_merged(sorted(group, key=lambda row: row["repeat"])) for group in groups.values()]
 
 
@@ -126,11 +127,12 @@ def number(value: float | None) -> float:
 
 
 ONESHOT = Schema("rows.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "scaling", "start", "settings", "status", "message",
+    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "start", "settings", "status", "message",
     "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap", "weight_error",
-    "model_error_percent", "model_error_um", "noise_um", "setup_us", "update_us", "solve_us_p50", "solve_us_p50_low",
+    "model_error_percent", "stage_excess", "model_error_um", "optimum_error_um", "noise_um",
+    "setup_us", "update_us", "solve_us_p50", "solve_us_p50_low",
     "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples",
     "repeats", "solve_us_spread", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us",
     "iterations", "mutates_input", "repeatable", "preemptions"),
-    ("problem_set", "problem", "scaling", "solver", "lane", "tier", "start", "settings"), over_repeats)
-"""One row a task, over its repeats."""
+    ("problem_set", "problem", "scaling", "solver", "lane", "rung", "tier", "start"), over_repeats)
+"""One row a task and tier, over its repeats: what serves several tiers was measured once, and so has the same figures in all."""

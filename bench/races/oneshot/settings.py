@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bench.races.settings import RaceSettings, option
-from solvers import Tier
 
 
 @dataclass(frozen=True)
@@ -16,7 +15,3 @@ class OneshotSettings(RaceSettings):
     rounds: int = option(10, "Turns of each solver in shuffled rounds with the others.", least=0)
     """Rounds in which solvers take turns, one update and solve each; 0 leaves them out."""
 
-    @property
-    def interleaved_tier(self) -> Tier:
-        """The tier at which solvers take turns: the most exact one."""
-        return max(self.tiers, key=list(Tier).index)

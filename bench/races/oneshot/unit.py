@@ -8,7 +8,7 @@ that it is done.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.passed.row import Row
@@ -17,13 +17,16 @@ from bench.problems.protocol import RaceProblem
 from bench.processes.line_up import LineUp
 from bench.processes.sentinel import EVERY_S
 from bench.races.conditions import watched
-from bench.races.oneshot.rows import row_of, times_of, times_of_turns, with_turns
+from bench.races.oneshot.rows import rows_of, times_of, times_of_turns, with_turns
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.turns import LONGEST_US, take_turns
+from bench.races.oneshot.turns import LONGEST_US, most_exact, take_turns
 from bench.races.oneshot.worker import OneShot
 from bench.store import Run
 from piezo_model.identification_problem import Scaling
+from solvers import Tier
 
+FOR_THE_PICTURE = 5
+"""How much less a rung that serves the picture alone is timed."""
 Tell = Callable[[Task], None]
 """Told what comes next."""
 
@@ -59,17 +62,20 @@ class Unit:
 
 
 def _hot(unit: Unit, run: Run, problem: RaceProblem, line_up: LineUp, tell: Tell) -> list[Row]:
-    """One task after the other; returns their rows."""
-    form, rows = problem.forms[unit.scaling], []
+    """One task after the other; returns the first row of each."""
+    form, rows, effort = problem.forms[unit.scaling], [], unit.settings.effort
     for task in unit.tasks:
         tell(task)
         if run.is_done(task):
-            rows.append(run.task(task)[0])
+            rows.append(run.task(task)[0][0])
         else:
             start = form.warm_start if task.start == "warm" else None
-            outcome = line_up.children[task.solver, task.lane].ask(OneShot.of(task, form.qp, unit.settings.effort, start))
-            rows.append(row_of(problem, task, outcome))
-            run.save(task, rows[-1], times_of(outcome))
+            outcome = line_up.children[task.solver, task.lane].ask(OneShot.of(
+                task, form.qp, effort if task.tiers != (Tier.RUNG,) else replace(effort, budget_s=effort.budget_s / FOR_THE_PICTURE),
+                start, form.unit))
+            ours = rows_of(problem, task, outcome)
+            rows.append(ours[0])
+            run.save(task, ours, times_of(outcome))
             line_up.sentinel.look(unless_within_s=EVERY_S)
     return rows
 
@@ -77,12 +83,11 @@ def _hot(unit: Unit, run: Run, problem: RaceProblem, line_up: LineUp, tell: Tell
 def _in_turns(unit: Unit, run: Run, problem: RaceProblem, line_up: LineUp, rows: Sequence[Row]) -> None:
     """Rounds of those that are quick, whose figures are added to the tasks on disk."""
     form, settings = problem.forms[unit.scaling], unit.settings
-    quick = [task for task, row in zip(unit.tasks, rows, strict=True) if task.tier == settings.interleaved_tier
-             and row["update_us"] + row["solve_us_p50"] <= LONGEST_US]
-    for task, outcome in take_turns(quick, line_up.children, form.qp, form.warm_start, settings.rounds,
-                                    f"{settings.seed} {unit.name}"):
-        row, times = run.task(task)
-        run.save(task, with_turns(row, outcome), {**times, **times_of_turns(outcome)})
+    quick = {task.key for task, row in zip(unit.tasks, rows, strict=True) if row["update_us"] + row["solve_us_p50"] <= LONGEST_US}
+    for task, outcome in take_turns([task for task in most_exact(unit.tasks) if task.key in quick], line_up.children, form.qp,
+                                    form.warm_start, settings.rounds, f"{settings.seed} {unit.name}", form.unit):
+        ours, times = run.task(task)
+        run.save(task, [with_turns(row, outcome) for row in ours], {**times, **times_of_turns(outcome)})
 
 
 def _interruptions(rows: Sequence[Row]) -> dict[str, int]:

@@ -43,24 +43,27 @@ class OneShot(Request):
     effort : Effort
     warm_start : array (d,), optional
         What every solve starts from; None for cold solves.
+    c : float
+        The constant that the solver's ladder is made for.
     """
 
     task: Task
     fields: Mapping[str, Any]
     effort: Effort
     warm_start: Vector | None = None
+    c: float = 1.0
 
     @classmethod
-    def of(cls, task: Task, problem: Problem, effort: Effort, warm_start: Vector | None = None) -> Self:
+    def of(cls, task: Task, problem: Problem, effort: Effort, warm_start: Vector | None = None, c: float = 1.0) -> Self:
         """The request for a program."""
-        return cls(task, {name: getattr(problem, name) for name in QP_FIELDS}, effort, warm_start)
+        return cls(task, {name: getattr(problem, name) for name in QP_FIELDS}, effort, warm_start, c)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
         problem = Problem(**self.fields)
         if first:
-            run_task(cls, self.task, problem, ONE, self.warm_start)
-        return run_task(cls, self.task, problem, self.effort, self.warm_start)
+            run_task(cls, self.task, problem, self.c, ONE, self.warm_start)
+        return run_task(cls, self.task, problem, self.c, self.effort, self.warm_start)
 
 
 class Bench:
@@ -68,17 +71,18 @@ class Bench:
 
     Parameters
     ----------
-    cls, task, problem, warm_start
+    cls, task, problem, c, warm_start
         As of :class:`OneShot`.
     """
 
-    def __init__(self, cls: type[Solver], task: Task, problem: Problem, warm_start: Vector | None) -> None:
+    def __init__(self, cls: type[Solver], task: Task, problem: Problem, c: float, warm_start: Vector | None) -> None:
         self._given = problem, warm_start
         # A solver that writes into one spoils neither the other nor ours.
         self._handed, self._updated = copied(problem), copied(problem)
         self._start = None if warm_start is None else warm_start.copy()
         self._kernel = task.lane.times_itself
-        self.solver = cls(task.tier, **task.settings)
+        self.asked = task.asked(cls, c)
+        self.solver = cls(**self.asked)
         P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
         self._update = partial(self.solver.update, P=P, q=self._updated.q)  # update takes dense data
         self.solve: Callable[[], Vector] = (self.solver.solve if self._start is None else
@@ -103,16 +107,17 @@ class Bench:
         return any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
-def run_task(cls: type[Solver], task: Task, problem: Problem, effort: Effort, warm_start: Vector | None = None) -> Outcome:
+def run_task(cls: type[Solver], task: Task, problem: Problem, c: float, effort: Effort, warm_start: Vector | None = None) -> Outcome:
     """Solve one problem, then time setup, update and solve."""
     made: list[Bench] = []
 
     def work() -> Outcome:
-        made.append(Bench(cls, task, problem, warm_start))
-        return _solve_and_time(made[0], lambda: Bench(cls, task, problem, warm_start), effort)
+        made.append(Bench(cls, task, problem, c, warm_start))
+        return _solve_and_time(made[0], lambda: Bench(cls, task, problem, c, warm_start), effort)
 
     outcome = attempt(work)
     outcome.mutated = any(bench.were_inputs_changed() for bench in made)
+    outcome.asked = made[0].asked if made else {}
     return outcome
 
 
@@ -149,7 +154,7 @@ class Prepare(OneShot):
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Keep the solver."""
         def work() -> Outcome:
-            bench = Bench(cls, self.task, Problem(**self.fields), self.warm_start)
+            bench = Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start)
             bench.setup()
             bench.pairs(self.effort)
             _ready[self.task.key] = bench, []

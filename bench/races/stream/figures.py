@@ -85,7 +85,7 @@ def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
     samples, missed = int(ran.samples.sum()), int(ran.missed.sum())
     beyond = max(0, missed - math.ceil(bound * samples)) if paced else 0
     status = (str(failed.status.iloc[0]) if len(failed) else FLOOR if who["solver"] == FLOOR
-              else str(Status.INACCURATE) if (ran.status != Status.OK).any() else str(Status.LATE if beyond else Status.OK))
+              else str(Status.MISSED) if (ran.status != Status.OK).any() else str(Status.LATE if beyond else Status.OK))
     worth = {name: float(getattr(ran[name], how)()) if len(ran) else math.nan
              for name, how in (("gap_mean", "mean"), ("gap_max", "max"), ("exact_gap_mean", "mean"),
                                ("exact_gap_max", "max"), ("exact_difference", "max"), ("own_gap_max", "max"),

@@ -79,6 +79,7 @@ class StreamRequest(Request):
 
     task: Task
     fields: Mapping[str, Any]
+    c: float
     start: Vector
     rows: Matrix
     forgetting: float
@@ -100,7 +101,7 @@ class StreamRequest(Request):
     def _ready(self, cls: type[Solver]) -> Solver:
         """A solver set up with the start, untouched by what another one does to its arrays."""
         forgetting = {"forgetting": self.forgetting} if cls.takes_rows else {}
-        solver = cls(self.task.tier, **{**self.task.settings, **forgetting})
+        solver = cls(**self.task.asked(cls, self.c), **forgetting)
         solver.setup(Problem(**{name: None if value is None else value.copy() for name, value in self.fields.items()}))
         return solver
 
@@ -109,7 +110,7 @@ class StreamRequest(Request):
         with no_garbage_collection():
             timeline = follow(samples, run.absorb, run.update, run.solve, run.keep, period_ns=self.period_ns,
                               give_up=give_up)
-        return Streamed(found=True, timeline=timeline, answers=run.answers[:timeline.solved.size],
+        return Streamed(found=True, asked=self.task.asked(cls, self.c), timeline=timeline, answers=run.answers[:timeline.solved.size],
                         mutated=run.were_data_changed(timeline.samples))
 
     def _compiled(self, cls: type[Solver], samples: int, give_up: int) -> Outcome:
@@ -129,7 +130,7 @@ class StreamRequest(Request):
                     answers.append(found)
                 taken.append(nanoseconds)
                 done += nanoseconds.size
-        return Streamed(found=True, answers=np.concatenate(answers), kernel_ns=np.concatenate(taken))
+        return Streamed(found=True, asked=self.task.asked(cls, self.c), answers=np.concatenate(answers), kernel_ns=np.concatenate(taken))
 
 
 class PacedRun:

@@ -1,0 +1,84 @@
+"""What calibrations found, and the problems that they were made on, kept between races.
+
+Both are in the user's cache, ``$XDG_CACHE_HOME/piezobench`` or ``~/.cache/piezobench``, under a hash of all that they follow from:
+this package's version, the set with its options and seed, and for a finding the scaling, the solver's version and its ladder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.passed.progress import Progress
+from bench.problem_files.program import ProblemFileError
+from bench.problems import make
+from bench.problems.protocol import RaceProblem
+from bench.races.settings import RaceSettings
+from piezo_model.atomic_file import write_text
+from piezo_model.identification_problem import Scaling
+from solvers import Tier
+from solvers.registry import Described
+
+SEEDS = (1000, 2000, 3000)
+"""Added to the seed of the race; a set may use some seeds from its own on."""
+
+Findings = Mapping[Tier, tuple[int | None, bool]]
+
+
+def folder() -> Path:
+    """Where they are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "piezobench"
+
+
+def key(settings: RaceSettings, of_set: str, scaling: Scaling, solver: Described) -> str:
+    """What a finding follows from, as a file name; "" for a solver without a version, which may change at any time."""
+    return _hashed(*_problems(settings, of_set), scaling, solver.name, solver.lane, solver.version, solver.ladder) if solver.version else ""
+
+
+def load(key: str) -> Findings:
+    """What was found; nothing where there is nothing that can be read."""
+    path = folder() / "settings" / f"{key}.json"
+    if not key or not path.is_file():
+        return {}
+    return {Tier(tier): (rung, met) for tier, (rung, met) in json.loads(path.read_text(encoding="utf-8")).items()}
+
+
+def save(key: str, findings: Findings) -> None:
+    """Keep what was found."""
+    if key:
+        path = folder() / "settings" / f"{key}.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, json.dumps(findings))
+
+
+def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[RaceProblem]:
+    """The calibration problems of a set, made once: those of the race, each under one of the other seeds."""
+    kept = folder() / "problems" / _hashed(*_problems(settings, of_set))
+    whole = len(make(of_set, settings.seed, settings.set_options))
+    count = min(whole, settings.limit or whole)
+    paths = [kept / f"{i:03d}.npz" for i in range(count)]
+    try:
+        return [RaceProblem.load(path) for path in paths]
+    except ProblemFileError:
+        kept.mkdir(parents=True, exist_ok=True)
+        for first, shift in enumerate(SEEDS):
+            made = make(of_set, settings.seed + shift, settings.set_options).problems()
+            for i, (path, problem) in enumerate(zip(paths, made, strict=False)):
+                if i % len(SEEDS) == first:
+                    progress(f"calibration problem {problem.name}", i, count)
+                    problem.save(path)
+        return [RaceProblem.load(path) for path in paths]
+
+
+def _problems(settings: RaceSettings, of_set: str) -> tuple[Any, ...]:
+    options = make(of_set, settings.seed, settings.set_options).options
+    return importlib.metadata.version("piezobench"), of_set, settings.seed, settings.limit, options
+
+
+def _hashed(*parts: Any) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:24]
