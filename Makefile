@@ -13,8 +13,8 @@ help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
-$(VENV)/.field: EXTRAS := field,copyleft
-$(VENV)/.dev:   EXTRAS := field,copyleft,heavy,commercial,codegen,ecosystem,dask,formats,dev
+$(VENV)/.field: EXTRAS := bench,field,copyleft
+$(VENV)/.dev:   EXTRAS := bench,field,copyleft,heavy,commercial,codegen,ecosystem,dask,formats,dev
 $(VENV)/.field $(VENV)/.dev: pyproject.toml constraints.txt
 	@if command -v uv >/dev/null 2>&1; then \
 	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \

@@ -94,7 +94,7 @@ class Run:
     def open(cls, path: Path) -> Run:
         """Open a run that is there, if it is of this version; the first runs do not say that they are of version 1."""
         if not (path / "run.json").is_file():
-            raise RunError(f"{path}: is not a run, there is no run.json in it")
+            raise RunError(f"{path}: is not a run folder: it has no run.json")
         run = cls(path)
         if (version := run.settings.get("version", 1)) != VERSION:
             raise RunError(f"{path / 'run.json'}: version {version!r} is not {VERSION}, the one this program reads")

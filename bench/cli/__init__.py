@@ -15,6 +15,10 @@ def main() -> None:
     The verbs are imported in here: every child process of a race imports the script of its parent once more, and it
     needs nothing of theirs.
     """
-    from bench.cli.app import run
+    try:
+        from bench.cli.app import run
+    except ModuleNotFoundError as error:
+        print(f"piezobench: the command needs the package {error.name}: install piezobench[bench]", file=sys.stderr)
+        sys.exit(2)
 
     sys.exit(run(sys.argv[1:]))

@@ -134,11 +134,11 @@ class FitReport:
         """What an engineer has to know, with what it costs or would have cost, per cent of the range."""
         fit = self.fit
         if self.refusal is not None:
-            yield 1e3, f"The model was asked for although {self.refusal}."
+            yield 1e3, f"The model was forced although {self.refusal}."
         if s.falling:
             yield 200.0, "The output falls as the input rises; model, inverse and compensator have that sign."
         if not self.hysteresis:
-            yield 150.0, (f"No hysteresis: the data are on a curve, which a line describes to {percent(fit.line_percent)} and a cubic to "
+            yield 150.0, (f"No hysteresis: the data lie on a single curve, which a line describes to {percent(fit.line_percent)} and a cubic to "
                           f"{percent(fit.cubic_percent)}.")
         if fit.skipped_max_percent > FAR_MORE * fit.max_percent:
             yield fit.skipped_max_percent, (
@@ -148,10 +148,10 @@ class FitReport:
             yield fit.skipped_max_percent, (f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; the "
                                             f"error there reaches {percent(fit.skipped_max_percent)}.")
         if fit.samples < fit.skipped:
-            yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, which is little to trust."
+            yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on."
         if self.one_way:
-            yield 90.0, ("The counted part is nearly one branch: the drive hardly turns round, so hysteresis is told from curvature by "
-                         "little.")
+            yield 90.0, ("The counted part is almost a single branch: the drive hardly reverses, so hysteresis can barely be separated "
+                         "from curvature.")
         if self.offset is not None and self.offset.pays:
             yield self.offset.error_without_offset_percent - self.offset.error_percent, _offset_sentence(self.offset, s.input_unit)
         if self.lag is not None and self.lag.pays:
@@ -173,7 +173,7 @@ class FitReport:
             yield (f"The drive never reached the thresholds of {', '.join(self.excitation.unreached)}; these weights "
                    f"stay at their reference.")
         for names in self.excitation.undetermined:
-            yield f"The data do not tell the weights {names} from each other."
+            yield f"The data cannot separate the weights {names}."
         b = self.baseline
         yield (f"On data left out, every second block of the drive: {percent(b.line_percent)} with a line, {percent(b.cubic_percent)} "
                f"with a cubic, {percent(b.model_percent)} with this model.")

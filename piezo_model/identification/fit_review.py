@@ -96,21 +96,21 @@ class Review:
         report = self.model.report
         yield from report["advice"]
         for names in report["excitation"]["undetermined"]:
-            yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be told from each other."
+            yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from each other."
         unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
         if unsure:
-            yield f"Not told from zero: {', '.join(unsure)}; a longer recording or a lower order would say more."
+            yield f"Cannot be distinguished from zero: {', '.join(unsure)}; a longer recording or a lower order would settle it."
         if orders is not None:
             yield orders.sentence
         else:
-            yield "Which order would pay is answered by cross-validation: ask with --select-order."
+            yield "--select-order finds by cross-validation which order is worth having."
         f, density = self.spectrum()
         share = float(np.sum(density[f <= f[-1] / 20.0]**2) / np.sum(density**2)) if np.any(density) else 0.0
         if share > 0.8:
             yield (f"{100.0 * share:.0f} % of the error's power lies below a twentieth of the highest frequency: the model misses "
                    f"something slow, such as hysteresis between thresholds or creep, and it is not the sensor's noise.")
         elif share < 0.2:
-            yield "The error is spread over all frequencies like noise: a higher order has little to gain."
+            yield "The error is spread over all frequencies like noise: a higher order would gain little."
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:

@@ -225,6 +225,8 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
         table: Table = known.open_table(path, reading or Reading())
         return table
     except ModuleNotFoundError as error:
+        if error.name == "pyarrow":  # on which the registry of formats stands
+            raise RecordingError(f"{path}: reading a file needs the package pyarrow: install piezobench[bench]") from None
         raise RecordingError(f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install "
                              "piezobench[formats]") from None
     except FileNotFoundError:

@@ -14,9 +14,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as arrow_csv
-import pyarrow.parquet as arrow_parquet
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
@@ -54,8 +51,9 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
     if path.suffix.lower() not in WRITTEN_SUFFIXES:
         raise RecordingError(f"{path}: unknown suffix {path.suffix!r}; a table is written as "
                              f"{' or '.join(WRITTEN_SUFFIXES)}")
+    pa = _arrow(path)
     table = pa.table({name: _column(path, name, values) for name, values in _checked_names(path, columns).items()})
-    write = _write_csv if path.suffix.lower() == ".csv" else arrow_parquet.write_table
+    write = _write_csv if path.suffix.lower() == ".csv" else pa.parquet.write_table
     try:
         with replacing(os.path.realpath(path)) as temporary, temporary.open("wb") as file:  # a link stays a link
             write(table, file)
@@ -84,11 +82,23 @@ def _column(path: Path, name: str, values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _write_csv(table: pa.Table, file: BinaryIO) -> None:
+def _arrow(path: Path) -> Any:
+    try:
+        import pyarrow
+        import pyarrow.csv
+        import pyarrow.parquet
+    except ModuleNotFoundError as error:
+        raise RecordingError(f"{path}: writing a table needs the package {error.name}: install piezobench[bench]") from None
+    return pyarrow
+
+
+def _write_csv(table: Any, file: BinaryIO) -> None:
+    from pyarrow.csv import WriteOptions, write_csv
+
     header = _Line()
     csv.writer(header, lineterminator="\n").writerow(table.column_names)
     file.write(header.text.encode())
-    arrow_csv.write_csv(table, file, arrow_csv.WriteOptions(include_header=False))
+    write_csv(table, file, WriteOptions(include_header=False))
 
 
 class _Line:

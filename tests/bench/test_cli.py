@@ -92,7 +92,7 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
     for call in calls:
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr == "piezobench report: nowhere: is not a run, there is no run.json in it\n"
+        assert done.stderr == "piezobench report: nowhere: is not a run folder: it has no run.json\n"
 
 
 @pytest.mark.parametrize(("words", "said"), [
@@ -395,5 +395,5 @@ def test_what_the_model_does_not_describe_gives_status_two_and_no_model_unless_f
     assert not (tmp_path / "model.json").exists()
     call = piezobench("identify", "noise.csv", "--out", "model.json", "--force", folder=tmp_path)
     assert call.status == 0
-    assert "The model was asked for although the output is noise" in call.stdout
+    assert "The model was forced although the output is noise" in call.stdout
     assert (tmp_path / "model.json").is_file()

@@ -10,7 +10,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as arrow_parquet
 
-from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, ahead, first_line, matrix_of
+from piezo_model.recordings.arrow_columns import matrix_of
+from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, ahead, first_line
 from piezo_model.recordings.tables import Column, Kind, Reading
 
 NAME = "a Parquet file"

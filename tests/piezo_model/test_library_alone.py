@@ -1,0 +1,58 @@
+"""The library without the extra ``bench``: arrays in, model and drive out."""
+
+import subprocess
+import sys
+from importlib.metadata import requires
+
+from packaging.requirements import Requirement
+
+REFUSE = """
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {absent!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Refuse())
+"""
+IDENTIFY = """
+import numpy as np
+from piezo_model import Compensator, Recording, identify, plants
+rng = np.random.default_rng(0)
+plant = plants.get("dense_prandtl_ishlinskii", sample_time=1e-3)
+low, high = plant.x_range
+x = low + (high - low) * (0.5 + 0.5 * np.sin(2 * np.pi * np.arange(6000) / 1500) * np.linspace(1.0, 0.3, 6000))
+model = identify(Recording.from_arrays(x, plant.run(x), 1e-3))
+y_ref = np.linspace(*np.quantile(plant.run(x), (0.3, 0.7)), 100)
+assert np.isfinite(Compensator(model, x_limits=plant.x_range).run(y_ref)).all()
+print(model.report["headline"])
+try:
+    Recording.open(__file__)
+except ValueError as error:
+    print(error)
+"""
+MODULES = {"vl-convert-python": "vl_convert", "hdrhistogram": "hdrh"}
+
+
+def absent() -> set[str]:
+    """Modules that come with the extras and not with the library."""
+    needed = [Requirement(text) for text in requires("piezobench") or []]
+    base = {requirement.name for requirement in needed if requirement.marker is None}
+    extra = {requirement.name for requirement in needed if requirement.marker is not None and requirement.marker.evaluate({"extra": "bench"})}
+    return {MODULES.get(name, name) for name in extra - base}
+
+
+def test_arrays_are_identified_and_compensated_without_the_packages_of_the_command(tmp_path) -> None:
+    assert {"pandas", "pyarrow", "typer"} <= absent()
+    script = tmp_path / "alone.py"
+    script.write_text(REFUSE.format(absent=absent()) + IDENTIFY)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    said, refused = done.stdout.splitlines()
+    assert "with this model" in said
+    assert refused == f"{script}: reading a file needs the package pyarrow: install piezobench[bench]"
+
+
+def test_the_command_says_what_to_install_where_its_packages_are_absent() -> None:
+    done = subprocess.run([sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
+                          capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "piezobench: the command needs the package typer: install piezobench[bench]\n")
