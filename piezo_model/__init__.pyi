@@ -1,3 +1,4 @@
+from .bank import CompensatorBank
 from .compensator import Compensator
 from .data_basis import DataBasis
 from .identification.fitting import IdentificationError
@@ -9,6 +10,6 @@ from .recordings import Recording
 from .self_learning import SelfLearningCompensator
 from .structure import ModelStructure, StructureError
 
-__all__ = ["Compensator", "DataBasis", "HysteresisCreepModel", "IdentificationError", "IdentificationProblem",
-           "ModelError", "ModelStructure", "OperatorState", "Recording", "SelfLearningCompensator",
+__all__ = ["Compensator", "CompensatorBank", "DataBasis", "HysteresisCreepModel", "IdentificationError",
+           "IdentificationProblem", "ModelError", "ModelStructure", "OperatorState", "Recording", "SelfLearningCompensator",
            "StructureError", "identify"]

@@ -33,8 +33,8 @@ class State:
 
     def __init__(self, size: int, setup: Callable[[NDArray[np.uint8]], Mapping[str, tuple[int, int]]]) -> None:
         self.block = solvers.core.block(size)
-        self._places = setup(self.block)
-        self._views = {name: self.block[at:at + 8 * length].view(np.float64) for name, (at, length) in self._places.items()}
+        self.places = setup(self.block)
+        self._views = {name: self.block[at:at + 8 * length].view(np.float64) for name, (at, length) in self.places.items()}
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._views[name]
@@ -51,7 +51,7 @@ class State:
         self.block[:] = block
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _copied, (self.block.tobytes(), self._places)
+        return _copied, (self.block.tobytes(), self.places)
 
 
 def _copied(data: bytes, places: Mapping[str, tuple[int, int]]) -> State:

@@ -39,6 +39,11 @@ FACE(face_continuous_begin_anew);
 FACE(face_continuous_observe);
 FACE(face_continuous_drive);
 FACE(face_guard_judge);
+FACE(face_bank_bytes);
+FACE(face_bank_room_bytes);
+FACE(face_bank_setup);
+FACE(face_bank_begin);
+FACE(face_bank_run);
 /* Simulated actuators and stages, each beside its Python file. */
 FACE(face_log_creep);
 FACE(face_bouc_wen);

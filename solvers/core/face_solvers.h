@@ -16,6 +16,8 @@ FACE(face_box_solve_factorised);
 FACE(face_box_dual_from);
 FACE(face_time_box);
 FACE(face_box_follow);
+FACE(face_box_many_bytes);
+FACE(face_box_many);
 FACE(face_projected_follow);
 FACE(face_cone_bytes);
 FACE(face_cone_setup);

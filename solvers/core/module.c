@@ -48,6 +48,8 @@ static PyMethodDef methods[] = {
     METHOD(box_dual_from, "box_dual_from(state, sides): solve by the dual method alone; a status."),
     METHOD(time_box, "time_box(state, P, q, warm, x, updates, solves): time both again and again; a status."),
     METHOD(box_follow, "box_follow(state, P, q, rows, forgetting, answers, nanoseconds): solve after each row; a status."),
+    METHOD(box_many_bytes, "box_many_bytes(d): size of the room that box_many needs."),
+    METHOD(box_many, "box_many(P, q, lb, ub, x, statuses, room, first, last): eight programs at a time; how many were left to the exact solver."),
     METHOD(projected_follow, "projected_follow(state, cone, P, q, rows, forgetting, ratio, steps, answers, nanoseconds): a status."),
     METHOD(cone_bytes, "cone_bytes(rows, coupled): size of the state of a projection."),
     METHOD(cone_setup, "cone_setup(state, A, b, index): make a block a state; a status."),

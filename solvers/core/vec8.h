@@ -176,6 +176,10 @@ CORE_INLINE vec8 larger(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; 
 #define ONE_OF(p, i) smaller_part(a.p, b.p)
 CORE_INLINE vec8 smaller(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
 #undef ONE_OF
+#define ONE_OF(p, i) CHOOSE(a.p < b.p, x.p, y.p)
+/* Lane by lane x where a < b, else y; y where either is NaN. */
+CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y) { const vec8 r = ALL(ONE_OF); return r; }
+#undef ONE_OF
 #define ONE_OF(p, i) root_scale_part(a.p)
 CORE_INLINE vec8 root_scale(vec8 a) { const vec8 r = ALL(ONE_OF); return r; }
 #undef ONE_OF

@@ -1,0 +1,315 @@
+"""Thousands of self-learning compensators of one structure: tiles of eight actuators, one in each lane of a vector (``core/bank.h``).
+
+Each actuator has weights, states, limits and a sensor guard of its own, and what one of them does changes no bit of another. The drive
+is that of `Compensator`; learning is that of the continuous mode of `SelfLearningCompensator` by blocks of rows, in the ranges of the
+structure as given.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_model.atomic_file import replacing
+from piezo_model.compensator import DriveLimits
+from piezo_model.core import State, face
+from piezo_model.inverse_model import model_of
+from piezo_model.learning.continuous_learning import CHECKPOINT_S, PROXIMAL
+from piezo_model.learning.settings import MIN_SLOPE
+from piezo_model.model import HysteresisCreepModel, ModelError
+from piezo_model.operators import creep_gain
+from piezo_model.regressors import RegressorArrays
+from piezo_model.structure import ModelStructure
+from solvers.core import block
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LANES, BLOCK = 8, 32
+"""Actuators of a tile; most rows that are gathered before they are added, as of ``core/bank.h``."""
+GOLDEN = 0.6180339887498949
+"""Tile t begins the fraction of t times this of an interval late: evenly spread, however many tiles there are."""
+MEMORY = ("learning", "left", "probation", "level", "squares_in_use", "squares_candidate", "predicted", "established", "noted", "revert",
+          "wait", "in_half", "low", "high", "low_before", "high_before", "last_x", "last_y", "way", "x_lowest", "x_highest", "hand_overs",
+          "refusals", "faults", "alone")
+"""What each learner remembers beside vectors, in the order of ``core/bank.h``."""
+FORMAT, VERSION = "piezobench-bank", 1
+
+
+class CompensatorBank:
+    """Self-learning compensators of ``count`` actuators.
+
+    Parameters
+    ----------
+    structure : ModelStructure
+    count : int
+    x_limits : pair of float or of arrays (count,), optional
+        Limits of the drives in the input unit; the structure's range by default.
+    learn : bool or array (count,)
+        Which actuators learn; see :attr:`learning`.
+    memory_s, reset_s, fade_s, rate_limit
+        As of ``SelfLearningCompensator``.
+    hand_over_s : float
+        Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples (:attr:`interval`).
+    threads : int
+        Threads that share the tiles; the answers are the same to the last bit.
+
+    Examples
+    --------
+    >>> structure = ModelStructure.equidistant(n=5, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(10.0, 1.0),
+    ...                                        sample_time=1e-3)
+    >>> bank = CompensatorBank(structure, count=3)
+    >>> bank.step(np.array([0.0, 5.0, -5.0]), np.full(3, np.nan)).tolist()  # nothing measured yet, nothing learned
+    [75.0, 93.75, 56.25]
+    """
+
+    def __init__(self, structure: ModelStructure, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None,
+                 learn: ArrayLike = True, *, memory_s: float = 2.0, hand_over_s: float = 0.1, reset_s: float = 0.1,
+                 fade_s: float = 0.002, rate_limit: float | None = None, threads: int = 1) -> None:
+        if count < 1 or threads < 1:
+            raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
+        for name, value in (("memory_s", memory_s), ("hand_over_s", hand_over_s), ("reset_s", reset_s), ("fade_s", fade_s)):
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} must be a positive number of seconds, not {value!r}")
+        self.structure, self.threads = structure, threads
+        self.rate_limit = rate_limit
+        self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s}
+        blocks = -(-self._samples(hand_over_s) // BLOCK)
+        self.block = self._samples(hand_over_s) // blocks
+        """Samples of a block."""
+        self.interval = self.block * blocks
+        """Samples from one optimum of an actuator to the next."""
+        self._pool: ThreadPoolExecutor | None = None
+        self._slots: Index = np.empty(0, np.int64)
+        self._tiles = 0
+        self._table: Matrix = np.empty((0, 0))
+        self._allocate(-(-count // LANES))
+        self.add(count, x_limits, learn)
+
+    def _samples(self, seconds: float) -> int:
+        return max(1, round(seconds / self.structure.sample_time))
+
+    def _allocate(self, tiles: int) -> None:
+        """Make room for so many tiles, the first of them as they are."""
+        s, shape, before, tiles_before = self.structure, self.structure.shape, self._table, self._tiles
+        self._tiles = tiles
+        core = State(face.bank_bytes(*shape, tiles), lambda block: face.bank_setup(block, *shape, tiles))
+        self._core = core
+        o, limits, arrays = self.options, DriveLimits.of(s, None, self.rate_limit), RegressorArrays.of(s, "slope")
+        whole = core["settings"].view(np.int64)
+        checkpoint = self.interval * max(1, self._samples(CHECKPOINT_S) // self.interval)
+        whole[:6] = self.block, self.interval, checkpoint, self._samples(o["reset_s"]), self._samples(o["memory_s"]), s.middle
+        core["settings"][6:] = (math.exp(-s.sample_time / o["memory_s"]), PROXIMAL, math.exp(-s.sample_time / o["fade_s"]),
+                                1.0 / self._samples(1.0), MIN_SLOPE, limits.max_step, s.x_centre, s.x_scale, s.y_centre, s.y_scale)
+        core["r"][1:] = s.play_thresholds
+        core["a"][:] = creep_gain(s.creep_rates, s.sample_time)
+        for name, values in (("zone_low", arrays.dead_zones.low), ("zone_high", arrays.dead_zones.high),
+                             ("outer_low", arrays.outer.low), ("outer_high", arrays.outer.high)):
+            core[name][:] = values[:s.dead_zones]
+        places = core.places
+        first, numbers = places["tile"]
+        table = core.block[first:first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
+        self._table = table
+        self._views = {}
+        for name, (at, length) in places.items():
+            begin = (at - first) // 8
+            if begin >= 0 and name != "tile":
+                self._views[name] = table[:, begin:begin + length].reshape(tiles, length // LANES, LANES)
+        if tiles_before:
+            table[:tiles_before] = before
+        counts = self._views["counts"].view(np.int64)
+        late = np.floor(np.arange(tiles) * GOLDEN % 1.0 * self.interval).astype(np.int64)
+        counts[tiles_before:, 0, 0] = late[tiles_before:]
+        self._views["w_H"][tiles_before:, 0] = 1.0
+        self._room = [block(face.bank_room_bytes(*shape)) for _ in range(self.threads)]
+
+    def __len__(self) -> int:
+        return self._slots.size
+
+    @property
+    def bytes_per_actuator(self) -> float:
+        """Memory that the bank has for each actuator."""
+        return self._core.block.size / len(self)
+
+    def _get(self, name: str, slots: Index) -> Matrix:
+        return self._views[name][slots // LANES, :, slots % LANES]
+
+    def _set(self, name: str, slots: Index, values: ArrayLike) -> None:
+        self._views[name][slots // LANES, :, slots % LANES] = values
+
+    def add(self, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None, learn: ArrayLike = True) -> None:
+        """Add actuators behind those that are there; all of them are at rest in the middle of the range, on the straight line through the ranges."""
+        s = self.structure
+        if x_limits is None:
+            x_limits = s.x_centre - s.x_scale, s.x_centre + s.x_scale
+        low, high = (np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in x_limits)
+        if not np.all(low < high):
+            raise ValueError(f"x_limits[{int(np.argmin(low < high))}] must be two numbers in ascending order")
+        taken = self._slots
+        capacity = self._tiles * LANES
+        free = np.setdiff1d(np.arange(capacity), taken)
+        if free.size < count:
+            tiles = -(-(taken.size + count) // LANES)
+            self._allocate(tiles)
+            free = np.setdiff1d(np.arange(tiles * LANES), taken)
+        new = free[:count]
+        self._slots = np.concatenate([taken, new])
+        for name in self._views:
+            if name != "counts":
+                self._set(name, new, 0.0)
+        self._set("seen_y", new, math.nan)
+        self._set("limits", new, np.column_stack([low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale]))
+        self._set("fade", new, np.array([0.0, s.y_centre]))
+        memory = np.zeros(len(MEMORY))
+        memory[[MEMORY.index(name) for name in ("last_x", "last_y", "x_lowest", "x_highest")]] = math.nan
+        memory[MEMORY.index("left")] = self._samples(self.options["reset_s"])
+        self._set("memory", new, memory)
+        straight = HysteresisCreepModel.from_weights(s, s.straight_line)
+        self._take(new, [straight] * count)
+        learning = self.learning
+        learning[taken.size:] = learn
+        self.learning = learning
+
+    def remove(self, which: ArrayLike) -> None:
+        """Remove actuators by their numbers; those behind them move up, and nothing else changes for them."""
+        which = np.unique(np.atleast_1d(np.asarray(which, dtype=np.int64)))
+        if which.size and not (which[0] >= 0 and which[-1] < len(self)):
+            raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {which[0] if which[0] < 0 else which[-1]}")
+        gone = self._slots[which]
+        self._views["memory"][gone // LANES, 0, gone % LANES] = 0.0
+        self._slots = np.delete(self._slots, which)
+
+    def take(self, actuator: int, model: HysteresisCreepModel) -> None:
+        """Give an actuator a model of the bank's structure, from which it learns on; the drive jumps."""
+        if model.structure != self.structure:
+            raise ValueError("the model has another structure than the bank")
+        self._take(self._slots[[actuator]], [model])
+
+    def _take(self, slots: Index, models: Sequence[HysteresisCreepModel]) -> None:
+        back = self.structure.inverse_slope_map
+        seen: dict[int, tuple[Vector, ...]] = {}
+        for slot, model in zip(slots, models, strict=True):
+            if id(model) not in seen:
+                seen[id(model)] = model.w_H, model.w_S_inverse, model.w_K, np.array([model.offset]), back @ model.weights
+            for name, values in zip(("w_H", "w_S", "w_K", "offset", "in_use"), seen[id(model)], strict=True):
+                self._views[name][slot // LANES, :, slot % LANES] = values
+        for tile in np.unique(slots // LANES):
+            lanes = np.zeros(LANES)
+            lanes[slots[slots // LANES == tile] % LANES] = 1.0
+            face.bank_begin(self._core.block, int(tile), lanes)
+
+    @property
+    def learning(self) -> NDArray[np.bool_]:
+        """Which actuators learn (count,), a copy; assign to it to switch learning on and off. Off, everything learned stays."""
+        return self._get("memory", self._slots)[:, 0] > 0.0
+
+    @learning.setter
+    def learning(self, which: ArrayLike) -> None:
+        slots = self._slots
+        self._views["memory"][slots // LANES, 0, slots % LANES] = np.broadcast_to(np.asarray(which, dtype=bool), slots.shape)
+
+    @property
+    def counts(self) -> dict[str, Index]:
+        """How often what happened to each actuator: hand-overs, refusals of new weights, faults of the sensor."""
+        memory = self._get("memory", self._slots)
+        return {name: memory[:, MEMORY.index(name)].astype(np.int64) for name in ("hand_overs", "refusals", "faults")}
+
+    @property
+    def weights(self) -> Matrix:
+        """The weights in use (count, ·): w_H0 … w_Hn, w'_S, w_K, offset."""
+        return np.concatenate([self._get(name, self._slots) for name in ("w_H", "w_S", "w_K", "offset")], axis=1)
+
+    @property
+    def models(self) -> list[HysteresisCreepModel]:
+        """The models in use."""
+        return [model_of(self.structure, weights) for weights in self.weights]
+
+    def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
+        """One sample of every actuator.
+
+        Parameters
+        ----------
+        y_ref : array (count,)
+            References in the output unit.
+        y_measured_before : array (count,)
+            The outputs that the drives returned by the last call have produced; NaN where there is none.
+
+        Returns
+        -------
+        array (count,)
+            Drives in the input unit.
+        """
+        return self.run(np.asarray(y_ref)[None], np.asarray(y_measured_before)[None])[0]
+
+    def run(self, y_ref: ArrayLike, y_measured_before: ArrayLike | None = None) -> Matrix:
+        """Return what ``step`` returns for each row of references (N, count), to the last bit; without outputs nothing is learned."""
+        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        y = np.full_like(y_ref, math.nan) if y_measured_before is None else np.ascontiguousarray(y_measured_before, dtype=np.float64)
+        if y_ref.ndim != 2 or y_ref.shape[1] != len(self) or y.shape != y_ref.shape:
+            raise ValueError(f"references and outputs must have a number for each of {len(self)} actuators, not the shapes "
+                             f"{y_ref.shape} and {y.shape}")
+        capacity = self._tiles * LANES
+        whole = capacity == len(self) and bool(np.all(self._slots[1:] > self._slots[:-1]))
+        if not whole:
+            y_ref, y = self._spread(y_ref), self._spread(y)
+        x = np.empty_like(y_ref)
+        ends = np.linspace(0, self._tiles, self.threads + 1).astype(int)
+
+        def share(i: int) -> None:
+            face.bank_run(self._core.block, y_ref, y, x, self._room[i], int(ends[i]), int(ends[i + 1]))
+
+        if self.threads == 1:
+            share(0)
+        else:
+            self._pool = self._pool or ThreadPoolExecutor(self.threads - 1)
+            others = [self._pool.submit(share, i) for i in range(1, self.threads)]
+            share(0)
+            for other in others:
+                other.result()
+        return x if whole else x[:, self._slots]
+
+    def _spread(self, values: Matrix) -> Matrix:
+        """Put the actuators' numbers where their lanes are."""
+        full = np.full((values.shape[0], self._tiles * LANES), math.nan)
+        full[:, self._slots] = values
+        return full
+
+    def memory(self) -> dict[str, Any]:
+        """Everything that changes while it runs, copied."""
+        return {"core": self._core.block.copy(), "slots": self._slots.copy()}
+
+    def restore(self, memory: dict[str, Any]) -> None:
+        """Go on, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
+        self._core.restore(memory["core"])
+        self._slots = memory["slots"].copy()
+
+    def save(self, path: str | Path) -> None:
+        """Write everything as NPZ; the file is there whole or not at all."""
+        about = {"format": FORMAT, "version": VERSION, "structure": self.structure.to_dict(), "tiles": self._tiles,
+                 "options": {**self.options, "rate_limit": self.rate_limit}}
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), **self.memory())
+
+    @classmethod
+    def load(cls, path: str | Path, threads: int = 1) -> CompensatorBank:
+        """Go on, to the last bit, from a file of :meth:`save`; ModelError says what is wrong with it."""
+        try:
+            with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                about = json.loads(str(file["about"]))
+                if (about["format"], about["version"]) != (FORMAT, VERSION):
+                    raise ModelError(f"{path}: is no bank of version {VERSION}")
+                bank = cls(ModelStructure.from_dict(about["structure"]), about["tiles"] * LANES, threads=threads, **about["options"])
+                bank.restore({"core": file["core"], "slots": file["slots"]})
+        except (ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+            raise ModelError(f"{path}: does not hold a whole bank: {error}") from None
+        return bank

@@ -1,0 +1,124 @@
+/* Many box programs of one size as Python calls them; see box_lanes.h. */
+#include "box.h"
+#include "box_lanes.h"
+#include "face_solvers.h"
+
+/* Eight programs and the room to solve them, then the state of the exact solver for a lane that is left. */
+typedef struct {
+    BoxLanes lanes;
+    void *single;
+} Workspace;
+
+static int64_t workspace_numbers(int d) { return box_lanes_room(d) + LANES * (triangle(d + 1) + 4 * (int64_t)d + 1); }
+
+static Workspace workspace_at(void *memory, int d)
+{
+    Room room = {memory};
+    Workspace w;
+    w.lanes.d = d;
+    w.lanes.data = reals(&room, triangle(d + 1), LANES);
+    w.lanes.lb = reals(&room, d, LANES);
+    w.lanes.ub = reals(&room, d, LANES);
+    w.lanes.x = reals(&room, d, LANES);
+    w.lanes.side = reals(&room, d, LANES);
+    w.lanes.solved = reals(&room, 1, LANES);
+    box_lanes_take_room(&w.lanes, &room);
+    w.single = room.at;
+    return w;
+}
+
+FACE(face_box_many_bytes)
+{
+    Arguments a;
+    int d;
+    (void)module;
+    take_arguments(&a, "box_many_bytes(d)", given, count, 1);
+    d = (int)take_integer(&a, 1, 1000);
+    return finish_integer(&a, good(&a) ? workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d) : 0);
+}
+
+/* Put program b into lane l; a lane beyond the last program repeats it. */
+static void fill_lane(const BoxLanes *s, int l, const double *P, const double *q, const double *lb, const double *ub)
+{
+    const int d = s->d;
+    for (int i = 0; i < d; ++i) {
+        real *const row = lane8(s->data, triangle_row(d + 1, i)) + l;
+        for (int j = i; j < d; ++j) {
+            row[j * LANES] = P[i * d + j];
+        }
+        row[d * LANES] = q[i];
+        s->lb[i * LANES + l] = lb[i];
+        s->ub[i * LANES + l] = ub[i];
+        s->side[i * LANES + l] = 0;
+    }
+    lane8(s->data, triangle(d + 1) - 1)[l] = 0;
+}
+
+static int solve_alone(void *memory, int d, const double *P, const double *q, const double *lb, const double *ub, double *x)
+{
+    Box s;
+    int status = box_setup(memory, d, lb, ub);
+    s = box_at(memory);
+    status = status == OK ? box_take_hessian(&s, P) : status;
+    status = status == OK ? box_take_linear(&s, q) : status;
+    status = status == OK ? box_solve(&s, 0) : status;
+    memcpy(x, s.answer, (size_t)d * sizeof(double));
+    return status;
+}
+
+/* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were left to the exact solver. */
+FACE(face_box_many)
+{
+    Arguments a;
+    Workspace w;
+    const double *P, *q, *lb, *ub;
+    double *x;
+    int *statuses, d, programs, first, last, alone = 0;
+    Py_ssize_t length = 0;
+    void *room;
+    (void)module;
+    take_arguments(&a, "box_many(P, q, lb, ub, x, statuses, room, first, last)", given, count, 9);
+    P = take_array(&a, ANY_LENGTH, ANY_LENGTH);
+    programs = (int)taken_length(&a);
+    q = take_array(&a, programs, ANY_LENGTH);
+    d = good(&a) ? (int)a.views[1].shape[1] : 1;
+    if (good(&a) && a.views[0].shape[1] != (Py_ssize_t)d * d) {
+        refuse(&a, "P has d times d numbers a program");
+    }
+    lb = take_array(&a, programs, d);
+    ub = take_array(&a, programs, d);
+    x = take_output(&a, programs, d);
+    statuses = take_ints(&a, &length);
+    room = take_state(&a, 0);
+    need_bytes(&a, 6, workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d));
+    first = (int)take_integer(&a, 0, programs);
+    last = (int)take_integer(&a, first, programs);
+    if (length != programs) {
+        refuse(&a, "there is a status for each program");
+    }
+    if (!good(&a)) {
+        return finish(&a, NULL);
+    }
+    w = workspace_at(room, d);
+    begin_long_if(&a, 1);
+    for (int b = first; b < last; b += LANES) {
+        for (int l = 0; l < LANES; ++l) {
+            const size_t at = (size_t)(b + l < last ? b + l : last - 1), vector = at * (size_t)d;
+            fill_lane(&w.lanes, l, P + vector * (size_t)d, q + vector, lb + vector, ub + vector);
+        }
+        box_lanes_solve(&w.lanes);
+        for (int l = 0; l < LANES && b + l < last; ++l) {
+            const size_t vector = (size_t)(b + l) * (size_t)d;
+            if (w.lanes.solved[l] > 0) {
+                for (int i = 0; i < d; ++i) {
+                    x[vector + (size_t)i] = w.lanes.x[i * LANES + l];
+                }
+                statuses[b + l] = OK;
+            } else {
+                statuses[b + l] = solve_alone(w.single, d, P + vector * (size_t)d, q + vector, lb + vector, ub + vector, x + vector);
+                ++alone;
+            }
+        }
+    }
+    return finish_integer(&a, alone);
+}

@@ -1,0 +1,300 @@
+"""A bank of compensators: what it drives and learns beside single compensators, single programs and plain NumPy."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plain_model
+import pytest
+from numpy.typing import NDArray
+from qpsolvers import Problem
+
+import solvers
+from piezo_model import (
+    Compensator,
+    CompensatorBank,
+    HysteresisCreepModel,
+    ModelError,
+    ModelStructure,
+    SelfLearningCompensator,
+)
+from solvers.core import face
+from solvers.core.compile_core import instruction_sets
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+STRUCTURE = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 1.25e-3)
+MEMORY_S, RESET_SAMPLES, BLOCK, INTERVAL = 2.0, 80, 26, 78
+MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6
+
+
+class Actuators:
+    """Actuators in whole-array operations: four plays of weights of their own, a curved output, a sensor's noise."""
+
+    def __init__(self, count: int, seed: int = 1) -> None:
+        self.random = np.random.default_rng(seed)
+        self.r = np.array([0.0, 10.0, 25.0, 50.0])[:, None]
+        self.w = self.random.uniform(0.2, 1.0, (4, count))
+        self.z = np.full((4, count), 75.0)
+
+    def __call__(self, x: Vector) -> Vector:
+        self.z = np.maximum(x - self.r, np.minimum(x + self.r, self.z))
+        u = ((self.w * self.z).sum(axis=0) / self.w.sum(axis=0) - 75.0) / 75.0
+        return 20.0 * (u + 0.1 * u**2) + self.random.normal(scale=0.004, size=x.size)
+
+
+def references(samples: int, count: int, seed: int = 0) -> Matrix:
+    """Slow sines of changing amplitude, another one for each actuator."""
+    random, k = np.random.default_rng(seed), np.arange(samples)[:, None]
+    rate, phase = random.uniform(0.02, 0.05, count), random.uniform(0.0, 6.0, count)
+    references: Matrix = 15.0 * np.sin(rate * k + phase) * (0.7 + 0.3 * np.sin(0.11 * rate * k))
+    return references
+
+
+def close_loop(bank: CompensatorBank, actuators: Actuators, y_ref: Matrix, spoil: Any = None) -> tuple[Matrix, Matrix]:
+    """Drives, and outputs as the sensors said them."""
+    x, y, before = np.empty_like(y_ref), np.empty_like(y_ref), np.full(y_ref.shape[1], np.nan)
+    for k, row in enumerate(y_ref):
+        x[k] = bank.step(row, before)
+        y[k] = actuators(x[k])
+        if spoil is not None:
+            spoil(k, y)
+        before = y[k].copy()
+    return x, y
+
+
+def optimum(gram: Matrix, before: Vector) -> Vector:
+    """The program of core/bank_learning.c, (Ξ, x) last, by the exact solver for one program."""
+    P, q = gram[:-1, :-1].copy(), gram[:-1, -1].copy()
+    rho = PROXIMAL * np.minimum(np.diag(P), np.trace(P) / len(q))
+    solver = solvers.get("box_active_set")
+    solver.setup(Problem(P + np.diag(rho), q - rho * before, lb=STRUCTURE.lower_bounds(MIN_SLOPE)))
+    answer: Vector = solver.solve()
+    return answer
+
+
+def oracle(x: Vector, y: Vector) -> list[Vector]:
+    """Unknowns in use after each interval, as bank.h describes learning where nothing fails, in plain NumPy."""
+    s, d = STRUCTURE.to_dict(), STRUCTURE.d
+    x, y = (x - 75.0) / 75.0, y / 20.0
+    r = plain_model.thresholds(s)
+    rows = np.column_stack([plain_model.rows(s, x, y, 0.0 * r, np.zeros((3, r.size))) @ STRUCTURE.slope_map, x])
+    forgetting = np.exp(-STRUCTURE.sample_time / MEMORY_S)
+    in_use = STRUCTURE.inverse_slope_map @ STRUCTURE.straight_line
+    candidate, gram = in_use.copy(), BELIEF * np.eye(d + 1)
+    gram[:-1, -1] = gram[-1, :-1] = -BELIEF * np.maximum(in_use, STRUCTURE.lower_bounds(MIN_SLOPE))
+    left, errors, found = RESET_SAMPLES, np.zeros(2), []
+    for begin in range(0, x.size - BLOCK + 1, BLOCK):
+        block, ended = rows[begin:begin + BLOCK], False
+        if left > 0:
+            left -= BLOCK
+            ended = left <= 0
+        else:
+            errors += [np.sum((block @ np.append(v, 1.0)) ** 2) for v in (in_use, candidate)]
+            for row in block:
+                gram = forgetting * gram + (1.0 - forgetting) * np.outer(row, row)
+        if (begin + BLOCK) % INTERVAL == 0:
+            if not ended and left <= 0 and errors.any():
+                in_use = candidate if errors[1] <= errors[0] else in_use
+                candidate = optimum(gram, candidate)
+            errors[:] = 0.0
+            found.append(in_use)
+    return found
+
+
+def test_without_learning_each_drive_is_that_of_a_compensator_to_the_last_bit() -> None:
+    random = np.random.default_rng(3)
+    models = [HysteresisCreepModel(STRUCTURE, np.r_[random.uniform(0.5, 2.0), random.uniform(0.0, 0.3, 5)], np.r_[0.1, 0.2, 0.1, 1.2, 0.2, 0.1, 0.3],
+                                   random.uniform(0.0, 0.1, 6), 0.0) for _ in range(11)]
+    y_ref = np.cumsum(random.normal(size=(500, 11)), axis=0)
+    y_ref[100, 3], y_ref[200, 4], y_ref[300, 5] = np.nan, np.inf, 1e300
+    low, high = np.linspace(0.0, 40.0, 11), np.linspace(100.0, 150.0, 11)
+    bank = CompensatorBank(STRUCTURE, 11, (low, high), learn=False, rate_limit=5000.0)
+    for i, model in enumerate(models):
+        bank.take(i, model)
+    x = bank.run(y_ref)
+    for i, model in enumerate(models):
+        single = Compensator(model, (low[i], high[i]), 5000.0)
+        np.testing.assert_array_equal(x[:, i], single.run(y_ref[:, i]))
+        np.testing.assert_allclose(bank.models[i].simulate(x[:, i]), single.model.simulate(x[:, i]), rtol=0, atol=0)
+
+
+def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_the_same_samples() -> None:
+    bank, plant = CompensatorBank(STRUCTURE, 1), Actuators(1)
+    assert (bank.block, bank.interval) == (BLOCK, INTERVAL)
+    y_ref, before = references(1600, 1), np.array([np.nan])
+    x, y, weights = np.empty(1600), np.empty(1600), []
+    for k in range(1600):
+        x[k] = bank.step(y_ref[k], before)[0]
+        if k > 0 and k % INTERVAL == 0:
+            weights.append(bank.weights[0, 1:-1])
+        y[k] = plant(x[k:k + 1])[0]
+        before = y[k:k + 1].copy()
+    found = oracle(x, y)
+    assert int(bank.counts["hand_overs"][0]) > 5
+    for ours, plain in zip(weights, found, strict=True):
+        np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
+
+
+def test_it_compensates_as_well_as_a_single_self_learning_compensator_does() -> None:
+    y_ref = references(3000, 1)
+    _, y = close_loop(CompensatorBank(STRUCTURE, 1), Actuators(1), y_ref)
+    single = SelfLearningCompensator(STRUCTURE, mode="continuous", find_centre=False, follow_range=False,
+                                      hand_over_s=INTERVAL * STRUCTURE.sample_time)
+    plant = Actuators(1)
+    _, y_single = single.run(y_ref[:, 0], lambda x: np.concatenate([plant(x[k:k + 1]) for k in range(x.size)]))
+    errors = [float(np.sqrt(np.mean((told[-1000:] - y_ref[-1000:, 0]) ** 2))) for told in (y[:, 0], y_single)]
+    untaught = CompensatorBank(STRUCTURE, 1, learn=False)
+    _, y_line = close_loop(untaught, Actuators(1), y_ref)
+    assert errors[0] < 1.3 * errors[1]
+    assert errors[0] < 0.2 * float(np.sqrt(np.mean((y_line[-1000:] - y_ref[-1000:]) ** 2)))
+
+
+def test_every_optimum_is_that_of_its_program_alone() -> None:
+    bank, plant, y_ref, checked = CompensatorBank(STRUCTURE, 20, hand_over_s=0.02), Actuators(20), references(700, 20), 0
+    before = np.full(20, np.nan)
+    order = np.triu_indices(STRUCTURE.d + 1)
+    for row in y_ref:
+        old = bank._get("candidate", bank._slots)
+        x = bank.step(row, before)
+        before = plant(x)
+        new, grams = bank._get("candidate", bank._slots), bank._get("gram", bank._slots)
+        for i in np.flatnonzero(np.any(old != new, axis=1)):
+            gram = np.zeros((STRUCTURE.d + 1,) * 2)
+            gram[order] = grams[i]
+            gram += np.triu(gram, 1).T
+            alone = optimum(gram, old[i])
+            rho = PROXIMAL * np.minimum(np.diag(gram)[:-1], np.trace(gram[:-1, :-1]) / STRUCTURE.d)
+
+            def cost(v: Vector, gram: Matrix = gram, rho: Vector = rho, centre: Vector = old[i]) -> float:
+                return float(0.5 * v @ gram[:-1, :-1] @ v + gram[:-1, -1] @ v + 0.5 * rho @ (v - centre) ** 2 + 0.5 * gram[-1, -1])
+
+            assert abs(cost(new[i]) - cost(alone)) <= 1e-9 * abs(cost(alone)), (i, cost(new[i]), cost(alone))
+            assert np.all(new[i] >= STRUCTURE.lower_bounds(MIN_SLOPE))
+            checked += 1
+    assert checked > 200
+
+
+def fail(kind: int, k: int, y: Matrix, i: int) -> None:
+    """A sensor of one of five kinds from sample 500 on: gone, frozen, off the rail, jumping, drifting away."""
+    if k >= 500:
+        y[k, i] = (np.nan, y[499, i], 300.0, y[k, i] + 15.0 * (k // 100 % 2), y[k, i] + 0.02 * (k - 500))[kind]
+
+
+def test_sensors_that_fail_hurt_their_own_actuators_only() -> None:
+    y_ref, broken = references(1500, 200), np.arange(3, 200, 20)
+
+    def spoil(k: int, y: Matrix) -> None:
+        for at, i in enumerate(broken):
+            fail(at % 5, k, y, i)
+
+    # A sensor's noise comes from one stream, so that both runs have the same.
+    x, _ = close_loop(CompensatorBank(STRUCTURE, 200), Actuators(200), y_ref)
+    bank = CompensatorBank(STRUCTURE, 200)
+    x_spoiled, _ = close_loop(bank, Actuators(200), y_ref, spoil)
+    others = np.setdiff1d(np.arange(200), broken)
+    np.testing.assert_array_equal(x_spoiled[:, others], x[:, others])
+    assert np.all(np.isfinite(x_spoiled))
+    assert np.all((x_spoiled >= 0.0) & (x_spoiled <= 150.0))
+    assert not np.array_equal(x_spoiled[:, broken], x[:, broken])
+    faults = bank.counts["faults"]
+    assert np.all(faults[broken][[1, 2, 3, 6, 7, 8]] > 0)
+    assert np.all(faults[broken][[0, 5]] == 0), "a value that is missing is no fault"
+    assert np.all(faults[others] == 0)
+
+
+def test_after_a_fault_an_actuator_goes_back_to_what_it_had_learned_and_learns_on() -> None:
+    y_ref = references(4000, 1)
+
+    def spoil(k: int, y: Matrix) -> None:
+        if 2000 <= k < 2300:
+            y[k] = y[1999]
+
+    bank = CompensatorBank(STRUCTURE, 1)
+    _, y = close_loop(bank, Actuators(1), y_ref, spoil)
+    error = np.sqrt(np.mean((y - y_ref).reshape(-1, 500) ** 2, axis=1))
+    assert bank.counts["faults"][0] > 0
+    assert np.all(error[5:] < 1.5 * error[3])
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_blocks_of_samples_and_threads_change_no_bit(threads: int) -> None:
+    y_ref = references(400, 50)
+    x, y = close_loop(CompensatorBank(STRUCTURE, 50), Actuators(50), y_ref)
+    before = np.vstack([np.full(50, np.nan), y[:-1]])
+    bank = CompensatorBank(STRUCTURE, 50, threads=threads)
+    pieces = [bank.run(y_ref[part], before[part]) for part in (slice(0, 7), slice(7, 300), slice(300, 400))]
+    np.testing.assert_array_equal(np.vstack(pieces), x)
+
+
+def test_a_saved_bank_goes_on_to_the_last_bit_and_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    y_ref = references(600, 13)
+    x, y = close_loop(CompensatorBank(STRUCTURE, 13), Actuators(13), y_ref)
+    before = np.vstack([np.full(13, np.nan), y[:-1]])
+    bank = CompensatorBank(STRUCTURE, 13)
+    bank.run(y_ref[:333], before[:333])
+    bank.save(tmp_path / "bank.npz")
+    np.testing.assert_array_equal(CompensatorBank.load(tmp_path / "bank.npz", threads=2).run(y_ref[333:], before[333:]), x[333:])
+    (tmp_path / "bad.npz").write_bytes((tmp_path / "bank.npz").read_bytes()[:5000])
+    with pytest.raises(ModelError, match="does not hold a whole bank"):
+        CompensatorBank.load(tmp_path / "bad.npz")
+
+
+def test_actuators_come_and_go_and_the_others_notice_nothing() -> None:
+    y_ref = references(900, 30)
+    x, y = close_loop(CompensatorBank(STRUCTURE, 30), Actuators(30), y_ref)
+    before = np.vstack([np.full(30, np.nan), y[:-1]])
+    bank = CompensatorBank(STRUCTURE, 12)
+    np.testing.assert_array_equal(bank.run(y_ref[:200, :12], before[:200, :12]), x[:200, :12])
+    kept = np.delete(np.arange(12), [2, 7])
+    bank.remove([2, 7])
+    np.testing.assert_array_equal(bank.run(y_ref[200:500, kept], before[200:500, kept]), x[200:500, kept])
+    bank.add(20)
+    assert len(bank) == 30
+    late = bank.run(np.hstack([y_ref[500:, kept], y_ref[500:, 10:]]), np.hstack([before[500:, kept], np.full((400, 20), np.nan)]))
+    np.testing.assert_array_equal(late[:, :10], x[500:, kept])
+    np.testing.assert_array_equal(late[:, 10:], CompensatorBank(STRUCTURE, 20).run(y_ref[500:, 10:]))
+    with pytest.raises(ValueError, match="there are actuators 0 to 29, and not 30"):
+        bank.remove(30)
+
+
+def test_learning_is_switched_off_and_on_for_each() -> None:
+    y_ref, plant = references(1200, 10), Actuators(10)
+    bank = CompensatorBank(STRUCTURE, 10, learn=np.arange(10) % 2 == 0)
+    close_loop(bank, plant, y_ref)
+    assert np.array_equal(bank.counts["hand_overs"] > 0, bank.learning)
+    straight = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
+    assert all(np.array_equal(bank.models[i].w_H, straight.w_H) for i in range(1, 10, 2))
+    bank.learning = True
+    close_loop(bank, plant, y_ref)
+    assert np.all(bank.counts["hand_overs"] > 0)
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"count": 0}, "count and threads must be at least 1"), ({"count": 2, "memory_s": 0.0}, "memory_s must be a positive number of seconds"),
+    ({"count": 2, "x_limits": (np.array([0.0, 5.0]), np.array([10.0, 5.0]))}, r"x_limits\[1\] must be two numbers in ascending order")])
+def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        CompensatorBank(STRUCTURE, **options)
+
+
+SCRIPT = """
+import hashlib, sys
+sys.path.insert(0, sys.argv[1])
+from test_bank import STRUCTURE, Actuators, CompensatorBank, close_loop, references
+bank = CompensatorBank(STRUCTURE, 9, hand_over_s=0.02)
+x, _ = close_loop(bank, Actuators(9), references(500, 9))
+assert bank.counts["hand_overs"].min() > 0
+print(hashlib.sha256(x.tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
+def test_every_instruction_set_gives_the_same_bits() -> None:
+    asked = [each for each in instruction_sets() if int(each[1:]) <= face.processor_level()]
+    said = [subprocess.run([sys.executable, "-c", SCRIPT, str(Path(__file__).parent)], env={**os.environ, "PIEZOBENCH_ISA": each},
+                           check=True, capture_output=True, text=True).stdout for each in asked]
+    assert len(set(said)) == 1
