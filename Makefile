@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help core debug bench test nightly lint perf report compare experiment clean
+.PHONY: help core debug bench test nightly fuzz lint perf report compare experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
@@ -45,6 +45,9 @@ test: core            ## set up, then run the tests
 
 nightly: core         ## run the tests that take minutes, too
 	$(BIN)/python -m pytest -n 2 -m nightly
+
+fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SECONDS
+	PYTHONPATH=. $(BIN)/python tests/bench/fuzz.py
 
 lint: core            ## style and types
 	$(BIN)/ruff check

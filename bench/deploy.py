@@ -15,10 +15,9 @@ all are held by p99 or the median, and that is said.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,7 @@ from bench.timing.percentiles import Percentile, percentile, rate_bound
 from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
+from piezo_model.json_file import decoded
 from solvers import Lane, Tier, find
 from solvers.certificate import exact_cost_gap
 
@@ -248,7 +248,7 @@ def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
     field = rows[paced & rows.lane.isin([str(lane) for lane in rule.lanes])]
     for (solver, lane, _, text), part in field.groupby(WHO, sort=False):
         worst = part.own_gap_max.astype(float).where(part.unanswered == 0).fillna(math.inf)
-        steps = json.loads(str(text)).get("steps")
+        steps = decoded(str(text), dict[str, Any]).get("steps")
         settings = {"steps": steps} if steps else {"rung": int(part.rung.iloc[0])}
         yield _candidate((solver, lane, part.tier.iloc[0], settings), worst, us := stream_figures.raw(times, part.task, "response"), bound, rule, us)
 
@@ -311,5 +311,5 @@ def _proven(run: Run, asked: str | None) -> tuple[HysteresisCreepModel, dict[str
             gap = exact_cost_gap(form.qp, form.certificate, np.array(form.certificate.x), form.c)
             return (HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights),
                     {"problem_of_run": "/".join(name), "cost_gap": gap.relative, "violation": gap.violation,
-                     **json.loads(form.certificate.to_json())})
+                     **asdict(form.certificate)})
     raise RunError(f"{run.path}: none of the problems asked for comes from an actuator; give a model with --model")

@@ -1,8 +1,8 @@
-"""Templates, and what comes from outside in them: units of a recording's header, names of files, solvers and models.
+"""What comes from outside, where it is shown: units of a recording's header, names of files, messages of solvers.
 
-Each target has one function that makes such text harmless there or refuses it, and one environment that applies it. HTML and XML
-are escaped wherever a template names a value. Templates of C and Markdown name the function as a filter, and C refuses what could
-end a comment or a string and has passed through none.
+Each target has one function that makes such text harmless there or refuses it, and one place that applies it: the console, and an
+environment of templates for HTML, XML, Markdown and C. HTML, XML and Markdown are escaped wherever a template names a value.
+Templates of C name the function as a filter, and what could end a comment or a string and has passed through none is refused.
 """
 
 from __future__ import annotations
@@ -61,15 +61,30 @@ def xml(text: Any) -> Markup:
     return escape(text if isinstance(text, Markup) else re.sub("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", str(text)))
 
 
-def markdown(text: Any) -> str:
+def terminal(text: str) -> str:
+    r"""Text on a terminal, which takes nothing in it for a command: what is no printable sign is written as in Python.
+
+    Examples
+    --------
+    >>> print(terminal("two\nlines, 3 µm, \x1b[2J \x9b \ud800"))
+    two
+    lines, 3 µm, \x1b[2J \x9b \ud800
+    """
+    return "".join(sign if sign.isprintable() or sign in "\n\t " else repr(sign)[1:-1] for sign in text)
+
+
+def markdown(text: Any) -> Markup:
     """Text in a line of Markdown, nothing in it being markup.
 
     Examples
     --------
-    >>> markdown("<b>1 | 2</b>\\n`x`")
-    '&#60;b&#62;1 &#124; 2&#60;/b&#62; &#96;x&#96;'
+    >>> print(markdown("<b>1 | 2</b>\\n`x`"))
+    &#60;b&#62;1 &#124; 2&#60;/b&#62; &#96;x&#96;
     """
-    return re.sub(r"[\\`*\[\]<>&|~]", lambda found: f"&#{ord(found[0])};", " ".join(str(text).split()))
+    if isinstance(text, Markup):
+        return text
+    line = terminal(re.sub(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*", " ", str(text)))
+    return Markup(re.sub(r"[\\`*\[\]<>&|~]", lambda found: f"&#{ord(found[0])};", line))
 
 
 def html_templates(package: str) -> jinja2.Environment:
@@ -83,8 +98,8 @@ def xml_templates(package: str) -> jinja2.Environment:
 
 
 def markdown_templates(package: str, *shared: str) -> jinja2.Environment:
-    """Templates of Markdown, which may build on those of shared packages; its filter is ``plain``."""
-    environment = _templates(package, *shared)
+    """Templates of Markdown, which may build on those of shared packages; lists are escaped by the filter ``plain`` before they are joined."""
+    environment = _templates(package, *shared, autoescape=True, finalize=markdown)
     environment.filters["plain"] = markdown
     return environment
 

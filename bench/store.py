@@ -22,22 +22,33 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict, cast
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+from pyarrow import parquet
 
+from bench.passed import columns
 from bench.passed.row import Row
 from bench.passed.task import Task
+from bench.problem_files import npz
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
+from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
+from piezo_model.json_file import FileName, decoded, packed, unpacked
+from solvers.protocol import Tier
 
 VERSION = 2
 """Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are misread."""
+
+
+TIMES = columns.schema(("task", "repeat", "what", "ns"))
+LOOKS = columns.schema(("host", "core", "at_s", "ns", "level_ns", "ratio"))
 
 
 @dataclass(frozen=True)
@@ -50,10 +61,67 @@ class Schema:
     """Columns by which the rows are sorted."""
     gathered: Callable[[list[Row]], list[Row]] = list
     """What becomes of the rows of all tasks."""
+    types: Mapping[str, pa.DataType] = field(default_factory=dict)
+    """Of columns that `columns` does not know and that hold no doubles."""
+
+    @property
+    def arrow(self) -> pa.Schema:
+        """Columns with their types."""
+        return columns.schema(("task", *self.columns), self.types)
 
 
 class RunError(ValueError):
     """A run that is not there or not whole; the message is one sentence."""
+
+
+class Machine(TypedDict):
+    """What `timing.machine` says of itself."""
+
+    processor: str
+    cores: int | None
+    system: str
+    python: str
+    versions: dict[str, str]
+    load_at_start: list[float]
+    warnings: list[str]
+
+
+class Notes(TypedDict):
+    """What was noted of a part of a race."""
+
+    host: str
+    core: int
+    sentinel: NotRequired[list[tuple[float, list[int]]]]
+    seconds: float
+    throttled: int
+    steal_percent: float
+    switches: int
+    busy_cores: float
+    preemptions: NotRequired[int]
+    timed_calls: NotRequired[int]
+
+
+class Conditions(TypedDict):
+    """How the machine fared."""
+
+    sentinel_drift: float
+    parts: list[Notes]
+    warnings: list[str]
+
+
+class RunFile(TypedDict):
+    """``run.json``; the settings are those of the kind of race."""
+
+    race: NotRequired[str]
+    settings: dict[str, Any]
+    machine: Machine
+    version: NotRequired[int]
+    problems: NotRequired[dict[FileName, list[FileName]]]
+    left_out: NotRequired[dict[str, dict[str, str]]]
+    field: NotRequired[dict[str, str]]
+    absent: NotRequired[dict[str, str]]
+    calibration: NotRequired[dict[str, dict[str, dict[Tier, tuple[int | None, bool]]]]]
+    conditions: NotRequired[Conditions]
 
 
 class Run:
@@ -69,8 +137,8 @@ class Run:
         It is made beside its place and renamed, so that a run that is there can be resumed.
         """
         name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
-        if not name or Path(name).name != name or name.startswith("."):
-            raise RunError(f"a run has the name of one folder, without slash and leading dot, and not {name!r}")
+        if not name or not name.isprintable() or Path(name).name != name or name.startswith((".", "-")):
+            raise RunError(f"a run has the name of one folder, on one line, without slash and leading dot or dash, and not {name!r}")
         run = cls(results / name)
         if run.path.exists():
             raise RunError(f"{run.path}: is there already; give another name or resume it")
@@ -114,15 +182,9 @@ class Run:
             os.close(folder)
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> RunFile:
         """What ``run.json`` says."""
-        try:
-            settings = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
-        except json.JSONDecodeError as error:
-            raise RunError(f"{self.path / 'run.json'}: is not a whole JSON file ({error})") from None
-        if not isinstance(settings, dict):
-            raise RunError(f"{self.path / 'run.json'}: does not hold settings")
-        return settings
+        return json_file.read(self.path / "run.json", RunFile, RunError)
 
     def note(self, **notes: Any) -> None:
         """Add to ``run.json`` what JSON can hold."""
@@ -156,11 +218,11 @@ class Run:
     def save(self, task: Task, row: Mapping[str, Any] | Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
         """Put one finished task on disk, with its row or its rows and its raw times by what was timed."""
         with replacing(self._task_path(task), durable=False) as temporary, temporary.open("wb") as file:
-            np.savez(file, row=np.array(json.dumps(row)), **times)
+            np.savez(file, row=np.array(json.dumps(packed(row))), **times)
 
     def task(self, task: Task) -> tuple[list[Row], dict[str, Any]]:
         """Rows and raw times of a task that is done."""
-        with np.load(self._task_path(task), allow_pickle=False) as data:
+        with _opened(self._task_path(task)) as data:
             return _rows(data), {what: data[what] for what in data.files if what != "row"}
 
     def save_notes(self, name: str, notes: Mapping[str, Any]) -> None:
@@ -172,10 +234,9 @@ class Run:
         """Whether there are notes of that name."""
         return (self.path / "tasks" / f"{name}.json").is_file()
 
-    def all_notes(self) -> list[dict[str, Any]]:
+    def all_notes(self) -> list[Notes]:
         """The notes of all parts of a race that is not finished."""
-        return [json.loads(path.read_text(encoding="utf-8"))
-                for path in sorted((self.path / "tasks").glob("[!.]*.json"))]
+        return [json_file.read(path, Notes, RunError) for path in sorted((self.path / "tasks").glob("[!.]*.json"))]
 
     def is_finished(self, schema: Schema) -> bool:
         """Whether the tables were written."""
@@ -185,42 +246,50 @@ class Run:
         """Gather the tasks into tables; the single files go only after the tables are whole, and all at once."""
         rows, times = [], []
         for path in sorted((self.path / "tasks").glob("[!.]*.npz")):  # an interrupted write leaves a hidden file
-            with np.load(path, allow_pickle=False) as data:
+            with _opened(path) as data:
                 some = _rows(data)
                 rows += some
                 of = {"task": some[0]["task"], "repeat": some[0].get("repeat", 0)}
                 times += [{**of, "what": what, "ns": data[what]} for what in data.files if what != "row"]
-        table = pd.DataFrame(schema.gathered(rows), columns=["task", *schema.columns]).sort_values(list(schema.order),
-                                                                                                  ignore_index=True)
-        with replacing(self.path / "times.parquet") as temporary:
-            pd.DataFrame(times, columns=["task", "repeat", "what", "ns"]).to_parquet(temporary, index=False)
-        with replacing(self.path / schema.file) as temporary:
-            table.to_parquet(temporary, index=False)
+        table = pa.Table.from_pylist(schema.gathered(rows), schema.arrow).sort_by([(name, "ascending") for name in schema.order])
+        for file, whole in (("times.parquet", pa.Table.from_pylist(times, TIMES)), (schema.file, table)):
+            with replacing(self.path / file) as temporary:
+                parquet.write_table(whole, temporary)
         shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
 
     def rows(self, schema: Schema) -> pd.DataFrame:
         """Return the table of a finished run."""
-        return self._table(schema.file, schema.columns)
+        return self._table(schema.file, schema.arrow, ("task", *schema.order))
 
     def times(self) -> pd.DataFrame:
         """Return the raw times of a finished run: task, what was timed, nanoseconds."""
-        return self._table("times.parquet", ("task", "what", "ns"))
+        return self._table("times.parquet", TIMES)
 
-    def _table(self, file: str, columns: Sequence[str]) -> pd.DataFrame:
+    def looks(self) -> pd.DataFrame:
+        """Return what the sentinel saw."""
+        return self._table("sentinel.parquet", LOOKS)
+
+    def _table(self, file: str, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFrame:
         path = self.path / file
         if not path.is_file():
             raise RunError(f"{self.path}: has no {file}; the run was not finished, so resume it")
         try:
-            rows = pd.read_parquet(path)
-        except (OSError, ValueError) as error:
-            raise RunError(f"{path}: cannot be read ({error})") from None
-        missing = [name for name in columns if name not in rows.columns]
-        if missing:
-            raise RunError(f"{path}: has no column {missing[0]!r}")
-        return rows
+            return columns.read(path, wanted, name)
+        except columns.TableError as error:
+            raise RunError(f"{path}: {error}") from None
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open the file of a task; RunError where it is none."""
+    try:
+        with npz.opened(path) as data:
+            yield data
+    except ProblemFileError as error:
+        raise RunError(f"{error}; remove the file and resume the run, and the task is done again") from None
 
 
 def _rows(data: Mapping[str, Any]) -> list[Row]:
     """The rows of a task's file, which holds one or several."""
-    found = json.loads(str(data["row"]))
+    found = unpacked(decoded(str(data["row"]), cast(Any, Row | list[Row])))
     return found if isinstance(found, list) else [found]

@@ -23,6 +23,7 @@ from piezo_model.atomic_file import replacing
 from piezo_model.compensator import DriveLimits
 from piezo_model.core import State, face
 from piezo_model.inverse_model import model_of
+from piezo_model.json_file import convert, decoded
 from piezo_model.learning.continuous_learning import CHECKPOINT_S, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.model import HysteresisCreepModel, ModelError
@@ -305,10 +306,10 @@ class CompensatorBank:
         """Go on, to the last bit, from a file of :meth:`save`; ModelError says what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
+                about = decoded(str(file["about"]), dict[str, Any])
                 if (about["format"], about["version"]) != (FORMAT, VERSION):
                     raise ModelError(f"{path}: is no bank of version {VERSION}")
-                bank = cls(ModelStructure.from_dict(about["structure"]), about["tiles"] * LANES, threads=threads, **about["options"])
+                bank = cls(convert(about["structure"], ModelStructure), about["tiles"] * LANES, threads=threads, **about["options"])
                 bank.restore({"core": file["core"], "slots": file["slots"]})
         except (ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
             raise ModelError(f"{path}: does not hold a whole bank: {error}") from None

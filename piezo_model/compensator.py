@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model import json_file
 from piezo_model.core import State, face
 from piezo_model.inverse_model import all_weights, model_of
-from piezo_model.model import HysteresisCreepModel
+from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
 
@@ -34,6 +35,16 @@ def integral_share(gain: float, sample_time: float) -> float:
     if not 0.0 <= gain * sample_time <= 1.0:
         raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / sample_time:g} per second, not {gain}")
     return gain * sample_time
+
+
+class CompensatorMemory(TypedDict):
+    """What changes while a compensator runs."""
+
+    model: ModelFile
+    play: np.ndarray
+    creep: np.ndarray
+    fade: np.ndarray
+    feedback: np.ndarray
 
 
 class DriveLimits(NamedTuple):
@@ -191,11 +202,11 @@ class Compensator:
                 "fade": self.fade.copy(), "feedback": self.feedback.copy()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on, to the last bit, from what :meth:`memory` gave; ModelError or ValueError says why not."""
-        model = HysteresisCreepModel.from_dict(memory["model"])
-        state = OperatorState(memory["play"], memory["creep"])
+        """Go on, to the last bit, from what :meth:`memory` gave; ValueError says why not."""
+        found = json_file.convert(memory, CompensatorMemory)
+        model, state = HysteresisCreepModel.from_file(found["model"]), OperatorState(found["play"], found["creep"])
         state.require(model.structure)
-        for name in ("fade", "feedback"):
-            if memory[name].shape != self._core[name].shape:
-                raise ValueError(f"the {name} memory must have {self._core[name].size} numbers, not {memory[name].size}")
-        self._use(model, state, memory["fade"], memory["feedback"])
+        for name, values in (("fade", found["fade"]), ("feedback", found["feedback"])):
+            if values.shape != self._core[name].shape:
+                raise ValueError(f"the {name} memory must have {self._core[name].size} numbers, not {values.size}")
+        self._use(model, state, found["fade"], found["feedback"])

@@ -11,13 +11,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from piezo_model.atomic_file import write_text
-from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.structure import StructureError
+import msgspec
 
-FORMAT = "piezobench-compensator"
-VERSION = 2
-MODES = ("cyclic", "continuous")
+from piezo_model import json_file
+from piezo_model.atomic_file import write_text
+from piezo_model.json_file import Number
+from piezo_model.learning.settings import Mode
+from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
+from solvers import Lane, Tier, find
+
+
+class DeploymentFile(json_file.Versioned):
+    """What :meth:`Deployment.save` writes."""
+
+    FORMAT = "piezobench-compensator"
+    VERSION = 2
+    solver: str
+    lane: Lane
+    tier: Tier
+    settings: dict[str, Any]
+    mode: Mode
+    x_limits: tuple[Number, Number]
+    model: ModelFile
+    evidence: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -45,13 +61,13 @@ class Deployment:
     lane: str
     tier: str
     settings: Mapping[str, Any]
-    mode: str
+    mode: Mode
     x_limits: tuple[float, float]
     evidence: Mapping[str, Any] = field(default_factory=dict)
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, whole or not at all."""
-        data = {"format": FORMAT, "version": VERSION, "solver": self.solver, "lane": self.lane, "tier": self.tier,
+        data = {"format": DeploymentFile.FORMAT, "version": DeploymentFile.VERSION, "solver": self.solver, "lane": self.lane, "tier": self.tier,
                 "settings": dict(self.settings), "mode": self.mode, "x_limits": list(self.x_limits),
                 "model": self.model.to_dict(), "evidence": dict(self.evidence)}
         write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
@@ -59,37 +75,16 @@ class Deployment:
     @classmethod
     def load(cls, path: str | Path) -> Deployment:
         """Read what :meth:`save` wrote; ModelError names the file and what is wrong with it."""
+        file = json_file.read(path, DeploymentFile, ModelError)
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise ModelError(f"{path}: there is no such file") from None
-        except OSError as error:
-            raise ModelError(f"{path}: cannot be read ({error.strerror})") from None
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise ModelError(f"{path}: is not a whole JSON file ({error})") from None
-        if (wrong := _wrong(data)) is not None:
-            raise ModelError(f"{path}: is not a compensator: {wrong}")
-        try:
-            model = HysteresisCreepModel.from_dict(data["model"])
-        except (ModelError, StructureError) as error:
+            model = HysteresisCreepModel.from_file(file.model)
+        except ValueError as error:
             raise ModelError(f"{path}: its model is not valid: {error}") from None
-        low, high = data["x_limits"]
-        return cls(model, data["solver"], data["lane"], data["tier"], data["settings"], data["mode"],
-                   (float(low), float(high)), data.get("evidence", {}))
-
-
-def _wrong(data: Any) -> str | None:
-    """The first thing that is wrong with the fields, in words."""
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        return f"the format field is not {FORMAT!r}"
-    if data.get("version") != VERSION:
-        return f"version {data.get('version')!r} is not {VERSION}, the one this program reads"
-    for name, kind in (("solver", str), ("lane", str), ("tier", str), ("settings", dict), ("mode", str), ("x_limits", list)):
-        if not isinstance(data.get(name), kind):
-            return f"the field {name!r} is missing or of the wrong type"
-    if data["mode"] not in MODES:
-        return f"the mode is {data['mode']!r} and neither of {' and '.join(MODES)}"
-    limits = data["x_limits"]
-    if len(limits) != 2 or not all(type(limit) in (int, float) for limit in limits) or not limits[0] < limits[1]:
-        return f"x_limits must be two numbers in ascending order, not {limits}"
-    return None if "model" in data else "the field 'model' is missing"
+        try:
+            find(file.solver, file.lane)
+        except KeyError as error:
+            raise ModelError(f"{path}: {json_file.brief(error)}") from None
+        low, high = file.x_limits
+        if not low < high:
+            raise ModelError(f"{path}: x_limits must be two numbers in ascending order, not {low:g} and {high:g}")
+        return cls(model, file.solver, file.lane, file.tier, file.settings, file.mode, file.x_limits, file.evidence)

@@ -18,23 +18,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model import json_file
 from piezo_model.atomic_file import write_text
 from piezo_model.core import State, face
 from piezo_model.inverse import invert_play, invert_superposition
-from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays, pad
-from piezo_model.structure import ModelStructure, StructureError
+from piezo_model.json_file import Number
+from piezo_model.operator_state import OperatorArrays, OperatorState, States, SuperpositionArrays, pad
+from piezo_model.structure import SMALLEST, ModelStructure
 
 if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
     from piezo_model.recordings import Recording
 
 Vector = NDArray[np.float64]
-
-FORMAT = "piezobench-model"
-VERSION = 1
 
 
 class ModelError(ValueError):
@@ -58,6 +58,20 @@ class ModelArrays(NamedTuple):
     w_H_inverse: Vector
     S_inverse: SuperpositionArrays
     offset: float
+
+
+class ModelFile(json_file.Versioned):
+    """What :meth:`HysteresisCreepModel.to_dict` gives."""
+
+    FORMAT = "piezobench-model"
+    VERSION = 1
+    structure: ModelStructure
+    w_H: list[Number]
+    w_S_inverse: list[Number]
+    w_K: list[Number]
+    offset: Number
+    start: States | None = None
+    report: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +122,14 @@ class HysteresisCreepModel:
             raise ModelError("offset is not a finite number")
         if self.offset and not s.offset:
             raise ModelError(f"the structure has no offset, and the model has one of {self.offset:g}")
-        if self.w_H[0] <= 0.0:
+        if self.w_H[0] < SMALLEST:
             raise ModelError(f"w_H[0] must be positive for the model to have an inverse, not {self.w_H[0]:g}")
         for name in ("w_H", "w_K"):
             values = getattr(self, name)
             if np.any(values < 0.0):
                 i = int(np.argmin(values))
                 raise ModelError(f"{name}[{i}] must not be negative, and it is {values[i]:g}")
-        if np.any(self.slopes <= 0.0):
+        if np.any(self.slopes < SMALLEST):
             i = int(np.argmin(self.slopes))
             raise ModelError(f"the slope of S⁻¹ beyond threshold {s.dead_zone_thresholds[i]:g} must be positive for the "
                              f"model to have an inverse, and it is {self.slopes[i]:g}")
@@ -221,37 +235,15 @@ class HysteresisCreepModel:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as JSON can hold it; floats survive bit for bit."""
-        return {"format": FORMAT, "version": VERSION, "structure": self.structure.to_dict(), "w_H": self.w_H.tolist(),
+        return {"format": ModelFile.FORMAT, "version": ModelFile.VERSION, "structure": self.structure.to_dict(), "w_H": self.w_H.tolist(),
                 "w_S_inverse": self.w_S_inverse.tolist(), "w_K": self.w_K.tolist(), "offset": self.offset,
                 "start": None if self.start is None else self.start.to_dict(self.structure), "report": dict(self.report)}
 
     @classmethod
-    def from_dict(cls, data: Any) -> HysteresisCreepModel:
-        """Make the model of :meth:`to_dict`; ModelError or StructureError says what is missing or wrong."""
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise ModelError(f"the format field is not {FORMAT!r}")
-        if data.get("version") != VERSION:
-            raise ModelError(f"version {data.get('version')!r} is not {VERSION}, the one this program reads")
-        for name in ("structure", "w_H", "w_S_inverse", "w_K", "offset"):
-            if name not in data:
-                raise ModelError(f"the field {name!r} is missing")
-        if not isinstance(data["structure"], dict):
-            raise ModelError("the field 'structure' is not an object")
-        for name in ("w_H", "w_S_inverse", "w_K"):
-            values = data[name]
-            if not isinstance(values, list) or not all(_is_number(value) for value in values):
-                raise ModelError(f"the field {name!r} is not a list of numbers")
-        if not isinstance(data.get("report", {}), dict):
-            raise ModelError("the field 'report' is not an object")
-        if not _is_number(data["offset"]):
-            raise ModelError("the field 'offset' is not a number")
-        w_H, w_S_inverse, w_K = (np.array(data[name], dtype=np.float64) for name in ("w_H", "w_S_inverse", "w_K"))
-        structure, start = ModelStructure.from_dict(data["structure"]), data.get("start")
-        try:
-            state = None if start is None else OperatorState.from_dict(start, structure)
-        except ValueError as error:
-            raise ModelError(f"the field 'start' is wrong: {error}") from None
-        return cls(structure, w_H, w_S_inverse, w_K, float(data["offset"]), data.get("report", {}), state)
+    def from_file(cls, file: ModelFile) -> HysteresisCreepModel:
+        """Make the model of :meth:`to_dict`; ValueError says what does not go together."""
+        start = None if file.start is None else OperatorState.of(**file.start, structure=file.structure)
+        return cls(file.structure, np.array(file.w_H), np.array(file.w_S_inverse), np.array(file.w_K), file.offset, file.report, start)
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; the file is there whole or not at all."""
@@ -263,21 +255,11 @@ class HysteresisCreepModel:
     @classmethod
     def load(cls, path: str | Path) -> HysteresisCreepModel:
         """Read a model that :meth:`save` wrote; ModelError names the file and what is wrong with it."""
-        path = Path(path)
+        file = json_file.read(path, ModelFile, ModelError)
         try:
-            return cls.from_dict(json.loads(path.read_text(encoding="utf-8")))
-        except FileNotFoundError:
-            raise ModelError(f"{path}: there is no such file") from None
-        except OSError as error:
-            raise ModelError(f"{path}: cannot be read ({error.strerror})") from None
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise ModelError(f"{path}: is not a whole JSON file ({error})") from None
-        except (ModelError, StructureError, OverflowError) as error:
+            return cls.from_file(file)
+        except ValueError as error:
             raise ModelError(f"{path}: is not a valid model: {error}") from None
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _is_recording(x: object) -> TypeGuard[Recording]:

@@ -6,17 +6,26 @@ padded with zeros to a multiple of eight, the structure's ``lanes``; creep state
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
 from solvers.core import padded
 
 Vector = NDArray[np.float64]
+
+
+class States(TypedDict):
+    """States as JSON can hold them, without padding: play (n + 1), creep (rates, n + 1)."""
+
+    play: list[Number]
+    creep: list[list[Number]]
 
 
 @dataclass
@@ -61,24 +70,21 @@ class OperatorState:
             raise ValueError(f"the operator states are those of another structure: {self.play.size} of play and "
                              f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed")
 
-    def to_dict(self, structure: ModelStructure) -> dict[str, list[float] | list[list[float]]]:
-        """States as JSON can hold them, without padding: play (n + 1), creep (rates, n + 1)."""
+    def to_dict(self, structure: ModelStructure) -> States:
+        """States as JSON can hold them."""
         return {"play": self.play[:structure.n + 1].tolist(),
                 "creep": self.creep.reshape(-1, structure.lanes)[:, :structure.n + 1].tolist()}
 
     @classmethod
-    def from_dict(cls, data: Any, structure: ModelStructure) -> OperatorState:
+    def of(cls, play: ArrayLike, creep: Sequence[ArrayLike], structure: ModelStructure) -> OperatorState:
         """Make the states of :meth:`to_dict`; ValueError where they are not those of the structure."""
-        try:
-            play, creep = (np.array(data[name], dtype=np.float64) for name in ("play", "creep"))
-        except (KeyError, TypeError, ValueError):
-            raise ValueError("the operator states are not two lists of numbers, play and creep") from None
         rates, size = len(structure.creep_rates), structure.n + 1
-        if play.shape != (size,) or creep.size != rates * size or not np.isfinite([*play, *creep.ravel()]).all():
+        if np.shape(play) != (size,) or len(creep) != rates or any(np.shape(z) != (size,) for z in creep):
             raise ValueError(f"the operator states are not {size} numbers of play and {rates} times {size} of creep")
+        play = np.asarray(play, dtype=np.float64)
         state = cls.at_rest(structure, float(play[0]))
         state.play[:size] = play
-        state.creep.reshape(-1, structure.lanes)[:, :size] = creep.reshape(rates, size)
+        state.creep.reshape(-1, structure.lanes)[:, :size] = np.array(creep, dtype=np.float64).reshape(rates, size)
         return state
 
     def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
@@ -92,8 +98,7 @@ class OperatorState:
         def read(states: Vector) -> Vector:
             return (np.interp(wanted, r, states[:structure.n + 1]) - shift) / scale
 
-        creep = [read(z) for z in self.creep.reshape(-1, structure.lanes)]
-        return self.from_dict({"play": read(self.play), "creep": creep}, other)
+        return self.of(read(self.play), [read(z) for z in self.creep.reshape(-1, structure.lanes)], other)
 
     def copy(self) -> OperatorState:
         """Return an independent copy."""

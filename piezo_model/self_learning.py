@@ -14,15 +14,17 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model import compensator_file
-from piezo_model.compensator import Compensator
+from piezo_model import compensator_file, json_file
+from piezo_model.compensator import Compensator, CompensatorMemory
+from piezo_model.compensator_file import LearnerFile
 from piezo_model.deployment import Deployment
 from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.json_file import Number
 from piezo_model.learning.continuous_learning import ContinuousLearning
 from piezo_model.learning.cyclic_learning import CyclicLearning, with_constant
 from piezo_model.learning.events import LOG_LENGTH, Event, Log, Phase
@@ -33,6 +35,15 @@ from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 
 Vector = NDArray[np.float64]
+
+
+class Memory(TypedDict):
+    """What changes while one runs."""
+
+    compensator: dict[str, Any]
+    learning: dict[str, Any]
+    last_x: Number | None
+    log: list[Event]
 
 
 class SelfLearningCompensator:
@@ -248,11 +259,12 @@ class SelfLearningCompensator:
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
-        self.compensator.restore(memory["compensator"])
-        self._learning.restore(memory["learning"])
-        self._last_x = memory["last_x"]
+        found = json_file.convert(memory, Memory)
+        self.compensator.restore(found["compensator"])
+        self._learning.restore(found["learning"])
+        self._last_x = found["last_x"]
         self.log.clear()
-        self.log.extend(Event(**event) for event in memory["log"])
+        self.log.extend(found["log"])
 
     def save(self, path: str | Path) -> None:
         """Write everything as JSON, in the middle of a cycle too; the file is there whole or not at all."""
@@ -273,14 +285,14 @@ class SelfLearningCompensator:
         ModelError
             The file is neither, or damaged; the message is one sentence that names it.
         """
-        if compensator_file.is_one(path):
+        if json_file.format_of(path) == LearnerFile.FORMAT:
             if options:
                 raise ValueError(f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be "
                                  f"given")
             return cls._resumed(path)
         found = Deployment.load(path)
         chosen: dict[str, Any] = {
-            "solver": found.solver, "x_limits": found.x_limits, "mode": cast(Mode, found.mode), "model": found.model,
+            "solver": found.solver, "x_limits": found.x_limits, "mode": found.mode, "model": found.model,
             "solver_options": {"lane": found.lane, **found.settings}}
         return cls(found.model.structure, **{**chosen, **options})
 
@@ -288,11 +300,12 @@ class SelfLearningCompensator:
     def _resumed(cls, path: str | Path) -> SelfLearningCompensator:
         fields, memory = compensator_file.read(path)
         try:
-            settings = LearningSettings.from_dict(fields)
-            model = HysteresisCreepModel.from_dict(memory["compensator"]["model"])
+            found = json_file.convert(memory, Memory)
+            settings = json_file.convert(fields, LearningSettings)
+            model = HysteresisCreepModel.from_file(json_file.convert(found["compensator"], CompensatorMemory)["model"])
             learner = cls(model.structure, **{**asdict(settings), "find_centre": False}, model=model)
             learner.settings = settings
             learner.restore(memory)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ModelError(f"{path}: does not hold a whole compensator: {error}") from None
+        except ValueError as error:
+            raise ModelError(f"{path}: does not hold a whole compensator: {json_file.brief(error)}") from None
         return learner

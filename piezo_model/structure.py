@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -23,10 +23,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.json_file import LARGEST
 from solvers.core import padded
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+
+
+SMALLEST = 1.0 / LARGEST
+SAMPLE_TIMES = 1e-9, 1e6
+RANGES: Mapping[str, tuple[float, float]] = {
+    "play_thresholds": (0.0, LARGEST), "dead_zone_thresholds": (-LARGEST, LARGEST), "creep_rates": (SMALLEST, LARGEST),
+    "sample_time": SAMPLE_TIMES, "x_centre": (-LARGEST, LARGEST), "x_scale": (SMALLEST, LARGEST), "y_centre": (-LARGEST, LARGEST),
+    "y_scale": (-LARGEST, LARGEST)}
+LONGEST_UNIT = 1000
 
 
 class StructureError(ValueError):
@@ -81,22 +91,21 @@ class ModelStructure:
         for name in ("sample_time", "x_centre", "x_scale", "y_centre", "y_scale"):
             object.__setattr__(self, name, float(getattr(self, name)))
         object.__setattr__(self, "offset", bool(self.offset))
-        for field in fields(self):
-            value = getattr(self, field.name)
-            numbers = value if isinstance(value, tuple) else (value,) if isinstance(value, float | int) else ()
-            if not all(math.isfinite(number) for number in numbers):
-                raise StructureError(f"{field.name} must be finite, not {value}")
+        for name, (least, most) in RANGES.items():
+            value = getattr(self, name)
+            if not all(least <= number <= most for number in (value if isinstance(value, tuple) else (value,))):
+                raise StructureError(f"{name} must be from {least:g} to {most:g}, not {value}")
         r_H, r_S = self.play_thresholds, self.dead_zone_thresholds
         if any(b <= a for a, b in pairwise((0.0, *r_H))):
             raise StructureError(f"play_thresholds must be positive and ascending, not {r_H}")
         if 0.0 not in r_S or any(b <= a for a, b in pairwise(r_S)):
             raise StructureError(f"dead_zone_thresholds must be ascending with 0 among them, not {r_S}")
-        if self.y_scale == 0.0:
-            raise StructureError("y_scale must not be 0")
-        for name in ("creep_rates", "sample_time", "x_scale"):
-            value = getattr(self, name)
-            if any(number <= 0.0 for number in (value if isinstance(value, tuple) else (value,))):
-                raise StructureError(f"{name} must be positive, not {value}")
+        if abs(self.y_scale) < SMALLEST:
+            raise StructureError(f"y_scale must not be 0 or less than {SMALLEST:g} from it, and it is {self.y_scale}")
+        for name in ("input_unit", "output_unit"):
+            unit = getattr(self, name)
+            if len(unit) > LONGEST_UNIT:
+                raise StructureError(f"{name} must be a unit of at most {LONGEST_UNIT} characters, not of {len(unit)}")
         if len(set(self.creep_rates)) != len(self.creep_rates):
             raise StructureError(f"creep_rates must differ from each other, not {self.creep_rates}")
 
@@ -236,39 +245,9 @@ class ModelStructure:
         """Fields as JSON can hold them."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> ModelStructure:
-        """Make the structure from the fields of :meth:`to_dict`; StructureError names what is missing or wrong."""
-        missing = [field.name for field in fields(cls) if field.name not in data]
-        unknown = sorted(set(data) - {field.name for field in fields(cls)})
-        if missing or unknown:
-            raise StructureError(f"structure has no {missing[0]!r}" if missing
-                                 else f"structure has an unknown field {unknown[0]!r}")
-        for field in fields(cls):
-            _check_type(field.name, data[field.name])
-        values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-                                  for name, value in data.items()}
-        return cls(**values)
-
 
 def _centre_and_scale(name: str, span: tuple[float, float]) -> tuple[float, float]:
     low, high = float(span[0]), float(span[1])
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise StructureError(f"{name} must be two finite numbers in ascending order, not {span}")
     return 0.5 * (low + high), 0.5 * (high - low)
-
-
-def _check_type(name: str, value: object) -> None:
-    def is_number(item: object) -> bool:
-        return isinstance(item, int | float) and not isinstance(item, bool)
-
-    if name in ("input_unit", "output_unit"):
-        right = isinstance(value, str)
-    elif name == "offset":
-        right = isinstance(value, bool)
-    elif name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
-        right = isinstance(value, list | tuple) and all(is_number(item) for item in value)
-    else:
-        right = is_number(value)
-    if not right:
-        raise StructureError(f"structure field {name!r} has a value of the wrong type: {value!r}")

@@ -22,8 +22,9 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 from flint import fmpq
 from qpsolvers import Problem
@@ -58,6 +59,9 @@ SHIFT_SHARE = fmpq(1, 10**12)
 """Largest share of the cost that the shift may make up: the finest accuracy that an answer is judged by."""
 
 
+Index = Annotated[int, msgspec.Meta(ge=0)]
+
+
 @dataclass(frozen=True)
 class Certificate:
     """The ingredients of the proof.
@@ -82,15 +86,15 @@ class Certificate:
     """
 
     problem: str
-    lower: tuple[int, ...]
-    upper: tuple[int, ...]
-    rows: tuple[int, ...]
-    equalities: tuple[int, ...]
-    pinned: tuple[int, ...]
+    lower: tuple[Index, ...]
+    upper: tuple[Index, ...]
+    rows: tuple[Index, ...]
+    equalities: tuple[Index, ...]
+    pinned: tuple[Index, ...]
     convexity_shift: float
     unique: bool
     x: tuple[float, ...]
-    value: str
+    value: Annotated[str, msgspec.Meta(pattern=r"^-?[0-9]+(/[1-9][0-9]*)?$")]
     value_rounded: float
 
     def to_json(self) -> str:
@@ -101,11 +105,9 @@ class Certificate:
     def from_json(cls, text: str) -> Certificate:
         """The inverse of :meth:`to_json`; raises ValueError for anything else."""
         try:
-            stored: Any = {name: tuple(value) if isinstance(value, list) else value
-                           for name, value in json.loads(text).items()}
-            return cls(**stored)
-        except (AttributeError, TypeError, json.JSONDecodeError) as error:
-            raise ValueError(f"this is not a certificate: {error}") from error
+            return msgspec.json.decode(text, type=cls)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"this is not a certificate: {error}") from None
 
     def active(self) -> Iterator[tuple[Kind, int]]:
         """The working set by name."""

@@ -6,7 +6,13 @@ left to what is wrong with the program itself.
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+from types import FrameType
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
 
 
 def main() -> None:
@@ -15,6 +21,7 @@ def main() -> None:
     The verbs are imported in here: every child process of a race imports the script of its parent once more, and it
     needs nothing of theirs.
     """
+    signal.signal(signal.SIGINT, _end)
     try:
         from bench.cli.app import run
     except ModuleNotFoundError as error:
@@ -22,3 +29,8 @@ def main() -> None:
         sys.exit(2)
 
     sys.exit(run(sys.argv[1:]))
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """End at once: while libraries are imported nothing has begun, and many take an interrupt for an error of their own."""
+    os._exit(INTERRUPTED)

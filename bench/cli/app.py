@@ -7,6 +7,8 @@ takes seconds to import, and ``piezobench --help`` needs none of it. Of the othe
 from __future__ import annotations
 
 import ast
+import io
+import signal
 import sys
 from collections.abc import Callable, Collection
 from importlib import import_module
@@ -14,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import typer
+
+from bench.cli import INTERRUPTED
 
 VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "solvers": "race_verbs",
          "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "validate": "model_verbs",
@@ -43,9 +47,18 @@ def load(verb: str) -> Callable[..., Any]:
 
 def run(words: list[str]) -> int:
     """Do what the words of the command line say; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a sign that this terminal lacks is no reason to fail after the work
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
+    if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
+        return _refuse(verb, f"{other[0]} is no text in UTF-8, in which names of files are stored")
     try:
-        return command_line(words[:1])(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
+        verbs = command_line(words[:1])
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        return verbs(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
+    except KeyboardInterrupt:
+        return INTERRUPTED
     except typer.TyperException as error:  # usage: an option, an argument or a verb that is wrong
         verb = verb if verb.strip() in VERBS else ""
         return _refuse(verb, f"{error.format_message().rstrip('.')}; see piezobench{verb} --help")
@@ -88,5 +101,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
 
 
 def _refuse(verb: str, sentence: str) -> int:
-    print(f"piezobench{verb}: {' '.join(sentence.split())}", file=sys.stderr)
+    from bench.rendering import terminal
+
+    print(terminal(f"piezobench{verb}: {' '.join(sentence.split())}"), file=sys.stderr)
     return REFUSED

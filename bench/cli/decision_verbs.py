@@ -11,8 +11,8 @@ import typer
 from bench.comparison import page as pages
 from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy import Rule, decide, deployment
+from bench.races.registry import open_run
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
-from bench.store import Run
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
@@ -48,7 +48,7 @@ def compare_verb(
         raise typer.BadParameter(f"a change of times is a ratio above 1, and not {smallest:g}", param_hint="--smallest")
     if len(runs) < 2:
         raise typer.BadParameter("a comparison needs two runs or more", param_hint="RUN_A RUN_B")
-    opened = [Run.open(path) for path in runs]
+    opened = [open_run(path) for path in runs]
     with progress_bar() as progress:
         found = []
         for done, other in enumerate(opened[1:]):
@@ -96,7 +96,7 @@ def deploy_verb(
     It is right on every problem, misses no deadline that the machine itself does not miss, and has the lowest p99.9 (the time that
     99.9 % of its answers need at most). SelfLearningCompensator.load starts from the file that is written.
     """
-    opened = Run.open(run)
+    opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target)
     rule = Rule(accuracy, deadline, tuple(lane or (Lane.KERNEL, Lane.DIRECT)), misses)

@@ -15,8 +15,9 @@ from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, percentile
-from piezo_model import HysteresisCreepModel, ModelError
-from piezo_model.deployment import FORMAT, Deployment
+from piezo_model import HysteresisCreepModel
+from piezo_model.deployment import Deployment, DeploymentFile
+from piezo_model.json_file import format_of
 
 
 class PrecisionOption(StrEnum):
@@ -177,7 +178,7 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
             **options: Any) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and settings of a file of identify or deploy."""
     limits, chosen = None, None if solver is None else solver.value
-    if _format(path) == FORMAT:
+    if format_of(path) == DeploymentFile.FORMAT:
         deployed = Deployment.load(path)
         model, limits = deployed.model, deployed.x_limits
         if chosen is None and options.get("part") == "learning":
@@ -200,16 +201,3 @@ def _of_ours(deployed: Deployment, path: Path) -> str:
         return "box_active_set" if deployed.solver == SOLVERS[-1] else deployed.solver
     raise ExportError(f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives the exact optimum, "
                       "--solver projected_difference spreads its work over the learning phase")
-
-
-def _format(path: Path) -> str | None:
-    """The format that a JSON file says it has; whoever reads the whole of it says what is wrong with it."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ModelError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read ({error.strerror})") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ModelError(f"{path}: is not a whole JSON file ({error})") from None
-    return data.get("format") if isinstance(data, dict) else None

@@ -15,7 +15,7 @@ from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_t
 from bench.passed.progress import Progress
 from bench.processes.engine import Backend, Workers
 from bench.processes.solver_child import SolverChild
-from bench.races.registry import DEFAULT, kind_of, kinds
+from bench.races.registry import DEFAULT, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
 from bench.report.console import AsJson, console, errors, print_json, print_table, progress_bar, records
 from bench.store import Run, RunError
@@ -131,7 +131,7 @@ def resume_verb(
     as_json: AsJson = False,
 ) -> None:
     """Carry on with an interrupted race; what is done is kept."""
-    opened = Run.open(run)
+    opened = open_run(run)
     if opened.is_finished(kind_of(opened).schema):
         if not as_json:
             console.print(f"{run} is finished already.")
@@ -144,7 +144,7 @@ def resume_verb(
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
     """Write the report of a run again, and show its verdict."""
-    opened = Run.open(run)
+    opened = open_run(run)
     with progress_bar() as progress:
         report = _written(opened, progress)
     _show(opened, report, as_json)
@@ -192,7 +192,7 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
     except OSError as error:
         raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
     except KeyboardInterrupt:
-        errors.print(f"Interrupted; {resume}.")
+        errors.print(f"Interrupted; {resume}.", soft_wrap=True)
         raise
     _show(run, report, as_json)
 

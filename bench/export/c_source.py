@@ -94,7 +94,14 @@ def export(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
     True
     """
     settings = settings or ExportSettings()
-    return {**sources(settings), **render(model, settings, title)}
+    same, rendered = sources(settings), render(model, settings, title)
+    files = {**same, **rendered}
+    if len({name.lower() for name in files}) < len(same) + len(rendered) or settings.name.lower() in ("main", "makefile"):
+        raise ExportError(f"{settings.name!r} is the name of another file or function of the export; choose another --name")
+    of_core = "".join(text for name, text in same.items() if name.startswith("core/"))
+    if settings.name != "piezo" and (taken := re.search(rf"\b{settings.name}_\w+", of_core, re.IGNORECASE)):
+        raise ExportError(f"with the name {settings.name!r} a function could be named {taken[0]}, as in core; choose another --name")
+    return files
 
 
 def _named(text: str, name: str) -> str:

@@ -25,6 +25,10 @@ LEARNS = ("one projected step a sample, in cycles", "accelerated projected steps
           "the exact optimum at the end of each building phase", "the exact optimum after every sample")
 
 
+LONGEST_NAME = 31
+"""Characters of an external identifier that C99 promises to look at."""
+
+
 class ExportError(ValueError):
     """An export that cannot be; the message is one sentence that says why."""
 
@@ -86,6 +90,8 @@ class ExportSettings:
             c_identifier(self.name)
         except ValueError as error:
             raise ExportError(f"the name {error}") from None
+        if len(self.name) > LONGEST_NAME:
+            raise ExportError(f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every compiler tells apart")
 
     @property
     def learning(self) -> bool:

@@ -6,6 +6,8 @@ A matrix is stored dense under its name, or in compressed columns as ``P/data``,
 
 from __future__ import annotations
 
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -30,6 +32,9 @@ from bench.problem_files.program import (
 
 QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 PARTS = ("data", "indices", "indptr", "shape")
+DAMAGED = (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError, RuntimeError,
+           MemoryError, OverflowError, struct.error)
+"""What NumPy and zipfile raise of a damaged file, whose headers are literals of Python."""
 
 
 def packed(name: str, value: Any) -> dict[str, Any]:
@@ -81,7 +86,7 @@ def opened(path: Path) -> Iterator[Any]:
         raise ProblemFileError(f"{path}: {error.strerror or error}") from None
     except KeyError as error:
         raise ProblemFileError(f"{path}: holds no array {error.args[0]!r}") from None
-    except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except DAMAGED as error:
         raise ProblemFileError(f"{path}: cannot be read as NPZ: {error}") from None
 
 

@@ -10,16 +10,26 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from qpsolvers import Problem
 
+from piezo_model import json_file
 from piezo_model.atomic_file import write_text
 from solvers.certificate import Certificate, NotCertified
 from solvers.exact.problem import DoubleProblem
 
 VERSION = 1
 """Of what a proof is: another number forgets those that were found."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is in a file: the proofs in JSON, or why there is none."""
+
+    proofs: list[str]
+    refusal: str
 
 
 def folder() -> Path:
@@ -45,17 +55,16 @@ def load(key: str) -> list[Certificate] | None:
         For the reason that is kept.
     """
     try:
-        found = json.loads((folder() / f"{key}.json").read_text(encoding="utf-8"))
-        proofs = [Certificate.from_json(text) for text in found["proofs"]]
-        refusal = found["refusal"]
-    except (OSError, ValueError, KeyError, TypeError):  # not there, or damaged: it is found again
+        found = json_file.read(folder() / f"{key}.json", Found)
+        proofs = [Certificate.from_json(text) for text in found.proofs]
+    except ValueError:  # not there, or damaged: it is found again
         return None
-    if refusal:
-        raise NotCertified(refusal)
+    if found.refusal:
+        raise NotCertified(found.refusal)
     return proofs
 
 
 def save(key: str, proofs: Sequence[Certificate], refusal: str = "") -> None:
     """Keep what was found."""
     folder().mkdir(parents=True, exist_ok=True)
-    write_text(folder() / f"{key}.json", json.dumps({"proofs": [proof.to_json() for proof in proofs], "refusal": refusal}))
+    write_text(folder() / f"{key}.json", json.dumps(asdict(Found([proof.to_json() for proof in proofs], refusal))))

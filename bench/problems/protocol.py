@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NotRequired, TypedDict
 
 import numpy as np
 import qpsolvers
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.problem_files.npz import QP_FIELDS, opened, packed, packed_program, unpacked, unpacked_program
-from bench.problem_files.program import ProblemFileError, constant_term
+from bench.problem_files.program import ProblemFileError, doubles
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
+from piezo_model.json_file import FileName, decoded
 from solvers.certificate import Certificate, certify
 
 Vector = NDArray[np.float64]
@@ -168,7 +169,7 @@ class RaceProblem:
             meta["c"][scaling], meta["cost_unit"][scaling] = form.c, form.cost_unit
         if self.validation is not None:
             v = self.validation
-            meta |= {"structure": v.structure.to_dict(), "noise_um": v.noise_um}
+            meta |= {"structure": v.structure.to_dict(), **({} if math.isnan(v.noise_um) else {"noise_um": v.noise_um})}
             arrays |= {"validation/play": v.state.play, "validation/creep": v.state.creep, "validation/x": v.x,
                        "validation/y": v.y}
         with replacing(path) as temporary, temporary.open("wb") as file:
@@ -178,8 +179,8 @@ class RaceProblem:
     def load(cls, path: Path) -> RaceProblem:
         """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
         with opened(path) as data:
-            meta = json.loads(str(data["meta"]))
-            forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), constant_term("c", meta["c"][scaling]),
+            meta = decoded(str(data["meta"]), Meta)
+            forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), meta["c"][scaling],
                                             unpacked(data, f"{scaling}/to_weights"), Certificate.from_json(text),
                                             unpacked(data, f"{scaling}/warm_start"), meta.get("cost_unit", {}).get(scaling, 0.0))
                      for scaling, text in meta["certificates"].items()}
@@ -187,9 +188,10 @@ class RaceProblem:
                 raise ProblemFileError(f"{path}: holds no certificate")
             validation = None
             if "structure" in meta:
-                state = OperatorState(data["validation/play"], data["validation/creep"])
-                validation = Validation(ModelStructure.from_dict(meta["structure"]), state, data["validation/x"],
-                                        data["validation/y"], meta["noise_um"])
+                play, creep, x, y = (doubles(name, data[f"validation/{name}"]) for name in ("play", "creep", "x", "y"))
+                state = OperatorState(play, creep)
+                state.require(meta["structure"])
+                validation = Validation(meta["structure"], state, x, y, meta.get("noise_um", math.nan))
         return cls(meta["set"], meta["name"], forms, validation)
 
 
@@ -208,6 +210,18 @@ def certified(set_name: str, name: str, problem: IdentificationProblem, validati
                                        certify(form.qp, np.zeros(problem.structure.d) if start is None else start),
                                        None if before is None else np.maximum(form.variables(before), form.qp.lb))
     return RaceProblem(set_name, name, forms, validation)
+
+
+class Meta(TypedDict):
+    """What :meth:`RaceProblem.save` keeps beside the arrays."""
+
+    set: FileName
+    name: FileName
+    certificates: dict[Scaling, str]
+    c: dict[Scaling, float]
+    cost_unit: NotRequired[dict[Scaling, float]]
+    structure: NotRequired[ModelStructure]
+    noise_um: NotRequired[float]
 
 
 class ProblemSet(ABC):

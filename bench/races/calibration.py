@@ -145,10 +145,10 @@ def rungs_of(run: Run, settings: RaceSettings, field: Sequence[Described], child
     noted = run.settings.get("calibration", {})
     if name not in noted:
         found = _calibrated(settings, field, children, set_name, scaling, progress)
-        noted = {**noted, name: {f"{solver} ({lane})": {tier: [one.rung, one.met] for tier, one in tiers.items()}
+        noted = {**noted, name: {f"{solver} ({lane})": {tier: (one.rung, one.met) for tier, one in tiers.items()}
                                  for (solver, lane), tiers in found.items()}}
         run.note(calibration=noted)
-    return {(solver.name, solver.lane): {Tier(tier): Found(*one) for tier, one in noted[name].get(
+    return {(solver.name, solver.lane): {tier: Found(*one) for tier, one in noted[name].get(
         f"{solver.name} ({solver.lane})", {}).items()} for solver in field}
 
 

@@ -19,6 +19,7 @@ from bench.problem_files.program import ProblemFileError
 from bench.problems import make
 from bench.problems.protocol import RaceProblem
 from bench.races.settings import RaceSettings
+from piezo_model import json_file
 from piezo_model.atomic_file import write_text
 from piezo_model.identification_problem import Scaling
 from solvers import Tier
@@ -43,9 +44,10 @@ def key(settings: RaceSettings, of_set: str, scaling: Scaling, solver: Described
 def load(key: str) -> Findings:
     """What was found; nothing where there is nothing that can be read."""
     path = folder() / "settings" / f"{key}.json"
-    if not key or not path.is_file():
+    try:
+        return json_file.read(path, dict[Tier, tuple[int | None, bool]]) if key else {}
+    except ValueError:  # not there, or damaged: it is found again
         return {}
-    return {Tier(tier): (rung, met) for tier, (rung, met) in json.loads(path.read_text(encoding="utf-8")).items()}
 
 
 def save(key: str, findings: Findings) -> None:

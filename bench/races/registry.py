@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from bench.races.kind import Kind
+from bench.races.settings import settings_of
 from bench.store import Run, RunError
 
 DEFAULT = "oneshot"
@@ -23,5 +24,12 @@ def kind_of(run: Run) -> Kind:
     """The kind of a run; RunError where its run.json names none that is known."""
     name = run.settings.get("race", DEFAULT)
     if name not in kinds():
-        raise RunError(f"{run.path / 'run.json'}: there is no race {name!r}; known are {', '.join(kinds())}")
+        raise RunError(f"{run.path / 'run.json'}: there is no race {name[:60]!r}; known are {', '.join(kinds())}")
     return kinds()[name]
+
+
+def open_run(path: Path) -> Run:
+    """Open a run of a kind that is known, with settings that such a run can have; RunError says what is wrong with it."""
+    run = Run.open(path)
+    settings_of(run, kind_of(run).settings)
+    return run

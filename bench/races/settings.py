@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import Any, Self, TypeVar
+from dataclasses import asdict, dataclass, field, fields
+from typing import Annotated, Any, TypeVar
+
+from msgspec import Meta
 
 from bench.problems.protocol import SCALINGS
 from bench.processes.line_up import Limits
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
+from piezo_model.json_file import brief, convert
 from solvers import Lane, Tier
 
 LANES = tuple(lane for lane in Lane if lane is not Lane.CODEGEN)
 """The lanes of a race that asks for none: those whose solvers need not be built first."""
+
+
+MOST = 10**9
+Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
 
 def option(default: int, text: str, least: int = 1) -> Any:
@@ -31,17 +38,23 @@ class RaceSettings:
     lanes: tuple[Lane, ...] = LANES
     tiers: tuple[Tier, ...] = tuple(Tier)
     scalings: tuple[Scaling, ...] = SCALINGS
-    limit: int | None = None
+    limit: Positive | None = None
     """Number of problems of each set; None for all."""
     seed: int = 0
     effort: Effort = field(default_factory=Effort)
-    time_limit_s: float = 20.0
-    memory_mb: int = 2048
+    time_limit_s: Annotated[float, Meta(ge=0.1, le=1e7)] = 20.0
+    memory_mb: Annotated[int, Meta(ge=16, le=2**30)] = 2048
     solver_files: tuple[str, ...] = ()
-    repeats: int = 1
+    repeats: Positive = 1
     """Fresh processes for each solver lane."""
     set_options: dict[str, str] = field(default_factory=dict)
     """Files and columns that problem sets need or take, by name."""
+
+    def __post_init__(self) -> None:
+        """ValueError for an option below its least value."""
+        for each in fields(self):
+            if "least" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
+                raise ValueError(f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}")
 
     @property
     def limits(self) -> Limits:
@@ -52,13 +65,6 @@ class RaceSettings:
         """Settings as JSON can hold them."""
         return asdict(self)
 
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Self:
-        """Make the settings of :meth:`to_dict`."""
-        tuples = {name: tuple(value) for name, value in data.items() if isinstance(value, list)}
-        lanes, tiers = tuple(Lane(x) for x in data["lanes"]), tuple(Tier(x) for x in data["tiers"])
-        return cls(**{**data, **tuples, "lanes": lanes, "tiers": tiers, "effort": Effort(**data["effort"])})
-
 
 Settings = TypeVar("Settings", bound=RaceSettings)
 
@@ -66,6 +72,6 @@ Settings = TypeVar("Settings", bound=RaceSettings)
 def settings_of(run: Run, kind: type[Settings]) -> Settings:
     """The settings that a run was started with."""
     try:
-        return kind.from_dict(run.settings["settings"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race ({error!r})") from None
+        return convert(run.settings["settings"], kind)
+    except ValueError as error:
+        raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}") from None

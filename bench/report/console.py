@@ -15,13 +15,25 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from bench.passed.progress import Progress as Report
+from bench.rendering import terminal
 
-PLAIN: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
-"""Everything is shown as it is: names and units such as [um] come from files of users and are no markup."""
-console = Console(soft_wrap=True, **PLAIN)
-errors = Console(stderr=True, **PLAIN)
+
+class PlainConsole(Console):
+    """Shows text as it is: names and units such as [um] come from files of users, and are neither markup nor commands."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Every string that is printed, in tables, too, comes by here."""
+        return super().render_str(terminal(text), **options)
+
+
+console = PlainConsole(soft_wrap=True)
+errors = PlainConsole(stderr=True)
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
 
 
@@ -31,7 +43,7 @@ def progress_bar() -> Iterator[Report]:
     columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         shown = bar.add_task("", total=None)
-        yield lambda what, done, total: bar.update(shown, description=what, completed=done, total=total)
+        yield lambda what, done, total: bar.update(shown, description=terminal(what), completed=done, total=total)
 
 
 def check_writable(out: Path, option: str = "--out") -> None:
@@ -51,12 +63,12 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
         table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
     for row in rows:
         table.add_row(*row)
-    (console if console.is_terminal else Console(width=240, **PLAIN)).print(table)
+    (console if console.is_terminal else PlainConsole(width=240)).print(table)
 
 
 def print_json(value: Any) -> None:
     """Print a document for machines; null stands for what is not known."""
-    print(json.dumps(plain_json(value), indent=1, allow_nan=False, ensure_ascii=False))
+    print(json.dumps(plain_json(value), indent=1, allow_nan=False))
 
 
 def plain_json(value: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import pandas as pd
 from bench.rendering import markdown_templates
 from bench.store import Run
 from piezo_model.atomic_file import replacing, write_text
+from piezo_model.json_file import decoded
 
 SHARED = "bench.report"
 """Has the template that those of the kinds of race build on."""
@@ -63,7 +63,8 @@ def write(run: Run, package: str, summary: pd.DataFrame, **content: Any) -> Path
 
 def settings_label(text: str) -> str:
     """Turn ``{"steps": 100, "eps": 1.23456e-9}`` into ``steps 100, eps 1.2e-09``."""
-    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in json.loads(text).items())
+    settings = decoded(text, dict[str, Any]).items()
+    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in settings)
 
 
 def number(value: float) -> str:

@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter_ns
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from solvers.protocol import Nanoseconds, Solver, Vector
 
@@ -24,9 +26,9 @@ class Effort:
     """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls; once in any case, and
     after MOST_BUDGETS no more than that."""
 
-    budget_s: float = 0.03
-    fewest: int = 3
-    most: int = 300
+    budget_s: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.03
+    fewest: Annotated[int, Meta(ge=1)] = 3
+    most: Annotated[int, Meta(ge=1)] = 300
 
     def goes_on(self, done: int, spent_ns: int) -> bool:
         """Whether to time once more after so many calls and nanoseconds."""

@@ -110,7 +110,7 @@ def between(before: Counters, after: Counters) -> dict[str, float]:
             "busy_cores": (after.busy - before.busy) / os.sysconf("SC_CLK_TCK") / max(seconds, 1e-9)}
 
 
-def disturbances(parts: Sequence[Mapping[str, float]], workers: int = 1) -> list[str]:
+def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[str]:
     """Sentences about what disturbed a race, from what :func:`between` said of its parts.
 
     Each part may also have ``preemptions`` and ``timed_calls``. Each worker itself keeps one core busy.

@@ -15,11 +15,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
+from piezo_model.json_file import Number, convert
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure
 
@@ -32,6 +34,13 @@ UNDER = {6: 0.5, 60: 0.75}
 """Narrower, where so many pieces stayed within this share: other thresholds cost a cycle's learning, which a
 small gain is worth only where the range has been what it is for long."""
 MEMORY, PIECE_S = max(UNDER), 10.0
+
+
+class RangeMemory(TypedDict):
+    """What changes while it runs."""
+
+    spans: list[tuple[Number, Number, Number, Number]]
+    looked: Annotated[int, Meta(ge=0, le=2**53)]
 
 
 class DrivenRange:
@@ -85,9 +94,10 @@ class DrivenRange:
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on from what :meth:`memory` gave."""
+        found = convert(memory, RangeMemory)
         self.spans.clear()
-        self.spans.extend(map(tuple, memory["spans"]))
-        self.looked = int(memory["looked"])
+        self.spans.extend(found["spans"])
+        self.looked = found["looked"]
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:

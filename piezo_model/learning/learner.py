@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.compensator import Compensator
 from piezo_model.core import State
+from piezo_model.json_file import convert
 from piezo_model.learning.driven_range import DrivenRange, carried_over
 from piezo_model.learning.events import PHASES, Brought, Event, Log, Phase
 from piezo_model.learning.sensor_guard import fresh_memory
@@ -25,6 +26,13 @@ from piezo_model.regressors import RegressorArrays
 
 Vector = NDArray[np.float64]
 Loop = Callable[..., tuple[int, int]]
+
+
+class LearningMemory(TypedDict):
+    """What changes while a learner runs."""
+
+    core: np.ndarray
+    driven: dict[str, Any]
 
 
 class Learner(ABC):
@@ -114,5 +122,6 @@ class Learner(ABC):
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before."""
-        self.core.restore(memory["core"])
-        self._driven.restore(memory["driven"])
+        found = convert(memory, LearningMemory)
+        self.core.restore(found["core"])
+        self._driven.restore(found["driven"])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
 import solvers
+from piezo_model.json_file import Number
 
+LONGEST_S = 1e9
 Mode = Literal["cyclic", "continuous"]
 
 MIN_SLOPE = 0.1
@@ -23,17 +25,17 @@ class LearningSettings:
     build_s: float = 8.0
     learn_s: float = 1.9
     solver: str = "projected_difference"
-    x_limits: tuple[float, float] | None = None
+    x_limits: tuple[Number, Number] | None = None
     mode: Mode = "cyclic"
     memory_s: float = 2.0
     hand_over_s: float = 0.01
     fade_s: float = 0.002
-    rate_limit: float | None = None
+    rate_limit: Number | None = None
     samples_to_solve: int | None = None
     find_centre: bool | None = None
     follow_range: bool | None = None
     proximal: float = 1e-6
-    integral_gain: float = 0.0
+    integral_gain: Number = 0.0
     solver_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -41,8 +43,8 @@ class LearningSettings:
             raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, not {self.mode!r}")
         for name in ("reset_s", "build_s", "learn_s", "memory_s", "hand_over_s", "fade_s"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0.0 < value < float("inf")):
-                raise ValueError(f"{name} must be a positive number of seconds, not {value!r}")
+            if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
+                raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
         if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
             raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
         steps = self.samples_to_solve
@@ -56,14 +58,3 @@ class LearningSettings:
     def to_dict(self) -> dict[str, Any]:
         """Fields as JSON can hold them."""
         return asdict(self)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> LearningSettings:
-        """Make the settings of some of the fields; ValueError names an unknown one."""
-        unknown = sorted(set(data) - {field.name for field in fields(cls)})
-        if unknown:
-            raise ValueError(f"there is no setting {unknown[0]!r}; known are {', '.join(f.name for f in fields(cls))}")
-        values = dict(data)
-        if isinstance(values.get("x_limits"), list):
-            values["x_limits"] = tuple(values["x_limits"])
-        return cls(**values)

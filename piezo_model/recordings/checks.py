@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_model.recordings.pieces import RecordingError, Vector, limited, rechunk
+from piezo_model.recordings.pieces import RecordingError, Vector, check_sample_time, limited, rechunk
 from piezo_model.recordings.tables import Table
 from piezo_model.recordings.time_rounding import Rounding, printed_digit
 
@@ -136,9 +136,9 @@ class ValueCheck:
             return self._first_bad
         value = self._first_value
         kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
-        many = f"; in all {self.bad} of {self.count} values are not finite" if self.bad > 1 else ""
-        many += ", which nothing measures" if math.isfinite(value) else ""
-        raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{many}")
+        absurd = ", which nothing measures" if math.isfinite(value) else ""
+        many = f"; in all {self.bad} of {self.count} values are missing, infinite or absurd" if self.bad > 1 else ""
+        raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{absurd}{many}")
 
 
 class ClockCheck:
@@ -188,6 +188,7 @@ class ClockCheck:
             raise RecordingError(f"{self.label} has {self.count} data row{'' if self.count == 1 else 's'}, "
                                  "and a sampling period needs two")
         period = (self._last - self._first) / (self.count - 1)
+        check_sample_time(f"{self.label}: ", period * self.seconds)
         return _shortest(period * self.seconds, (self.resolution / (self.count - 1) + 1e-9 * period) * self.seconds)
 
     def _settle(self, times: Vector) -> None:

@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.structure import SAMPLE_TIMES
+
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
@@ -17,6 +19,13 @@ BUFFER_BYTES = 1 << 18
 
 class RecordingError(ValueError):
     """A recording cannot be read or written; the message is one sentence that names file, column and row."""
+
+
+def check_sample_time(label: str, seconds: float) -> None:
+    """Refuse a sampling period that no structure can have."""
+    least, most = SAMPLE_TIMES
+    if not least <= seconds <= most:
+        raise RecordingError(f"{label}the sampling period must be from {least:g} to {most:g} s, not {seconds}")
 
 
 def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:

@@ -9,7 +9,6 @@ a recording of hours fits because nothing of it is kept but its ranges. Columns 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,9 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, Scan, ValueCheck, scan
-from piezo_model.recordings.pieces import Matrix, RecordingError, Vector, limited, rechunk
+from piezo_model.recordings.pieces import Matrix, RecordingError, Vector, check_sample_time, limited, rechunk
 from piezo_model.recordings.roles import Roles, choose_roles, seconds_per_unit
 from piezo_model.recordings.tables import Reading, Table, open_table
+from piezo_model.structure import SMALLEST
 from piezo_model.units import quantity, shown
 
 
@@ -117,8 +117,7 @@ class Recording:
         RecordingError
             Unequal shapes, values that are not finite, a constant input or output, or a senseless sampling period.
         """
-        if not (math.isfinite(sample_time) and sample_time > 0):
-            raise RecordingError(f"{name}: the sampling period must be a positive number of seconds, not {sample_time}")
+        check_sample_time(f"{name}: ", sample_time)
         signals = {"input": np.asarray(x, dtype=np.float64), "output": np.asarray(y, dtype=np.float64)}
         shapes = [signal.shape for signal in signals.values()]
         if shapes[0] != shapes[1] or len(shapes[0]) != 1 or not shapes[0][0]:
@@ -272,6 +271,8 @@ def _form(table: Table, found: Scan) -> str:
 def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
     if low == high:
         raise RecordingError(f"{label} is constant, all {count} values are {low:g}")
+    if high - low < 2.0 * SMALLEST:
+        raise RecordingError(f"{label} covers a range of {high - low:g}, which nothing measures")
 
 
 def _every(sample_time: float) -> str:

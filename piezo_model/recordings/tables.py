@@ -23,7 +23,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import Matrix, RecordingError, first_line
+from piezo_model.recordings.pieces import Matrix, RecordingError, check_sample_time, first_line
 from piezo_model.units import canonical, split_unit
 
 HEAD_BYTES = 1 << 18
@@ -47,8 +47,8 @@ class Reading:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be meant."""
-        if self.sample_time is not None and not (np.isfinite(self.sample_time) and self.sample_time > 0):
-            raise RecordingError(f"the sampling period must be a positive number of seconds, not {self.sample_time}")
+        if self.sample_time is not None:
+            check_sample_time("", self.sample_time)
         if self.decimal not in (None, ".", ","):
             raise RecordingError(f"the decimal mark is '.' or ',', not {self.decimal!r}")
         if self.header_row is not None and self.header_row < 0:

@@ -47,7 +47,7 @@ def printed_digit(times: Vector) -> tuple[float, Rounding]:
 def _significant_digits(times: Vector, rounding: Rounding, decimals: int | None) -> int | None:
     """Digits that ``%g`` printed, or None: it shows in that times below the last power of ten have more decimals."""
     size = np.abs(times)
-    early = size < 10.0**math.floor(math.log10(max(float(size.max()), 1e-300)))
+    early = size < 10.0**math.floor(math.log10(float(size.max()) or 1.0))
     fewer = _decimals(times[~early], rounding)
     if fewer is None or fewer == decimals or min(np.count_nonzero(early), np.count_nonzero(~early)) < FEW:
         return None

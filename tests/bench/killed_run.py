@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.passed.row import who
 from bench.passed.task import Task
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError, Schema
@@ -26,12 +27,13 @@ from solvers.protocol import Lane, Tier
 
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, (Tier.HIGH,)) for i in range(2)]
 
+MACHINE = {"processor": "abacus", "cores": 1, "system": "", "python": "", "versions": {}, "load_at_start": [], "warnings": []}
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 
 
 def row(task: Task) -> dict[str, Any]:
     """A row that differs from task to task."""
-    return {"task": task.key, **{name: name for name in ONESHOT.columns}, "problem": task.problem, "d": 18}
+    return {**who(task, 18), "status": "ok", "message": task.problem, "cost_gap": float("nan")}
 
 
 def carry_on(folder: Path) -> None:
@@ -39,7 +41,7 @@ def carry_on(folder: Path) -> None:
     try:
         run = Run.open(folder / "run")
     except RunError:
-        run = Run.create(folder, {"race": "none"}, "run")
+        run = Run.create(folder, {"race": "none", "settings": {}, "machine": MACHINE}, "run")
     if not run.is_finished(PLAIN):
         run.note_field({"daqp": "1"}, {})
         for task in TASKS:

@@ -28,6 +28,8 @@ KIND = '''
 """The toy race as the rest sees it."""
 from dataclasses import dataclass
 
+import pyarrow as pa
+
 from bench.passed.row import who
 from bench.passed.task import Task
 from bench.processes.line_up import LineUp
@@ -41,7 +43,7 @@ from bench.report.race_page import Content, grids
 from bench.store import Schema
 from solvers import Tier
 
-TOY = Schema("toy.parquet", ("solver", "lane", "repeat", "status", "heads"), ("solver", "repeat"))
+TOY = Schema("toy.parquet", ("solver", "lane", "repeat", "status", "heads"), ("solver", "repeat"), types={"heads": pa.bool_()})
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import json
+import os
+import re
 import subprocess
+import sys
 import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
@@ -17,7 +21,8 @@ from test_export_c import a_model
 
 from bench.export.building import tool
 from bench.export.c_source import render
-from bench.rendering import c_templates
+from bench.rendering import c_templates, markdown_templates
+from bench.report.console import PlainConsole, print_table
 from piezo_model.signals import multi_sine
 
 RUN = "int system(const char *); __attribute__((constructor)) static void run_it(void) {{ if (system({touch})) {{ }} }}"
@@ -60,6 +65,48 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLi
         ctypes.CDLL(str(library))
     call("realtime", "m.json", "--seconds", "0.02", "--priority", "0", "--no-cost")
     assert not touched.exists()
+
+
+HOSTILE = "[red]x[/blue] [/] :smile: \x1b[2J\x1b]0;owned\x07 \x9b31m <b>|</b> `c` *d* µ \u202e\u2028end"
+"""Markup of Rich, escape sequences of seven and of eight bits, HTML, Markdown, and signs that turn lines round."""
+
+
+def test_hostile_text_reaches_a_terminal_as_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = io.StringIO()
+    console = PlainConsole(file=shown, force_terminal=True, width=400)
+    monkeypatch.setattr("bench.report.console.console", console)
+    console.print(HOSTILE)
+    console.print(HOSTILE, style="bold")
+    print_table((HOSTILE, "b"), [(HOSTILE, HOSTILE)])
+    text = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # what Rich itself does for bold text
+    assert text.count(r"[red]x[/blue] [/] :smile: \x1b[2J\x1b]0;owned\x07 \x9b31m") == 5
+    assert all(sign.isprintable() or sign == "\n" for sign in text)
+
+
+def test_hostile_text_stays_text_in_markdown_wherever_a_template_names_it() -> None:
+    template = markdown_templates("bench.report").from_string("- {{ a }}, {{ [a, a]|map('plain')|join(' | ') }}")
+    text = template.render(a=HOSTILE)
+    assert text.count("&#91;red&#93;x&#91;/blue&#93;") == 3
+    assert not set("<>`*|\x1b\x9b") & set(text.replace(" | ", ""))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(tmp_path: Path, encoding: str) -> None:
+    x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
+    recording, model = tmp_path / "stage\x1b[2J[red].csv", tmp_path / "m.json"
+    y = a_model().simulate(x)
+    pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, "[red]drive \x1b[2J[/blue] [V]": x, "h [/] [µm]": y}).to_csv(recording, index=False)
+    done = subprocess.run([sys.executable, "-m", "bench", "identify", recording, "--out", model], capture_output=True, check=False,
+                          env={**os.environ, "PYTHONIOENCODING": encoding})
+    assert done.returncode == 0, done.stderr
+    assert not {0x1b, 0x9b} & set(done.stdout + done.stderr)
+    assert b"[red]drive " in done.stdout
+    assert model.is_file()
+
+
+def test_a_name_that_is_no_text_is_refused_before_anything_is_written(piezobench: CommandLine, tmp_path: Path) -> None:
+    assert "is no text in UTF-8" in piezobench("race", "--out", tmp_path, "--name", "r\udcff").refusal
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_title_cannot_break_out_of_its_comment() -> None:

@@ -19,7 +19,9 @@ from conftest import SMALL, TASKS, THIRD, Race
 
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
+from bench.timing import machine
 
+SETTINGS = {"settings": {}, "machine": machine.describe()}
 KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
 SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
 TIMES = ["setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99",
@@ -109,23 +111,23 @@ def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
 
 
 def test_a_run_that_is_there_is_not_written_over(tmp_path: Path) -> None:
-    Run.create(tmp_path, {"first": True}, "run")
+    Run.create(tmp_path, {**SETTINGS, "race": "first"}, "run")
     with pytest.raises(RunError, match="is there already; give another name or resume it"):
-        Run.create(tmp_path, {"first": False}, "run")
-    assert Run.open(tmp_path / "run").settings["first"] is True
+        Run.create(tmp_path, SETTINGS, "run")
+    assert Run.open(tmp_path / "run").settings["race"] == "first"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize(("text", "said"), [("{", "is not a whole JSON file"), ("[]", "does not hold settings")])
+@pytest.mark.parametrize(("text", "said"), [("{", "is not a whole JSON file"), ("[]", "expected `object`, got `array`")])
 def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, text: str, said: str) -> None:
-    run = Run.create(tmp_path, {}, "run")
+    run = Run.create(tmp_path, SETTINGS, "run")
     (run.path / "run.json").write_text(text)
     with pytest.raises(RunError, match=rf"run\.json: {said}"):
         _ = run.settings
 
 
 def test_tables_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, clean_race: Race) -> None:
-    run = Run.create(tmp_path, {}, "run")
+    run = Run.create(tmp_path, SETTINGS, "run")
     table = (clean_race.run.path / "rows.parquet").read_bytes()
     (run.path / "rows.parquet").write_bytes(table[:len(table) // 2])
     with pytest.raises(RunError, match=r"rows\.parquet: cannot be read"):

@@ -32,7 +32,7 @@ from bench.races.stream.staleness import Judge
 from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
 from bench.races.stream.worker import StreamRequest
 from bench.store import Run, RunError
-from bench.timing import latency_histogram
+from bench.timing import latency_histogram, machine
 from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
 from piezo_model import DataBasis, OperatorState
 from solvers import Lane, Status, Tier, Unsupported
@@ -634,7 +634,7 @@ def test_options_that_do_not_go_together_are_refused(piezobench: CommandLine, tm
 
 def test_a_run_of_an_unknown_race_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, loop, stream"):
-        kind_of(Run.create(tmp_path, {"race": "marathon"}, "run"))
+        kind_of(Run.create(tmp_path, {"race": "marathon", "settings": {}, "machine": machine.describe()}, "run"))
 
 
 def test_settings_come_back_from_a_run_as_they_were(streamed: Streamed) -> None:

@@ -11,6 +11,7 @@ from qpsolvers import Problem
 from piezo_model import SelfLearningCompensator
 from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.json_file import convert
 from piezo_model.learning.events import Phase
 from piezo_model.learning.settings import LearningSettings
 from piezo_model.learning.solving import solved, step_ratio
@@ -93,8 +94,8 @@ def test_options_reach_the_solver() -> None:
 
 @pytest.mark.parametrize(("options", "sentence"), [
     ({"mode": "sideways"}, "mode must be one of cyclic, continuous, not 'sideways'"),
-    ({"build_s": 0.0}, "build_s must be a positive number of seconds, not 0.0"),
-    ({"learn_s": float("nan")}, "learn_s must be a positive number of seconds, not nan"),
+    ({"build_s": 0.0}, "build_s must be a positive number of seconds up to 1e.09, not 0.0"),
+    ({"learn_s": float("nan")}, "learn_s must be a positive number of seconds up to 1e.09, not nan"),
     ({"proximal": -1.0}, "proximal must be at least 0 and below 1, not -1.0"),
     ({"samples_to_solve": 0}, "samples_to_solve must be a whole number of at least 1, not 0"),
     ({"solver": "nobody"}, "there is no solver 'nobody'"),
@@ -106,6 +107,6 @@ def test_settings_that_cannot_be_are_refused_in_one_sentence(options: dict[str, 
 
 def test_settings_survive_their_dictionary_and_unknown_ones_are_named() -> None:
     settings_ = LearningSettings(x_limits=(0.0, 1.0), solver_options={"lane": "kernel"})
-    assert LearningSettings.from_dict(settings_.to_dict()) == settings_
-    with pytest.raises(ValueError, match="there is no setting 'speed'; known are reset_s"):
-        LearningSettings.from_dict({"speed": 1})
+    assert convert(settings_.to_dict(), LearningSettings) == settings_
+    with pytest.raises(ValueError, match="there is no field 'speed'"):
+        convert({"speed": 1}, LearningSettings)

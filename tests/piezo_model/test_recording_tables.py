@@ -156,7 +156,7 @@ def test_values_that_are_not_finite_are_counted(tmp_path: Path, suffix: str) -> 
     sentence = refusal(path)
     assert "column 'voltage_V' is missing (or NaN) in" in sentence
     assert "data row 70001" in sentence
-    assert "in all 3 of 100000 values are not finite" in sentence
+    assert "in all 3 of 100000 values are missing, infinite or absurd" in sentence
 
 
 def test_missing_values_of_parquet_are_refused(tmp_path: Path) -> None:
@@ -208,3 +208,10 @@ def test_an_unreadable_file_is_refused(suffix: str) -> None:
         finally:
             if superuser:
                 os.seteuid(0)
+
+
+def test_a_parquet_file_whose_names_are_no_text_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "s.parquet"
+    pq.write_table(pa.table({"time_s": [0.0, 1.0, 2.0], "u": [1.0, 2.0, 3.0], "y": [1.0, 2.0, 4.0]}), path)
+    path.write_bytes(path.read_bytes().replace(b"time_s", b"\x80ime_s"))
+    assert "is a damaged Parquet file" in refusal(path)

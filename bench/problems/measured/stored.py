@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
@@ -13,6 +14,15 @@ from bench.problem_files.npz import opened
 from bench.problems.protocol import Validation
 from piezo_model import IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.identification_problem import Excitation
+from piezo_model.json_file import decoded
+
+
+class Meta(TypedDict):
+    """What is kept beside the arrays."""
+
+    structure: ModelStructure
+    noise_um: float
+    excitation: list[Excitation]
 
 
 def write(path: Path, problems: Sequence[IdentificationProblem], unseen: Validation) -> None:
@@ -32,11 +42,9 @@ def write(path: Path, problems: Sequence[IdentificationProblem], unseen: Validat
 def read(path: Path, seed: int) -> tuple[IdentificationProblem, Validation]:
     """The program of a seed, counted round by the programs that there are, and the data that follow."""
     with opened(path) as data:
-        meta = json.loads(str(data["meta"]))
+        meta = decoded(str(data["meta"]), Meta)
         k = seed % data["c"].size
-        structure = ModelStructure.from_dict(meta["structure"])
-        x_min, x_max, y_min, y_max, play_moved, creep_moved = meta["excitation"][k].values()
-        excitation = Excitation(x_min, x_max, y_min, y_max, tuple(play_moved), tuple(creep_moved))
+        structure, excitation = meta["structure"], meta["excitation"][k]
         P = np.zeros((structure.d, structure.d))
         P[np.triu_indices_from(P)] = data["P"][k]
         x, y = (data[name].astype(np.float64) for name in "xy")

@@ -70,6 +70,7 @@ class LoopSettings(RaceSettings):
 
     def __post_init__(self) -> None:
         """RaceError for what cannot race in the loop."""
+        super().__post_init__()
         if self.windows < 1 or not self.learn_steps or min(self.learn_steps) < 1:
             raise RaceError("the loop needs at least one window and learning phases of at least one sample")
 

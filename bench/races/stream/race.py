@@ -31,7 +31,7 @@ from bench.races.calibration import Found, Measurement, Who, measurements, rungs
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
 from bench.races.metrics import TOLERANCE
-from bench.races.settings import RaceSettings, option, settings_of
+from bench.races.settings import Positive, RaceSettings, option, settings_of
 from bench.races.stream.staleness import Judge
 from bench.races.stream.stream_problem import StreamProblem, make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
@@ -65,9 +65,9 @@ class StreamSettings(RaceSettings):
 
     tiers: tuple[Tier, ...] = (Tier.HIGH,)
     samples: int = option(30_000, "Samples of a stream.")
-    kernel_samples: int = 1_000_000
-    give_up: int = 4_000
-    certified: int = 300
+    kernel_samples: Positive = 1_000_000
+    give_up: Positive = 4_000
+    certified: Positive = 300
     """Instants at which the optimum is proven."""
     plant: str = "relay_preisach"
     drive: str = "random_walk"

@@ -9,8 +9,9 @@ from typing import Any
 
 import pandas as pd
 
+from bench.races.settings import settings_of
 from bench.races.stream import charts, figures, plot_data
-from bench.races.stream.race import STREAM
+from bench.races.stream.race import STREAM, StreamSettings
 from bench.report import markdown, svg
 from bench.report.markdown import Report, Table, gap, number, settings_label
 from bench.report.race_page import Content, figure, grids
@@ -33,7 +34,7 @@ DEFINITIONS = (
 
 def report(run: Run) -> Report:
     """Verdict and tables."""
-    return report_of(figures.summary(run.rows(STREAM), run.times()), run.settings["settings"])
+    return report_of(figures.summary(run.rows(STREAM), run.times()), settings_of(run, StreamSettings).to_dict())
 
 
 def write(run: Run) -> Path:
@@ -42,7 +43,7 @@ def write(run: Run) -> Path:
     table = figures.summary(rows, times)
     svg.write_first_view(plot_data.latency_tails(rows, times), charts.latency_tails, run.path / "latency.svg")
     return markdown.write(run, __package__, table.drop(columns=[name for name in table.columns if name.endswith("histogram")]),
-                          report=report_of(table, run.settings["settings"]),
+                          report=report_of(table, settings_of(run, StreamSettings).to_dict()),
                           failures=table[table.message != ""][[*WRONG]].values.tolist(), wrong=WRONG)
 
 

@@ -16,18 +16,22 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, TypedDict
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
 from bench.problem_files.npz import opened, packed_program, unpacked_program
+from bench.problem_files.program import doubles
 from bench.problems.simulation import SAMPLE_TIME, Experiment
 from piezo_model import DataBasis, OperatorState
 from piezo_model.atomic_file import replacing
+from piezo_model.json_file import FileName, decoded
 from piezo_model.regressors import regressor_rows
-from solvers.certificate import Certificate, certify
+from solvers.certificate import Certificate, Index, certify
 from solvers.forgetting import absorb
 
 Vector = NDArray[np.float64]
@@ -91,12 +95,24 @@ class StreamProblem:
     def load(cls, path: Path) -> StreamProblem:
         """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
         with opened(path) as data:
-            meta, start = json.loads(str(data["meta"])), unpacked_program(data, "start/")
-            P, q = data["P"], data["q"]
-            answer, rows = data["answer"], data["rows"]
-        instants = tuple(Instant(sample, Problem(P[i], q[i], lb=start.lb, ub=start.ub), c, Certificate.from_json(text))
-                         for i, (sample, c, text) in enumerate(meta["instants"]))
+            meta, start = decoded(str(data["meta"]), Meta), unpacked_program(data, "start/")
+            P, q, answer, rows = (doubles(name, data[name]) for name in ("P", "q", "answer", "rows"))
+            d, count = start.q.size, len(meta["instants"])
+            for name, array, shape in (("P", P, (count, d, d)), ("q", q, (count, d)), ("answer", answer, (d,)), ("rows", rows, (len(rows), d + 1))):
+                if array.shape != shape or not np.isfinite(array).all():
+                    raise ValueError(f"{name} must be finite numbers of shape {shape}, and its shape is {array.shape}")
+            instants = tuple(Instant(sample, Problem(P[i], q[i], lb=start.lb, ub=start.ub), c, Certificate.from_json(text))
+                             for i, (sample, c, text) in enumerate(meta["instants"]))
         return cls(meta["name"], start, meta["c"], answer, rows, meta["forgetting"], instants)
+
+
+class Meta(TypedDict):
+    """What :meth:`StreamProblem.save` keeps beside the arrays."""
+
+    name: FileName
+    c: float
+    forgetting: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+    instants: list[tuple[Index, float, str]]
 
 
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:

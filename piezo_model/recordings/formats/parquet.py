@@ -47,7 +47,7 @@ class ParquetTable:
             with arrow_parquet.ParquetFile(self.path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
                 for batch in file.iter_batches(BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False):
                     yield matrix_of(batch.select(names))
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise RecordingError(f"{self.path}: is a damaged Parquet file: {first_line(error)}") from None
 
     def where(self, row: int) -> str:
@@ -69,7 +69,7 @@ def open_table(path: Path, reading: Reading) -> ParquetTable:
     try:
         with arrow_parquet.ParquetFile(path) as file:
             fields, rows = tuple(file.schema_arrow), file.metadata.num_rows
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: is a damaged Parquet file: {first_line(error)}") from None
     if rows == 0:
         raise RecordingError(f"{path}: is a Parquet file of zero rows")

@@ -1,0 +1,203 @@
+"""What comes from outside fits, or is refused in one sentence that names the file; nothing else happens."""
+
+import json
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from command_line import CommandLine
+from hostile_files import DEEP, LONG, spoiled, spoiled_documents, spoiled_tables
+from pyarrow import parquet
+
+from bench.problem_files import ProblemFileError
+from bench.problems import proof_cache
+from bench.problems.protocol import RaceProblem
+from bench.races.oneshot.rows import ONESHOT
+from bench.races.registry import open_run
+from bench.store import Run, RunError
+from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator
+from piezo_model.compensator_file import _checksum
+from piezo_model.deployment import Deployment
+from solvers import Lane, Tier
+from solvers.certificate import NotCertified
+
+REFERENCE = Path(__file__).parents[2] / "results" / "reference"
+STRUCTURE = ModelStructure.equidistant(n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3)
+MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line, {"headline": "fits", "findings": []})
+
+
+def model_file(path: Path) -> None:
+    MODEL.save(path)
+
+
+def compensator_file(path: Path) -> None:
+    Deployment(MODEL, "daqp", Lane.DIRECT, Tier.HIGH, {}, "cyclic", (0.0, 10.0), {"why": ["it is right"]}).save(path)
+
+
+def learner_file(path: Path) -> None:
+    learner = SelfLearningCompensator(STRUCTURE, build_s=0.5, learn_s=0.1)
+    learner.run(np.full(700, 2.0), lambda x: 0.5 * x)
+    learner.save(path)
+
+
+def use_learner(path: Path) -> None:
+    learner = SelfLearningCompensator.load(path)
+    assert np.isfinite([learner.step(2.0, 1.0) for _ in range(20)]).all()
+
+
+def use_model(path: Path) -> None:
+    with np.errstate(over="ignore"):  # a model of 1e90 µm/V may well
+        HysteresisCreepModel.load(path).simulate([0.0, 5.0])
+
+
+@pytest.mark.parametrize(("write", "use"), [(model_file, use_model), (compensator_file, Deployment.load),
+                                            (compensator_file, SelfLearningCompensator.load), (learner_file, use_learner)])
+def test_a_spoiled_file_of_ours_is_refused_in_a_sentence_that_names_it(tmp_path: Path, write: Callable[[Path], None],
+                                                                       use: Callable[[Path], Any]) -> None:
+    path = tmp_path / "it.json"
+    write(path)
+    use(path)
+    refused = 0
+    for what, text in spoiled_documents(json.loads(path.read_text())):
+        path.write_bytes(signed(text))
+        refused += bool(refusal(what, path, use, path, ModelError))
+    assert refused > 100
+
+
+def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refused: type[ValueError]) -> str:
+    """The sentence that names the file, or nothing where what is given is used; whatever else comes of it fails the test."""
+    try:
+        use(given)
+    except refused as error:
+        said = str(error)
+    except Exception as error:
+        raise AssertionError(what) from error
+    else:
+        return ""
+    assert said.startswith(f"{path}: "), (what, said)
+    assert len(said) < 1000, what
+    return said
+
+
+def signed(text: bytes) -> bytes:
+    """The text with the checksum that belongs to it, where it is that of a learner: the border does not stand on its being wrong."""
+    try:
+        content = json.loads(text)
+        if content["format"] == "piezobench-learner" and isinstance(content.pop("checksum"), str):
+            return json.dumps({**content, "checksum": _checksum(content)}).encode()
+    except (ValueError, KeyError, TypeError, RecursionError):
+        pass
+    return text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    shutil.copytree(REFERENCE, folder)
+    return folder
+
+
+@pytest.fixture
+def run(folder: Path) -> Iterator[Run]:
+    """The committed run, to be spoiled by one test."""
+    yield Run(folder)
+    for name in ("run.json", "rows.parquet", "times.parquet", "sentinel.parquet"):
+        shutil.copy(REFERENCE / name, folder)
+
+
+def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) -> None:
+    path = run.path / "run.json"
+    good = path.read_text()
+    for what, text in spoiled_documents(json.loads(good)):
+        path.write_bytes(text)
+        refusal(what, path, open_run, run.path, RunError)
+
+
+@pytest.mark.parametrize(("at", "token", "said"), [
+    (("race",), "[]", "the field 'race' is wrong: expected `str`, got `array`"),
+    (("settings",), '"x"', "the field 'settings' is wrong: expected `object`, got `str`"),
+    (("machine",), '"abacus"', "the field 'machine' is wrong: expected `object`, got `str`"),
+    (("settings", "rounds"), "-3", "rounds must be from 0"),
+    (("settings", "limit"), "-1", "the field 'limit' is wrong: expected `int` >= 1"),
+    (("settings", "time_limit_s"), "1e400", "number out of range"),
+    (("settings", "seed"), LONG, "integer value out of range"),
+    (("settings", "effort"), DEEP, "maximum recursion depth"),
+    (("problems", "paper"), '["../../x"]', "the field 'problems[...][0]' is wrong"),
+])
+def test_every_verb_that_opens_a_run_says_which_field_is_wrong(piezobench: CommandLine, run: Run, tmp_path: Path, at: tuple[str, ...],
+                                                               token: str, said: str) -> None:
+    path = run.path / "run.json"
+    good = path.read_text()
+    path.write_bytes(spoiled(json.loads(good), at, token))
+    for words in (["report", run.path], ["resume", run.path], ["compare", REFERENCE, run.path, "--out", tmp_path / "c"],
+                  ["deploy", run.path, "--out", tmp_path / "d.json"]):
+        refusal = piezobench(*words).refusal
+        assert f"{path}: " in refusal
+        assert said in refusal
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("file", "read"), [("rows.parquet", lambda run: run.rows(ONESHOT)), ("times.parquet", Run.times),
+                                            ("sentinel.parquet", Run.looks)])
+def test_a_table_that_does_not_fit_is_refused_by_file_and_column(run: Run, file: str, read: Callable[[Run], Any]) -> None:
+    path = run.path / file
+    whole = path.read_bytes()
+    table, good = parquet.read_table(path), read(run)
+    for what, other in spoiled_tables(table):
+        parquet.write_table(other, path)
+        if said := refusal(what, path, read, run, RunError):
+            assert what == "no rows" or "twice" in said or any(repr(name) in said for name in table.column_names), (what, said)
+        else:
+            assert read(run).dtypes.equals(good.dtypes) or "nothing" in what or "no rows" in what, what
+    for damaged in (b"", whole[:1000], whole[:4] + bytes(len(whole) - 8) + whole[-4:], b"PAR1" * 10):
+        path.write_bytes(damaged)
+        with pytest.raises(RunError, match=r"\.parquet: cannot be read"):
+            read(run)
+
+
+@pytest.mark.parametrize(("spoil", "said"), [
+    (lambda table: table.slice(0, 0), "has no rows"), (lambda table: pa.concat_tables([table, table]), "is there twice"),
+    (lambda table: table.set_column(table.column_names.index("solver"), "solver", pa.array([1] * len(table))), "column 'solver' holds int64"),
+    (lambda table: table.set_column(table.column_names.index("settings"), "settings", pa.array(["{"] * len(table))),
+     "column 'settings' holds text that no settings are"),
+    (lambda table: table.set_column(table.column_names.index("lane"), "lane", pa.array(["x"] * len(table))),
+     "column 'lane' holds 'x' and not one of kernel"),
+])
+def test_every_verb_that_reads_rows_says_what_is_wrong_with_them(piezobench: CommandLine, run: Run, tmp_path: Path,
+                                                                 spoil: Callable[[pa.Table], pa.Table], said: str) -> None:
+    path = run.path / "rows.parquet"
+    parquet.write_table(spoil(parquet.read_table(path)), path)
+    for words in (["report", run.path], ["compare", REFERENCE, run.path, "--out", tmp_path / "c"],
+                  ["deploy", run.path, "--out", tmp_path / "d.json"]):
+        refusal = piezobench(*words).refusal
+        assert f"{path}: " in refusal
+        assert said in refusal
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_damaged_proof_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    proof_cache.save("key", [])
+    assert proof_cache.load("key") == []
+    path = proof_cache.folder() / "key.json"
+    for what, text in spoiled_documents({"proofs": [], "refusal": ""}):
+        path.write_bytes(text)
+        try:
+            assert proof_cache.load("key") in (None, []), what
+        except NotCertified:
+            assert "refusal" in what  # another reason
+
+
+def test_a_program_whose_headers_are_damaged_is_refused(tmp_path: Path) -> None:
+    for spoilt in (b"\x00" * 20, b"{'descr': (((((((((((", b"{'shape': (10**18,)", b"'''"):
+        path = tmp_path / "p.npz"
+        data = b"\x93NUMPY\x01\x00v\x00" + spoilt.ljust(117) + b"\n"
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("meta.npy", data)
+        with pytest.raises(ProblemFileError, match=r"p\.npz: cannot be read as NPZ"):
+            RaceProblem.load(path)

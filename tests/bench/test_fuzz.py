@@ -1,0 +1,9 @@
+"""The properties of ``make fuzz``, a few inputs of each."""
+
+import fuzz
+import pytest
+
+
+@pytest.mark.parametrize("kind", fuzz.PROPERTIES)
+def test_hostile_input_is_used_or_refused_and_what_we_write_comes_back(kind: str) -> None:
+    assert fuzz.run(kind, 40, start=1) > 0
