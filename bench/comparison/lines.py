@@ -55,6 +55,8 @@ FREEDOM = 10
 """Most degrees of freedom for each process: the tails of θ are heavier than the normal law's."""
 LARGEST = 10.0
 """Logarithm of the largest ratio that is spoken of."""
+UNLIMITED = math.exp(LARGEST) * (1.0 - 1e-9)
+"""Ratio from which on nothing could have been shown, whatever its size."""
 WITNESSES = 3
 """Solvers that tell what the machine changed, that which does nothing among them; of fewer nothing is taken off."""
 BLOCK = ["problem_set", "problem", "scaling", "repeat", "timed"]
@@ -117,6 +119,8 @@ class Times:
 
     def _power(self, timed: str, part: pd.DataFrame) -> str:
         half, most = (part.shown.quantile(share, "higher") for share in (0.5, 0.9))
+        if half >= UNLIMITED:
+            return f"{timed.capitalize()}, there are too few solver lanes and repeats to find a change of any size."
         return (f"{timed.capitalize()}, a change of {half:.2f} times would have been found in half of {len(part)} solver lanes, of "
                 f"{most:.2f} times in nine of ten.")
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.comparison.compare import RunComparison
-from bench.comparison.lines import CANNOT_TELL, LINE, SAME
+from bench.comparison.lines import CANNOT_TELL, LINE, SAME, UNLIMITED
 from bench.rendering import markdown_templates
 from bench.report import charts
 from bench.report.page import Cell, Figure, Grid, save
@@ -84,7 +84,8 @@ def line_grid(comparison: RunComparison, told: bool = True) -> Grid:
     lines = lines if told else lines[lines.finding != SAME]
     ordered = lines.assign(order=lines.finding.map(list(COLOURS).index)).sort_values(["order", "p"])
     rows = [[*(Cell(line[name], line[name]) for name in (*LINE, "finding")), Cell(f"{line['ratio']:.3f}", line["ratio"]),
-             Cell(f"{line['ratio_low']:.3f} to {line['ratio_high']:.3f}", line["ratio_low"]), Cell(f"{line['shown']:.2f}", line["shown"]),
+             Cell(f"{line['ratio_low']:.3f} to {line['ratio_high']:.3f}" if line["shown"] < UNLIMITED else "unknown", line["ratio_low"]),
+             Cell(f"{line['shown']:.2f}" if line["shown"] < UNLIMITED else "nothing", line["shown"]),
              Cell(str(line["repeats"]), line["repeats"]), Cell(str(line["rows"]), line["rows"]),
              Cell(f"{line['adjusted']:.1e}", line["adjusted"])]
             for line in cast(list[dict[str, Any]], ordered.to_dict("records"))]
