@@ -16,6 +16,7 @@ from piezo_model.compensator import integral_share
 from piezo_model.learning.continuous_learning import CHECKPOINT_S, MOST_EXCHANGES, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
+from solvers.kernel.accelerated_projection import AcceleratedProjection
 
 Part = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
@@ -118,7 +119,7 @@ class ExportSettings:
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
-            "steps": 100_000, "tolerance": 1e-9, "smoothing": 1.0 / samples(1.0),
+            "steps": 100_000, "tolerance": AcceleratedProjection.always["tolerance"], "smoothing": 1.0 / samples(1.0),
             "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s),
             "learn_samples": samples(self.learn_s), "forgetting": forgetting, "most_exchanges": MOST_EXCHANGES,
             "interval": interval, "checkpoint": interval * max(1, samples(CHECKPOINT_S) // interval),
