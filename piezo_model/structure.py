@@ -31,7 +31,7 @@ Matrix = NDArray[np.float64]
 
 
 SMALLEST = 1.0 / LARGEST
-SAMPLE_TIMES = 1e-9, 1e6
+SAMPLE_TIMES = 1e-9, 1e9
 RANGES: Mapping[str, tuple[float, float]] = {
     "play_thresholds": (0.0, LARGEST), "dead_zone_thresholds": (-LARGEST, LARGEST), "creep_rates": (SMALLEST, LARGEST),
     "sample_time": SAMPLE_TIMES, "x_centre": (-LARGEST, LARGEST), "x_scale": (SMALLEST, LARGEST), "y_centre": (-LARGEST, LARGEST),

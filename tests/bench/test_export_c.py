@@ -133,7 +133,7 @@ def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
 
 def test_constants_that_single_precision_cannot_hold_are_refused() -> None:
     model = a_model()
-    tiny = replace(model, structure=replace(model.structure, sample_time=1e-42, creep_rates=()), w_K=np.zeros(0))
+    tiny = replace(model, structure=replace(model.structure, x_scale=1e-42))
     with pytest.raises(ExportError, match="the constant 1e-42 does not fit into single precision; export it with --precision double"):
         export(tiny, ExportSettings(precision="float"))
     assert "1e-42" in export(tiny)["piezo_parameters.h"]
@@ -323,7 +323,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     (["export-c", "model.json", "c", "--name", "two words"], "is no identifier of C"),
     (["export-c", "model.json", "c", "--name", "main"], "'main' is the name of another file or function"),
     (["export-c", "model.json", "c", "--name", "MakeFile"], "'MakeFile' is the name of another file or function"),
-    (["export-c", "model.json", "c", "--name", "compensator"], "with the name 'compensator' a function could be named compensator_"),
+    (["export-c", "model.json", "c", "--name", "compensator"], "with the name 'compensator' a function could be named COMPENSATOR_KIND, as in core; choose another --name"),
     (["export-c", "model.json", "c", "--name", "play"], "with the name 'play' a function could be named play_"),
     (["export-c", "model.json", "c", "--name", "x" * 32], "the name has 32 characters"),
     (["export-c", "model.json", "c", "--rate-limit", "nan"], "--rate-limit"),

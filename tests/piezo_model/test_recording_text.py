@@ -142,7 +142,7 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("lines", "sentence"), [
     (("t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"), "column 'u' is 9.91e+37 in row 3 (data row 2), which nothing measures"),
-    (("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"), "column 't': the sampling period must be from 1e-09 to 1e+06 s, not 1e-307"),
+    (("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"), "column 't': the sampling period must be from 1e-09 to 1e+09 s, not 1e-307"),
     (("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"), "column 'u' is -1e+300 in row 3 (data row 2), which nothing measures"),
     (("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"), "column 'u' holds 'True' in row 4 (data row 3), where a number is needed"),
     (("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"), "column 't' holds 'noon' in row 4 (data row 3)"),
