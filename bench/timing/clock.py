@@ -18,13 +18,14 @@ from msgspec import Meta
 
 from solvers.protocol import Nanoseconds, Solver, Vector
 
-MOST_BUDGETS = 10.0
+LONG_NS = 100_000_000
+"""After which a call is not timed again, however few times there are."""
 
 
 @dataclass(frozen=True)
 class Effort:
     """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls; once in any case, and
-    after MOST_BUDGETS no more than that."""
+    not again after LONG_NS."""
 
     budget_s: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.03
     fewest: Annotated[int, Meta(ge=1)] = 3
@@ -32,8 +33,7 @@ class Effort:
 
     def goes_on(self, done: int, spent_ns: int) -> bool:
         """Whether to time once more after so many calls and nanoseconds."""
-        budgets = spent_ns / (self.budget_s * 1e9) if self.budget_s > 0.0 else 1.0
-        return done == 0 or budgets < (MOST_BUDGETS if done < self.fewest else 1.0 if done < self.most else 0.0)
+        return done == 0 or spent_ns < (LONG_NS if done < self.fewest else self.budget_s * 1e9 if done < self.most else 0.0)
 
 
 @contextmanager

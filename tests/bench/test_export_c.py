@@ -323,7 +323,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     (["export-c", "model.json", "c", "--name", "two words"], "is no identifier of C"),
     (["export-c", "model.json", "c", "--name", "main"], "'main' is the name of another file or function"),
     (["export-c", "model.json", "c", "--name", "MakeFile"], "'MakeFile' is the name of another file or function"),
-    (["export-c", "model.json", "c", "--name", "compensator"], "with the name 'compensator' a function could be named COMPENSATOR_KIND, as in core; choose another --name"),
+    (["export-c", "model.json", "c", "--name", "compensator"], "with the name 'compensator' a function could be named COMPENSATOR_KIND, as in core"),
     (["export-c", "model.json", "c", "--name", "play"], "with the name 'play' a function could be named play_"),
     (["export-c", "model.json", "c", "--name", "x" * 32], "the name has 32 characters"),
     (["export-c", "model.json", "c", "--rate-limit", "nan"], "--rate-limit"),
