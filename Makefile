@@ -44,7 +44,7 @@ test: core            ## set up, then run the tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 nightly: core         ## run the tests that take minutes, too
-	$(BIN)/python -m pytest -n 2 -m nightly
+	$(BIN)/python -m pytest -n 2 -m nightly --timeout 0
 
 fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SECONDS
 	PYTHONPATH=. $(BIN)/python tests/bench/fuzz.py
