@@ -159,9 +159,9 @@ def test_arrays_are_copied_in_and_out() -> None:
     ([1, np.nan, 3], [1, 2, 3], 1e-3, "input is missing .or NaN. in sample 1"),
     ([1, 2, 3], [1, 2, np.inf], 1e-3, "output is infinite in sample 2"),
     ([2, 2, 2], [1, 2, 3], 1e-3, "input is constant, all 3 values are 2"),
-    ([1, 2, 3], [1, 2, 3], 0.0, "the sampling period must be from 1e-09 to 1e.06 s, not 0.0"),
+    ([1, 2, 3], [1, 2, 3], 0.0, "the sampling period must be from 1e-09 to 1e.09 s, not 0.0"),
     ([1, 2, 3], [1, 2, 3], 1e308, "the sampling period must be from"), ([1, 2, 3], [1e-300, 0, 0], 1e-3, "output covers a range of 1e-300"),
-    ([1, 2, 3], [1, 2, 3], np.nan, "the sampling period must be from 1e-09 to 1e.06 s, not nan"),
+    ([1, 2, 3], [1, 2, 3], np.nan, "the sampling period must be from 1e-09 to 1e.09 s, not nan"),
 ])
 def test_arrays_that_are_no_recording_are_refused(x: list, y: list, sample_time: float, sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence):

@@ -91,8 +91,8 @@ def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
     ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
     ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
     ({"creep_rates": (math.inf,)}, "creep_rates must be from"),
-    ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.06, not 0.0"),
-    ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.06, not nan"),
+    ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.09, not 0.0"),
+    ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
 ])
 def test_a_structure_that_cannot_be_is_refused_by_the_name_of_its_field(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(StructureError, match=sentence):
