@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -34,26 +34,23 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1))[0].tolist()
     [2.0]
     """
-    engine = at_rung(solver, program, c, **(options or {}))
-    engine.setup(program)
-    begin = perf_counter()
-    found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
-    spent = perf_counter() - begin
-    return (found if engine.solution().found else np.full_like(found, np.nan)), spent
+    for engine in _asked(solver, c, **(options or {})):
+        engine.setup(program)
+        begin = perf_counter()
+        found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
+        spent = perf_counter() - begin
+        if engine.solution().found:
+            return found, spent
+    return np.full_like(found, np.nan), spent
 
 
-def at_rung(solver: str, program: Problem, c: float, lane: str | None = None, rung: int | None = None, **settings: Any) -> Solver:
-    """A solver at a rung of its ladder, by default at the uppermost that it says it reaches."""
+def _asked(solver: str, c: float, lane: str | None = None, rung: int | None = None, **settings: Any) -> Iterator[Solver]:
+    """A solver at the rung that is wanted, or at each of its ladder from the uppermost down."""
     cls = solvers.find(solver, lane).load()
     ladder = cls.ladder(c)
-    *above, last = ({},) if rung == -1 else ladder[::-1] if rung is None else (ladder[rung],)
-    for asked in above:
-        engine = cls(**{**asked, **settings})
-        engine.setup(program)
-        engine.solve()
-        if engine.solution().found:
-            return engine
-    return cls(**{**last, **settings})
+    rungs = [{}] if rung == -1 else ladder[::-1] if rung is None else [ladder[rung]]
+    for asked in rungs:
+        yield cls(**{**asked, **settings})
 
 
 def step_ratio(options: Mapping[str, Any] | None) -> float:
