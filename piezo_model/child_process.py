@@ -118,6 +118,12 @@ class Child:
             self._process.kill()
         self.close()
 
+    def interrupt(self) -> None:
+        """End the process from another thread than the one that waits for it, which finds it lost and closes."""
+        process = self._process
+        if process is not None and process.pid is not None:
+            process.kill()
+
     def close(self) -> None:
         """End the process, if there is one."""
         if self._connection is not None and self._lifeline is not None:

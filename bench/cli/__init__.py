@@ -6,6 +6,7 @@ left to what is wrong with the program itself.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -28,7 +29,9 @@ def main() -> None:
         print(f"piezobench: the command needs the package {error.name}: install piezobench[bench]", file=sys.stderr)
         sys.exit(2)
 
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    gc.freeze()  # at exit the collector would look for a second through what the libraries have made
+    sys.exit(status)
 
 
 def _end(number: int, frame: FrameType | None) -> None:

@@ -7,6 +7,7 @@ the load of a machine.
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -84,18 +85,21 @@ class Provers:
         for prover in self._all:
             self._idle.put(prover)
         self._threads = ThreadPoolExecutor(len(self._all))
+        self._begun: deque[Future[Any]] = deque()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._threads.shutdown(wait=False, cancel_futures=True)
-        for prover in self._all:
-            prover.kill()
+        while not all(future.done() for future in self._begun):  # a process that is just starting is ended in a later round
+            for prover in self._all:
+                prover.interrupt()
+            time.sleep(0.02)
         self._threads.shutdown()
         self._stack.close()
 
     def map(self, function: Callable[[Prover, S], T], items: Iterable[S]) -> Iterator[T]:
         """What a function returns for each item, in their order; begun are only a few more than are asked for."""
-        begun: deque[Future[T]] = deque()
+        begun = self._begun
         for item in items:
             begun.append(self._threads.submit(self._with_prover, function, item))
             if len(begun) > 2 * len(self._all):

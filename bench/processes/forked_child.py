@@ -52,7 +52,10 @@ class ForkedChild(Child):
 
 def _serve(connection: Connection, alive: Connection) -> None:
     """Serve, with what is printed going to the parent's file."""
-    sink = recv_handle(connection)
+    try:
+        sink = recv_handle(connection)
+    except EOFError:  # the parent has ended meanwhile
+        return
     os.dup2(sink, 1)
     os.dup2(sink, 2)
     serve(connection, alive)

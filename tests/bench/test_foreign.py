@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from bench.passed.task import Task
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import QP_FIELDS
 from bench.problems import ProblemSetError, RaceProblem, make, proof_cache
-from bench.problems.certifying import Prover
+from bench.problems.certifying import Prover, Provers
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
 from bench.processes.solver_child import SolverChild
@@ -531,3 +533,12 @@ def test_the_programs_drawn_here_have_what_a_reader_must_take() -> None:
     assert np.any(p.lb == p.ub)
     assert p.P.nnz < p.q.size**2
     assert np.linalg.matrix_rank(dense(p.P)) < p.q.size
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
+def test_provers_that_are_left_while_they_start_or_work_end(pause: float) -> None:
+    before = set(multiprocessing.active_children())
+    with Provers() as provers:
+        next(provers.map(lambda prover, seconds: seconds and prover.prove(time.sleep, seconds), [0.0] + 9 * [3600.0]))
+        time.sleep(pause)
+    assert set(multiprocessing.active_children()) <= before
