@@ -2,12 +2,16 @@
 
 The rule, in this order:
 
-1. The answer to every problem is within the accuracy asked for, cost gap and violation alike.
+1. The answer to every problem is within the accuracy asked for, cost gap and violation alike, and a solver that missed every tier
+   that it was raced at is out.
 2. No deadline is missed that the machine's floor does not explain: with m of M missed by a solver that does nothing
    and r the upper 95 % bound of that rate, at most ⌈r N⌉ of N.
 3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response).
 
 A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
+
+The model comes from a file, or from a problem of the run that is a recording of one's own; others have to be asked for by name, and
+simulated ones twice.
 
 A percentile that a sample cannot support is not known, so where some of those that are left have too few samples for p99.9
 all are held by p99 or the median, and that is said.
@@ -22,24 +26,24 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from bench.problems.protocol import RaceProblem
+from bench import problems
 from bench.races import null_solver
+from bench.races.metrics import relative_gap
+from bench.races.oneshot import answer_times
+from bench.races.oneshot.answer_times import HOT, IN_TURNS, Microseconds
 from bench.races.oneshot.rows import ONESHOT
 from bench.races.stream import figures as stream_figures
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.races.stream.race import STREAM
+from bench.report.words import gap, marked, number
 from bench.store import Run, RunError
 from bench.timing.percentiles import Percentile, percentile, rate_bound
 from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import decoded
-from solvers import Lane, Tier, find
-from solvers.certificate import exact_cost_gap
-
-Microseconds = NDArray[np.float64]
+from solvers import Lane, Status, Tier, find
 
 WHO = ["solver", "lane", "rung", "settings"]
 QUANTILES = (0.999, 0.99, 0.5)
@@ -72,8 +76,8 @@ class Rule:
     @property
     def sentence(self) -> str:
         """The rule in words."""
-        return (f"Right to {self.accuracy:g} on every problem, at most {self.misses} deadlines of {self.deadline_us:g} µs missed "
-                f"that the machine's floor does not explain, then the lowest p99.9; lanes {', '.join(self.lanes)}.")
+        return (f"cost gap and violation of at most {self.accuracy:g} on every problem, at most {self.misses} deadlines of "
+                f"{self.deadline_us:g} µs missed beyond those that the machine itself misses, then the lowest p99.9; lanes {', '.join(self.lanes)}.")
 
 
 @dataclass(frozen=True)
@@ -83,14 +87,16 @@ class Candidate:
     Attributes
     ----------
     solver, lane, tier : str
-        The tier is the most exact that it serves.
+        The tier is the most exact that it reaches on every problem, "" if it misses all.
     settings : dict
         Its rung, or its own.
-    gap : float
-        Worst of cost gap and violation over the problems; infinite where one has no answer.
+    gap, violation : float
+        The worst over the problems; infinite where one has no answer.
     problems, right : int
     samples, missed, beyond_floor : int
         Deadlines.
+    time_us : float
+        Median as the report of the race has it.
     tail : tuple of Percentile
         For QUANTILES, each with value or reason.
     """
@@ -100,35 +106,45 @@ class Candidate:
     tier: str
     settings: dict[str, Any]
     gap: float
+    violation: float
     problems: int
     right: int
     samples: int
     missed: int
     beyond_floor: int
+    time_us: float
     tail: tuple[Percentile, ...]
 
     @property
     def name(self) -> str:
         """For people."""
         more = "".join(f", {name} {value}" for name, value in self.settings.items())
-        return f"{self.solver} ({self.lane}, {self.tier}{more})"
+        return f"{marked(self.solver)} ({self.lane}, {self.tier or Status.MISSED}{more})"
 
     def failing(self, rule: Rule) -> str:
         """Why it does not qualify; "" if it does."""
         if self.right < self.problems:
-            return f"is right to {rule.accuracy:g} on {self.right} of {self.problems} problems only"
+            return f"has a cost gap or violation above {rule.accuracy:g} on {self.problems - self.right} of {self.problems} problems"
+        if not self.tier:
+            return "missed every tier that it was raced at"
         if not self.samples:
             return "has no times"
         if self.beyond_floor > rule.misses:
-            return f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine's floor explains"
+            return f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine itself explains"
         return ""
 
     def figures(self) -> dict[str, Any]:
-        """Figures as JSON can hold them."""
+        """Figures as JSON can hold them, in the units of the report."""
         return {"solver": self.solver, "lane": self.lane, "tier": self.tier, "settings": self.settings, "samples": self.samples,
-                "worst_gap": self.gap if math.isfinite(self.gap) else None, "problems": self.problems, "right": self.right,
+                "worst_cost_gap": self.gap if math.isfinite(self.gap) else None,
+                "worst_violation": self.violation if math.isfinite(self.violation) else None, "problems": self.problems, "right": self.right,
                 "missed": self.missed, "missed_beyond_floor": self.beyond_floor,
-                **{f"{each.name}_us": each.value for each in self.tail}}
+                "median_us": self.time_us, "median_periods": self.time_us / PERIOD_US,
+                **{f"{each.name}_us": each.value for each in self.tail[:-1]}}
+
+    def time(self, by: int) -> float:
+        """What decides, µs: the percentile of that index, or the median."""
+        return self.time_us if by == len(QUANTILES) - 1 else self.tail[by].value or math.nan
 
 
 @dataclass(frozen=True)
@@ -155,15 +171,15 @@ class Decision:
 
     def sentences(self) -> list[str]:
         """Why, and what else there was."""
-        it, best, name = self.chosen, self.chosen.tail[self.by], Percentile(QUANTILES[self.by]).name
+        it, name = self.chosen, "median" if self.by == len(QUANTILES) - 1 else Percentile(QUANTILES[self.by]).name
         found = [f"Rule: {self.rule.sentence}",
-                 f"Chosen: {it.name}: right on all {it.problems} problems (worst {it.gap:.1e}), {it.missed} of {it.samples} "
-                 f"deadlines missed, {it.beyond_floor} beyond the floor, {name} {best.value:.3g} µs ({best.low:.3g} to {best.high:.3g})."]
+                 f"Chosen: {it.name}: worst cost gap {gap(it.gap)} over {it.problems} problems; {it.missed} of {it.samples} deadlines missed, "
+                 f"{it.beyond_floor} of them its own; {name} of an answer {number(it.time(self.by))} µs."]
         if self.by:
-            found.append(f"Decided by {name}, since p99.9 {self._lacking()}.")
-        found += [f"Runner-up: {each.name} with {name} {each.tail[self.by].value:.3g} µs." for each in self.others[:3]]
+            found.append(f"Decided by the {name}, since p99.9 {self._lacking()}.")
+        found += [f"Runner-up: {each.name}, {name} {number(each.time(self.by))} µs." for each in self.others[:3]]
         count = len(self.refused)
-        return [*found, f"{count} other{'s do' if count != 1 else ' does'} not qualify."] if count else found
+        return [*found, f"{count} other setting{'s do' if count != 1 else ' does'} not qualify."] if count else found
 
     @property
     def others(self) -> list[Candidate]:
@@ -207,7 +223,7 @@ def decide(run: Run, rule: Rule) -> Decision:
     by = next((i for i in range(len(QUANTILES)) if all(each.tail[i].value is not None for each in qualified)), None)
     if by is None:
         raise RunError(f"{run.path}: too few times to tell the solvers from each other; a median {qualified[0].tail[-1].reason}")
-    ranked = sorted(qualified, key=lambda each: (float(each.tail[by].value or 0.0), each.name))
+    ranked = sorted(qualified, key=lambda each: (each.time(by), each.name))
     return Decision(run, rule, ranked[0], tuple(ranked[1:]), refused, by)
 
 
@@ -226,16 +242,18 @@ def _of_oneshot(run: Run, rule: Rule) -> Iterable[Candidate]:
     """
     rows, times = run.rows(ONESHOT), run.times()
     rows = rows[(rows.scaling == "scaled") & (rows.start == "cold") & (rows.tier != Tier.RUNG)]
-    hot, raw = _pairs(times, ("",)), _pairs(times, ("", "interleaved_"))
-    floor = _all(raw, rows[rows.solver == null_solver.ENTRY.name].task)
+    hot, raw = answer_times.by_task(times), answer_times.by_task(times, (HOT, IN_TURNS))
+    floor = answer_times.pooled(raw, rows[rows.solver == null_solver.ENTRY.name].task)
     missed = int(np.count_nonzero(floor > rule.deadline_us))
     _judged(run, rule, missed, floor.size)
     bound = rate_bound(missed, floor.size) if floor.size else 0.0  # nothing is forgiven where it was not measured
     field = rows[(rows.solver != null_solver.ENTRY.name) & rows.lane.isin([str(lane) for lane in rule.lanes])]
     for names, whole in field.groupby(WHO[:3], sort=False):
-        part, tier = whole.drop_duplicates("task"), max(whole.tier, key=RANK.index)
-        worst = part[["cost_gap", "violation"]].max(axis=1, skipna=False).fillna(math.inf)
-        yield _candidate((*names[:2], tier, {"rung": int(whole.rung.iloc[0])}), worst, _all(raw, part.task), bound, rule, _all(hot, part.task))
+        part, met = whole.drop_duplicates("task"), (whole.status == Status.OK).groupby(whole.tier).all()
+        tier = max(met.index[met], key=RANK.index, default="")
+        worst = part[["cost_gap", "violation"]].fillna(math.inf)
+        yield _candidate((*names[:2], tier, {"rung": int(whole.rung.iloc[0])}), worst, answer_times.pooled(raw, part.task), bound, rule,
+                         answer_times.pooled(hot, part.task), float((part.update_us + part.solve_us_p50).median()))
 
 
 def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
@@ -247,47 +265,47 @@ def _of_stream(run: Run, rule: Rule) -> Iterable[Candidate]:
     paced = (rows.solver != stream_figures.FLOOR) & rows.paced.astype(bool)
     field = rows[paced & rows.lane.isin([str(lane) for lane in rule.lanes])]
     for (solver, lane, _, text), part in field.groupby(WHO, sort=False):
-        worst = part.own_gap_max.astype(float).where(part.unanswered == 0).fillna(math.inf)
+        gaps = part.own_gap_max.astype(float).where(part.unanswered == 0).fillna(math.inf)
+        tier = "" if (part.status == Status.MISSED).any() else part.tier.iloc[0]
         steps = decoded(str(text), dict[str, Any]).get("steps")
         settings = {"steps": steps} if steps else {"rung": int(part.rung.iloc[0])}
-        yield _candidate((solver, lane, part.tier.iloc[0], settings), worst, us := stream_figures.raw(times, part.task, "response"), bound, rule, us)
+        us = stream_figures.raw(times, part.task, "response")
+        yield _candidate((solver, lane, tier, settings), pd.DataFrame({"cost_gap": gaps, "violation": 0.0}), us, bound, rule, us,
+                         float(np.median(us)) if us.size else math.nan)
 
 
-def _candidate(who: Any, worst: pd.Series, us: Microseconds, bound: float, rule: Rule, tail: Microseconds) -> Candidate:
+def _candidate(who: Any, worst: pd.DataFrame, us: Microseconds, bound: float, rule: Rule, tail: Microseconds,
+               time_us: float) -> Candidate:
     """Deadlines from the times ``us``, percentiles from ``tail``."""
     solver, lane, tier, settings = who
     missed = int(np.count_nonzero(us > rule.deadline_us))
-    return Candidate(str(solver), str(lane), str(tier), settings, float(worst.max()), len(worst),
-                     int((worst <= rule.accuracy).sum()), us.size, missed, max(0, missed - math.ceil(bound * us.size)),
+    return Candidate(str(solver), str(lane), str(tier), settings, float(worst.cost_gap.max()), float(worst.violation.max()), len(worst),
+                     int((worst <= rule.accuracy).all(axis=1).sum()), us.size, missed, max(0, missed - math.ceil(bound * us.size)), time_us,
                      tuple(percentile(tail, q) for q in QUANTILES))
 
 
-def _pairs(times: pd.DataFrame, kinds: tuple[str, ...]) -> dict[str, list[Microseconds]]:
-    """Update and solve together by task, µs; where updates were timed apart, their median is added."""
-    found: dict[str, list[Microseconds]] = {}
-    for before in kinds:
-        both = [times[times.what == f"{before}{what}"].set_index(["task", "repeat"]).ns for what in ("update", "solve")]
-        for key in both[1].index:
-            solve = np.asarray(both[1][key], dtype=np.float64) / 1e3
-            update = np.asarray(both[0][key], dtype=np.float64) / 1e3 if key in both[0].index else np.zeros(0)
-            if solve.size:
-                found.setdefault(key[0], []).append(
-                    solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0))
-    return found
+def deployment(decision: Decision, model: HysteresisCreepModel | None = None, problem: str | None = None, simulated: bool = False) -> Deployment:
+    """The file's content: a model of one's own, or the proven optimum of a problem of the run.
 
+    Parameters
+    ----------
+    decision : Decision
+    model : HysteresisCreepModel, optional
+    problem : str, optional
+        "set/name" of the problem; without it the first that is a recording of one's own.
+    simulated : bool
+        Whether a simulated actuator will do.
 
-def _all(raw: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
-    parts = [part for task in tasks for part in raw.get(task, [])]
-    return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def deployment(decision: Decision, model: HysteresisCreepModel | None = None, problem: str | None = None) -> Deployment:
-    """The file's content: a model of one's own, or the proven optimum of a problem of the run ("set/name", else the first)."""
+    Raises
+    ------
+    RunError
+        No such problem, or none that was not simulated.
+    """
     evidence = decision.evidence()
     if model is None:
-        model, evidence["certificate"] = _proven(decision.run, problem)
+        model, evidence["model_from"], evidence["certificate"] = _proven(decision.run, problem, simulated)
     else:
-        evidence["certificate"] = dict(model.report.get("certificate", {}))
+        evidence |= {"model_from": "the model file that was given", "certificate": dict(model.report.get("certificate", {}))}
     s, chosen = model.structure, decision.chosen
     continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
     find(chosen.solver, chosen.lane)  # a solver of one's own file is not known to the compensator
@@ -295,21 +313,26 @@ def deployment(decision: Decision, model: HysteresisCreepModel | None = None, pr
                       (s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence)
 
 
-def _proven(run: Run, asked: str | None) -> tuple[HysteresisCreepModel, dict[str, Any]]:
-    """The model of a problem's optimum, and its certificate."""
+def _proven(run: Run, asked: str | None, simulated: bool) -> tuple[HysteresisCreepModel, str, dict[str, Any]]:
+    """The model of a problem's optimum, where that comes from, and its certificate."""
     if run.settings.get("race", "oneshot") == STREAM_KIND:
         raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     rows = run.rows(ONESHOT).drop_duplicates(["problem_set", "problem"])
-    names = [(str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)]
-    chosen = [name for name in names if asked in (None, "/".join(name))]
-    if not chosen:
-        raise RunError(f"{run.path}: has no problem {asked!r}; there are {', '.join(map('/'.join, names))}")
-    for name in chosen:
-        problem: RaceProblem = run.problem(*name)
+    names = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
+    if asked is not None and asked not in names:
+        raise RunError(f"{run.path}: has no problem {asked!r}; there are {', '.join(names)}")
+    wanted = "simulated" if simulated else "a recording of yours"
+    for name, who in names.items():
+        origin = problems.find(who[0]).origin
+        if name != asked if asked else origin != wanted:
+            continue
+        if origin == "simulated" and not simulated:
+            raise RunError(f"{run.path}: {name} is a simulated actuator; give a model with --model, or --simulated to take it all the same")
+        problem = run.problem(*who)
         if problem.validation is not None:
             form = problem.forms["scaled"]
-            gap = exact_cost_gap(form.qp, form.certificate, np.array(form.certificate.x), form.c)
-            return (HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights),
-                    {"problem_of_run": "/".join(name), "cost_gap": gap.relative, "violation": gap.violation,
-                     **asdict(form.certificate)})
-    raise RunError(f"{run.path}: none of the problems asked for comes from an actuator; give a model with --model")
+            cost_gap, violation = relative_gap(form, np.array(form.certificate.x))
+            return (HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights), f"the problem {name}, {origin}",
+                    {"problem_of_run": name, "cost_gap": cost_gap, "violation": violation, **asdict(form.certificate)})
+    raise RunError(f"{run.path}: holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one with --model, as identify "
+                   "writes it, name a problem with --problem, or take a simulated actuator with --simulated")

@@ -31,6 +31,8 @@ from solvers.protocol import Lane, Solver
 FOLDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
 GROUP = "piezobench.solvers"
+OURS = frozenset({"accelerated_projection", "box_active_set", "projected_difference", "recursive_active_set"})
+"""Solvers that were written for this project; all others are somebody else's work."""
 _added: list[Entry] = []
 
 

@@ -8,7 +8,7 @@ import documents
 import numpy as np
 import pytest
 
-from bench.races.oneshot.report import PAGE_HEADINGS as HEADINGS
+from bench.races.oneshot.report import HEADINGS
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
 from solvers import Lane, Status, Tier

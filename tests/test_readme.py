@@ -1,6 +1,7 @@
 """What the README tells a newcomer to type works as it stands."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +45,18 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, c
     exec(compile(block, "README.md", "exec"), names)
     assert re.match(r".* % with a line, .* % with this model: RMS error", capsys.readouterr().out)
     assert np.all(np.isfinite(names["drive"]))
+
+
+def test_the_commands_from_a_race_to_a_controller_work_as_they_stand(stage: Path) -> None:
+    shutil.copytree(ROOT / "results" / "reference", stage / "results" / "reference")
+    documents.call(["piezobench", "identify", "stage.csv", "--out", "model.json"], stage)
+    (block,) = [text for text in blocks("sh") if "deploy" in text]
+    for words in documents.commands(block):
+        if words[1] not in ("realtime", "experiment"):  # half a minute each, and run by tests of their own
+            said = documents.call(words, stage)
+            assert words[1] != "deploy" or "Model: from model.json." in said
+    assert (stage / "controller" / "Makefile").is_file()
+    assert (stage / "stage.fmu").is_file()
 
 
 def test_every_verb_and_option_that_the_readme_shows_exists() -> None:

@@ -68,7 +68,7 @@ def compare_verb(
             for grid in (pages.line_grid(each, told=False), pages.grid(each)):
                 if grid.rows:
                     console.print(f"\n{grid.title}:")
-                    print_table(grid.headings, [[cell.text for cell in row] for row in grid.rows[:MOST_ROWS]], left=grid.left)
+                    print_table(grid.headings, grid.rows[:MOST_ROWS], left=grid.left)
                 if (more := len(grid.rows) - MOST_ROWS) > 0:
                     console.print(f"{more} more stand on the page.")
         console.print(f"\nComparison: {page}")
@@ -86,15 +86,18 @@ def deploy_verb(
                                                          "does nothing misses here, too.")] = 0,
     lane: Annotated[list[Lane] | None, typer.Option(help="Lane that the controller can have; may be given again. "
                                                          "Kernel and direct by default.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Model written by identify; by default that of the run's problem.")] = None,
-    problem: Annotated[str | None, typer.Option(help="Problem of the run whose model is taken, as set/name; the first by "
-                                                     "default.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model of your actuator, written by identify; not needed if the race was on your "
+                                                    "recording.")] = None,
+    problem: Annotated[str | None, typer.Option(help="Problem of the run whose model is taken, as set/name; by default the first "
+                                                     "from a recording of yours.")] = None,
+    simulated: Annotated[bool, typer.Option("--simulated", help="Take the model of a simulated actuator.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Pick the solver for a controller, and say why.
 
-    It is right on every problem, misses no deadline that the machine itself does not miss, and has the lowest p99.9 (the time that
-    99.9 % of its answers need at most). SelfLearningCompensator.load starts from the file that is written.
+    It is exact enough on every problem, misses no deadline beyond those that the machine itself misses, and has the lowest p99.9 (the
+    time that 99.9 % of its answers need at most). The model comes from --model, or from the recording that was raced on.
+    SelfLearningCompensator.load starts from the file that is written.
     """
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
@@ -104,11 +107,12 @@ def deploy_verb(
         progress("weighing the solvers", 0, 2)
         decision = decide(opened, rule)
         progress("proving the model", 1, 2)
-        found = deployment(decision, None if model is None else HysteresisCreepModel.load(model), problem)
+        found = deployment(decision, None if model is None else HysteresisCreepModel.load(model), problem, simulated)
+        source = str(model) if model is not None else found.evidence["model_from"]
     found.save(target)
     if as_json:
         print_json({"file": target, "solver": found.solver, "lane": found.lane, "tier": found.tier,
-                    "settings": dict(found.settings), "mode": found.mode, "rule": rule.sentence,
+                    "settings": dict(found.settings), "mode": found.mode, "model_from": source, "rule": rule.sentence,
                     "why": decision.sentences(), "figures": decision.chosen.figures(),
                     "runners_up": [each.figures() for each in decision.runners_up],
                     "refused": [{**each.figures(), "why": why} for each, why in decision.refused]})
@@ -116,5 +120,5 @@ def deploy_verb(
     for sentence in decision.sentences():
         console.print(sentence)
     for each, why in decision.refused[:NEAREST]:
-        console.print(f"Not {each.name}: it {why}.")
-    console.print(f"Compensator: {target}")
+        console.print(f"Not qualified: {each.name} {why}.")
+    console.print(f"Model: from {source}.\nCompensator: {target}")

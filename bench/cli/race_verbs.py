@@ -12,16 +12,29 @@ from typing import Annotated, Any
 import typer
 
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
-from bench.passed.progress import Progress
 from bench.processes.engine import Backend, Workers
 from bench.processes.solver_child import SolverChild
 from bench.races.registry import DEFAULT, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
-from bench.report.console import AsJson, console, errors, print_json, print_table, progress_bar, records
+from bench.report.console import (
+    COLUMNS,
+    LINES,
+    AsJson,
+    console,
+    errors,
+    lines_of,
+    print_json,
+    print_table,
+    progress_bar,
+    records,
+)
+from bench.report.report import Report
 from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
 
 RESULTS = Path("results")
+AROUND, FEWEST_ROWS = 5, 10
+"""Lines of the first screen between table and sentences, and rows of the table that it has at least."""
 FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
@@ -146,8 +159,9 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     """Write the report of a run again, and show its verdict."""
     opened = open_run(run)
     with progress_bar() as progress:
-        report = _written(opened, progress)
-    _show(opened, report, as_json)
+        progress("writing the report", 0, 1)
+        found = kind_of(opened).write(opened)
+    _show(opened, *found, as_json)
 
 
 def solvers_verb(as_json: AsJson = False) -> None:
@@ -169,15 +183,6 @@ def solvers_verb(as_json: AsJson = False) -> None:
         print_table(headings, rows, left=6)
 
 
-def _written(run: Run, progress: Progress) -> Path:
-    """Write the report both ways; returns the path of the Markdown."""
-    progress("writing the report", 0, 2)
-    report = kind_of(run).write(run)
-    progress("writing the page", 1, 2)
-    kind_of(run).write_page(run)
-    return report
-
-
 def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     files = tuple(str(Path(text).resolve()) for text in asked if text.endswith(".py"))
     return tuple(text for text in asked if not text.endswith(".py")), files
@@ -188,33 +193,33 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
     try:
         with progress_bar() as progress:
             kind_of(run).carry_on(run, progress, workers)
-            report = _written(run, progress)
+            progress("writing the report", 0, 1)
+            found = kind_of(run).write(run)
     except OSError as error:
         raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {resume}.", soft_wrap=True)
         raise
-    _show(run, report, as_json)
+    _show(run, *found, as_json)
 
 
-def _show(run: Run, report: Path, as_json: bool) -> None:
-    """Verdict first, then the tables, then where the rest is."""
-    found = kind_of(run).report(run)
+def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
+    """The first screen, in 100 columns and 40 lines, then what was left out, and where the rest is."""
     if as_json:
-        print_json({"run": run.path, "report": report, "page": report.with_suffix(".html"), "left_out": dict(left_out(run)), **found.document})
+        print_json({"run": run.path, "report": path, "page": path.with_suffix(".html"), "left_out": dict(left_out(run)), **found.document})
         return
-    for sentence in found.sentences:
-        console.print(sentence)
-    for shown in found.tables:
-        console.print(f"\n{shown.title}:")
-        print_table(shown.headings, shown.rows, left=shown.left)
-    excluded = left_out(run)
+    shown, excluded, absent = found.terminal or found.ranking, left_out(run), run.settings.get("absent")
+    above = [*lines_of(found.verdict), "", *lines_of([f"{shown.title}. {shown.note}"])]
+    below = lines_of([*([f"Not installed, so not raced: {len(absent)} solver lanes ('piezobench solvers' says why)."] if absent else []),
+                      *run.settings.get("conditions", {}).get("warnings", [])])
     if excluded:
-        console.print(f"\nNot raced, {len(excluded)} of {len(excluded) + sum(map(len, run.settings['problems'].values()))} problems:")
-        for problem, why in excluded:
-            console.print(f"{problem}: {why}", markup=False)
-    if absent := run.settings.get("absent"):
-        console.print(f"\nNot raced, since absent here (piezobench solvers says why): {', '.join(absent)}")
-    for warning in run.settings.get("conditions", {}).get("warnings", []):
-        console.print(f"\n{warning}")
-    console.print(f"\nPage: {report.with_suffix('.html')}\nReport: {report}")
+        count = len(excluded) + sum(map(len, run.settings["problems"].values()))
+        below += ["", f"Not raced, {len(excluded)} of {count} problems:", *(f"{problem}: {why}" for problem, why in excluded)]
+    rows = shown.rows[:max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
+    for line in above:
+        console.print(line)
+    print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
+    hidden = len(found.ranking.rows) - len(rows)
+    for line in ([f"{hidden} more rows are on the page."] if hidden else []) + below:
+        console.print(line)
+    console.print(f"Page: {path.with_suffix('.html')}\nReport: {path}")

@@ -19,6 +19,7 @@ from bench.comparison.levels import FEWEST, NAMES, log_ratios, sentinel_level
 from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compare_times
 from bench.races import null_solver
 from bench.races.oneshot.rows import ONESHOT
+from bench.report.words import marked
 from bench.store import Run, RunError
 from solvers import Status, Tier
 
@@ -31,8 +32,9 @@ MANY = 1.0 / 3.0
 OTHER_KINDS = ("less accurate", "more accurate", "status changed", "gone", "new")
 """What may change in a row beside its time."""
 WORSE = ("less accurate", "gone")
-VERBS = {"status changed": "of another status"}
-"""How a sentence says it, where not by the name of the kind."""
+PREDICATES = {"status changed": ("changed status", "changed status"),
+              **{kind: (f"is {kind}", f"are {kind}") for kind in OTHER_KINDS if kind != "status changed"}}
+"""How a sentence says it of one solver lane and of several."""
 MOST_NAMED = 6
 """Solver lanes that have a sentence each."""
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
@@ -101,12 +103,12 @@ class RunComparison:
         """In words: "no difference", or one sentence a solver lane and kind of change."""
         names = f"{self.b.path.name} against {self.a.path.name}"
         untimed = len(self._untimed)
-        left_out = [f"The times of {untimed} rows are not compared, since a run has fewer than {FEWEST} of them."] if untimed else []
+        left_out = [f"The times of {untimed} rows are not compared, since one of the runs timed them fewer than {FEWEST} times."] if untimed else []
         if not self.differences:
-            seen = "no difference is found, and not every one could have been," if self.cannot_tell else "no difference"
-            return [f"{names}: {seen} in {len(self.rows)} rows.", *self.times.sentences(), *left_out]
-        sentences = [f"{names}: {self.times.differ} solver lanes differ in time, {self.differences - self.times.differ} of "
-                     f"{len(self.rows)} rows otherwise.", *self.times.sentences()]
+            unseen = ", though some may have gone unseen" if self.cannot_tell else ""
+            return [f"{names}: no difference in {len(self.rows)} rows{unseen}.", *self.times.sentences(), *left_out]
+        sentences = [f"{names}: {self.times.differ} solver lanes differ in time, and {self.differences - self.times.differ} of "
+                     f"{len(self.rows)} rows in something else.", *self.times.sentences()]
         for kind in OTHER_KINDS:
             sentences += self._said_of(kind)
         return sentences + left_out
@@ -116,21 +118,21 @@ class RunComparison:
         those = self._with(kind)
         lanes = those.groupby(["solver", "lane"], sort=False)
         if len(lanes) > MOST_NAMED:
-            most = [f"{solver} ({lane})" for solver, lane in lanes.size().sort_values(ascending=False, kind="stable").index[:3]]
-            return [f"{len(lanes)} solver lanes are {VERBS.get(kind, kind)} in {len(those)} rows{_how(kind, those)}, the most of them "
-                    f"of {', '.join(most)}."]
+            most = [f"{marked(solver)} ({lane})" for solver, lane in lanes.size().sort_values(ascending=False, kind="stable").index[:3]]
+            return [f"{len(lanes)} solver lanes {PREDICATES[kind][1]} in {len(those)} rows{_how(kind, those)}; most of these rows are of "
+                    f"{', '.join(most)}."]
         rows = self.rows.groupby(["solver", "lane"]).size().to_dict()
-        return [f"{solver} ({lane}) is {VERBS.get(kind, kind)} in {len(part)} of {rows[solver, lane]} rows{_how(kind, part)}."
+        return [f"{marked(str(solver))} ({lane}) {PREDICATES[kind][0]} in {len(part)} of {rows[solver, lane]} rows{_how(kind, part)}."
                 for (solver, lane), part in lanes]
 
 
 def _how(kind: str, those: pd.DataFrame) -> str:
     if kind == "status changed":
         first = those.iloc[0]
-        return f", such as from {first.status_a} to {first.status_b}"
+        return f", for example from {first.status_a} to {first.status_b}"
     if kind.endswith("accurate"):
         worst = those.loc[(np.log10(those.gap_b) - np.log10(those.gap_a)).abs().idxmax()]
-        return f", at most from a cost gap of {worst.gap_a:.1e} to {worst.gap_b:.1e}"
+        return f", at worst from a cost gap of {worst.gap_a:.1e} to {worst.gap_b:.1e}"
     return ""
 
 
@@ -150,7 +152,7 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
     """
     for run in (a, b):
         if (race := run.settings.get("race", "oneshot")) != "oneshot":
-            raise RunError(f"{run.path}: is a race of the kind {race!r}, and only one-shot races can be compared row by row")
+            raise RunError(f"{run.path}: this is a {race} race; only one-shot races can be compared")
     warnings, notes = _conditions(a.settings, b.settings)
     times = compare_times(log_ratios(a, b), null_solver.ENTRY.name, smallest)
     rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT)).merge(times.rows, on="task", how="left")
@@ -165,14 +167,14 @@ def _doubts(a: Run, b: Run, times: Times, smallest: float) -> list[str]:
     """Why what all solvers share may be theirs and not the machine's."""
     found, work = [], sentinel_level(b) / sentinel_level(a)
     if 0 < times.witnesses < WITNESSES:
-        found.append(f"Only {times.witnesses} solvers, the one that does nothing among them, have times in both runs: what the "
-                     "machine changed cannot be told from what they changed.")
+        found.append(f"Only {times.witnesses} solvers have times in both runs, counting the one that does nothing: too few to tell a change "
+                     "of the machine from a change of theirs.")
     lanes = times.lines.groupby(["solver", "lane"]).ngroups
     if times.differ > MANY * lanes:
-        found.append(f"{times.differ} of {lanes} solver lanes differ from the middle of the field: so many that this middle, "
-                     "which is taken for the machine's, may have moved with them.")
-    found += [f"{str(timed).capitalize()} all solvers share a ratio of {ratio:.2f}, and the fixed piece of work beside them has one of "
-              f"{work:.2f}: either the machine changed in a way that this work does not feel, or most of the field changed."
+        found.append(f"{times.differ} of {lanes} solver lanes differ from the median of the field. With so many, that median, which is "
+                     "taken for the change of the machine, may have moved with them.")
+    found += [f"{str(timed).capitalize()}, the field as a whole changed by a factor of {ratio:.2f}, and the fixed piece of work timed beside it by "
+              f"{work:.2f}: either the machine changed in a way that this work does not feel, or most solvers did."
               for timed, ratio in times.machine.items() if abs(np.log(ratio / work)) > np.log(smallest)]
     return found
 
@@ -183,13 +185,13 @@ def _conditions(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[tuple[str, 
     for what in ("processor", "cores", "system", "python"):
         first, second = a["machine"].get(what), b["machine"].get(what)
         if first != second:
-            warnings.append(f"Different machines: {what} {first} and {second}; times cannot be compared.")
+            warnings.append(f"Different machines: {what} is {first} in the first run and {second} in the second; times cannot be compared.")
     for name in sorted(set(a["settings"]) | set(b["settings"])):
         first, second = _said(a["settings"].get(name)), _said(b["settings"].get(name))
         if first != second and name not in IGNORED:
-            warnings.append(f"Different settings: {name} {first} and {second}.")
+            warnings.append(f"Different settings: {name} is {first} in the first run and {second} in the second.")
     efforts = [run["settings"].get("effort") or {} for run in (a, b)]
-    warnings += [f"Different effort of timing: {name} {efforts[0].get(name)} and {efforts[1].get(name)}."
+    warnings += [f"Different timing effort: {name} is {efforts[0].get(name)} in the first run and {efforts[1].get(name)} in the second."
                  for name in sorted(efforts[0].keys() | efforts[1].keys()) if efforts[0].get(name) != efforts[1].get(name)]
     for title, first, second in (("package", a["machine"].get("versions", {}), b["machine"].get("versions", {})),
                                  ("solver", a.get("field", {}), b.get("field", {}))):

@@ -43,6 +43,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import nctdtrinc
 
+from bench.report.words import marked
+
 Vector = NDArray[np.float64]
 
 LEVEL, POWER = 0.05, 0.95
@@ -111,18 +113,18 @@ class Times:
         said = []
         for finding in CHANGES:
             those = self.lines[self.lines.finding == finding].sort_values("p")
-            each = [f"{_name(line)} is {finding}: {line.ratio:.2f} times, {line.ratio_low:.2f} to {line.ratio_high:.2f}"
+            each = [f"{_name(line)} is {finding}: {line.ratio:.2f} times as long ({line.ratio_low:.2f} to {line.ratio_high:.2f})"
                     for line in those.itertuples()]
             said += [f"{sentence}." for sentence in each] if len(each) <= MOST_NAMED else [
-                f"{len(each)} times are {finding}, the surest of them: {'; '.join(each[:3])}."]
+                f"{len(each)} times are {finding}, most certainly these: {'; '.join(each[:3])}."]
         return said + [self._power(str(timed), part) for timed, part in self.lines.groupby("timed") if part.scale.any()] + self._unsure()
 
     def _power(self, timed: str, part: pd.DataFrame) -> str:
         half, most = (part.shown.quantile(share, "higher") for share in (0.5, 0.9))
         if half >= UNLIMITED:
             return f"{timed.capitalize()}, there are too few solver lanes and repeats to find a change of any size."
-        return (f"{timed.capitalize()}, a change of {half:.2f} times would have been found in half of {len(part)} solver lanes, of "
-                f"{most:.2f} times in nine of ten.")
+        return (f"{timed.capitalize()}, a change by a factor of {half:.2f} would have shown in half of the {len(part)} solver lanes, and one of "
+                f"{most:.2f} in nine of ten.")
 
     def _unsure(self) -> list[str]:
         """Of which solver lanes nothing can be told, and what would do."""
@@ -133,14 +135,14 @@ class Times:
         if unsure.empty:
             return []
         names = [_name(line) for line in unsure.itertuples()]
-        most = f"; --repeats {unsure.repeats.max()} would do for all" if unsure.repeats.max() > unsure.repeats.iloc[len(unsure) // 2] else ""
-        return [f"Cannot tell of {len(unsure)} of {len(best)} solver lanes whether they changed by {self.smallest:g} times: "
-                f"{', '.join(names[:MOST_NAMED])}{', …' if len(names) > MOST_NAMED else ''}. --repeats "
-                f"{unsure.repeats.iloc[len(unsure) // 2]} in both runs would do for half of them{most}."]
+        most = f", with --repeats {unsure.repeats.max()} for all" if unsure.repeats.max() > unsure.repeats.iloc[len(unsure) // 2] else ""
+        return [f"In {len(unsure)} of {len(best)} solver lanes a change by a factor of {self.smallest:g} may have gone unseen: "
+                f"{', '.join(names[:MOST_NAMED])}{', …' if len(names) > MOST_NAMED else ''}. With --repeats "
+                f"{unsure.repeats.iloc[len(unsure) // 2]} in both runs it would show in half of them{most}."]
 
 
 def _name(line: Any) -> str:
-    return f"{line.solver} ({line.lane}, {line.timed})"
+    return f"{marked(line.solver)} ({line.lane}, {line.timed})"
 
 
 def compare_times(pairs: pd.DataFrame, floor: str, smallest: float) -> Times:

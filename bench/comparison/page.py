@@ -16,11 +16,13 @@ from bench.comparison.compare import RunComparison
 from bench.comparison.lines import CANNOT_TELL, LINE, SAME, UNLIMITED
 from bench.rendering import markdown_templates
 from bench.report import charts
-from bench.report.page import Cell, Figure, Grid, save
+from bench.report.page import save
+from bench.report.report import Figure, Table
+from bench.report.words import OURS_NOTE, marked
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 2
-LINE_HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "could have shown", "repeats that would do", "rows", "adjusted p")
+LINE_HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "smallest visible", "repeats needed", "rows", "adjusted p")
 HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "tier", "start", "rungs",
             "adjusted p", "cost gaps", "statuses")
 LINE_COLUMNS = [*LINE, "rows", "finding", "ratio", "ratio_low", "ratio_high", "shown", "repeats", "p", "adjusted"]
@@ -30,18 +32,19 @@ COLOURS = {"slower": "#d55e00", "faster": "#009e73", CANNOT_TELL: "#cc79a7", SAM
 SHAPES = ("triangle-right", "triangle-left", "diamond", "circle")
 TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.5, 2, 3, 5, 10, 20, 50, 100]
 DEFINITIONS = (
-    "ratio: the time of update and solve in the second run over that in the first, medians, in turns where both runs have them and "
-    "hot otherwise. What all solvers share that were timed together, the median over them, is the machine's and is taken off.",
-    "A solver lane is one hypothesis: its ratio is the mean over problems without the largest and smallest fifth.",
-    "interval: 95 %, of Student's distribution, from the spread over problems and from that between processes, of which the spread "
-    "of the solver lanes that do not differ tells, and repeats where the runs have some.",
-    "could have shown: the smallest change that these two runs would have shown nine times in ten. Where it is above the smallest "
-    "that matters and nothing was found, the finding is 'cannot tell'.",
-    "repeats that would do: --repeats of both runs for the smallest change that matters, if noise falls as with fresh processes.",
-    "adjusted p: corrected for so many solver lanes (Benjamini and Hochberg); one is faster or slower where it is below 5 %. Rows "
-    "are tested in these solver lanes only.",
+    "ratio: update and solve in the second run over the first, by medians; in turns with the other solvers where both runs have such times, "
+    "hot otherwise. What the field as a whole changed by, its median at the same moment, is taken for the machine's and divided out.",
+    "Each solver lane is one hypothesis: its ratio is the mean over problems without the largest and the smallest fifth.",
+    "interval: 95 %, by Student's distribution, from the spread over problems and between processes. The latter is estimated from the "
+    "solver lanes that did not change, and from repeats where there are some.",
+    "smallest visible: the smallest change that these two runs would have shown nine times in ten. Where it is above the one that matters, and "
+    "nothing was found, the finding is 'cannot tell'.",
+    "repeats needed: --repeats in both runs with which the smallest change that matters would show, if noise falls as with fresh processes.",
+    "adjusted p: corrected for the number of solver lanes (Benjamini and Hochberg). A lane is faster or slower where it is below 5 %, and only "
+    "then are its rows tested.",
     "more or less accurate: the exact cost gap differs by more than a factor of 10 and the larger one is above 1e-12.",
-    "A regression is a solver lane that is slower, or a row that is less accurate or gone, or that was right and is so no more.")
+    "A regression is a solver lane that became slower, or a row that became less accurate, is gone, or was right and no longer is.",
+    OURS_NOTE)
 
 
 def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
@@ -78,38 +81,34 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def line_grid(comparison: RunComparison, told: bool = True) -> Grid:
+def line_grid(comparison: RunComparison, told: bool = True) -> Table:
     """Solver lanes, those that differ first, then those of which nothing can be told, then those told not to differ unless left out."""
     lines = comparison.times.lines
     lines = lines if told else lines[lines.finding != SAME]
     ordered = lines.assign(order=lines.finding.map(list(COLOURS).index)).sort_values(["order", "p"])
-    rows = [[*(Cell(line[name], line[name]) for name in (*LINE, "finding")), Cell(f"{line['ratio']:.3f}", line["ratio"]),
-             Cell(f"{line['ratio_low']:.3f} to {line['ratio_high']:.3f}" if line["shown"] < UNLIMITED else "unknown", line["ratio_low"]),
-             Cell(f"{line['shown']:.2f}" if line["shown"] < UNLIMITED else "nothing", line["shown"]),
-             Cell(str(line["repeats"]), line["repeats"]), Cell(str(line["rows"]), line["rows"]),
-             Cell(f"{line['adjusted']:.1e}", line["adjusted"])]
+    rows = [[marked(line["solver"]), line["lane"], line["timed"], line["finding"], f"{line['ratio']:.3f}",
+             f"{line['ratio_low']:.3f} to {line['ratio_high']:.3f}" if line["shown"] < UNLIMITED else "unknown",
+             f"{line['shown']:.2f}" if line["shown"] < UNLIMITED else "nothing", str(line["repeats"]), str(line["rows"]), f"{line['adjusted']:.1e}"]
             for line in cast(list[dict[str, Any]], ordered.to_dict("records"))]
-    return Grid(f"Solver lanes: {comparison.b.path.name} against {comparison.a.path.name}", LINE_HEADINGS, rows, 4,
+    return Table(f"Solver lanes: {comparison.b.path.name} against {comparison.a.path.name}", LINE_HEADINGS, rows, 4,
                 ("lane", "times", "finding"))
 
 
-def grid(comparison: RunComparison) -> Grid:
+def grid(comparison: RunComparison) -> Table:
     """The rows that changed, the worst first."""
     changed = comparison.changed.sort_values(["regression", "ratio"], ascending=[False, False])
     rows = [_cells(row) for row in cast(list[dict[str, Any]], changed.to_dict("records"))]
-    return Grid(f"Rows that differ: {comparison.b.path.name} against {comparison.a.path.name}", HEADINGS, rows, 3,
+    return Table(f"Rows that differ: {comparison.b.path.name} against {comparison.a.path.name}", HEADINGS, rows, 3,
                 ("lane", "tier", "change"))
 
 
-def _cells(row: Mapping[str, Any]) -> list[Cell]:
+def _cells(row: Mapping[str, Any]) -> list[str]:
     names = (row["problem_set"], row["problem"], row["scaling"], row["tier"], row["start"], " → ".join(_rungs(row)))
     low, high = (_number(row[f"ratio_{end}"], ".3f") for end in ("low", "high"))
     statuses = (row["status_a"] or "–", row["status_b"] or "–")
-    return [*(Cell(name, name) for name in (row["solver"], row["lane"], ", ".join(row["changes"]))),
-            Cell(_number(row["ratio"], ".3f"), row["ratio"]), Cell(f"{low} to {high}", row["ratio_low"]),
-            *(Cell(name, name) for name in names), Cell(_number(row["adjusted"], ".1e"), row["adjusted"]),
-            Cell(f"{_number(row['gap_a'], '.1e')}, {_number(row['gap_b'], '.1e')}", row["gap_b"]),
-            Cell(statuses[0] if statuses[0] == statuses[1] else " → ".join(statuses), statuses[1])]
+    return [marked(row["solver"]), row["lane"], ", ".join(row["changes"]), _number(row["ratio"], ".3f"), f"{low} to {high}", *names,
+            _number(row["adjusted"], ".1e"), f"{_number(row['gap_a'], '.1e')}, {_number(row['gap_b'], '.1e')}",
+            statuses[0] if statuses[0] == statuses[1] else " → ".join(statuses)]
 
 
 def _rungs(row: Mapping[str, Any]) -> list[str]:
@@ -126,10 +125,10 @@ def ratios(comparison: RunComparison, number: int) -> list[Figure]:
     lines = comparison.times.lines
     if lines.empty:
         return []
-    table = lines.assign(name=lines.solver + " (" + lines.lane + ", " + lines.timed + ")")[["name", *LINE_COLUMNS]]
+    table = lines.assign(name=lines.solver.map(marked) + " (" + lines.lane + ", " + lines.timed + ")")[["name", *LINE_COLUMNS]]
     shown = table.loc[np.log(table.ratio).abs().sort_values(ascending=False, kind="stable").index[:MOST_LINES]]
     rows = comparison.rows[comparison.rows.ratio.notna()]
-    rows = rows.assign(name=rows.solver + " (" + rows.lane + ", " + rows.timed + ")")[["name", "problem", "scaling", "tier", "ratio"]]
+    rows = rows.assign(name=rows.solver.map(marked) + " (" + rows.lane + ", " + rows.timed + ")")[["name", "problem", "scaling", "tier", "ratio"]]
     rows = rows[rows.name.isin(shown.name)]
     y = alt.Y("name:N", title=None, sort=list(shown.name), axis=alt.Axis(labelLimit=240))
     low, high = min(0.8, rows.ratio.min(), shown.ratio.min()), max(1.25, rows.ratio.max(), shown.ratio.max())
@@ -149,6 +148,6 @@ def ratios(comparison: RunComparison, number: int) -> list[Figure]:
     plot = charts.finished(alt.layer(same, faint, intervals, points), None, 40 + charts.ROW * len(shown))
     machine = ", ".join(f"{ratio:.2f} {timed}" for timed, ratio in comparison.times.machine.items())
     return [Figure(f"ratios_{number + 1}", f"Times of {comparison.b.path.name} over those of {comparison.a.path.name}",
-                   "Each point is a solver lane with its interval, each faint line one of its rows; the largest changes come first"
+                   "Each point is a solver lane with its interval, each faint line one of its rows, largest changes first"
                    + (f", {len(shown)} of {len(table)}" if len(shown) < len(table) else "")
-                   + f". All solvers share a ratio of {machine}, which is taken off as the machine's.", table, [plot])]
+                   + f". The field as a whole changed by {machine}, which is divided out.", table, [plot])]

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NotRequired, TypedDict
+from typing import Any, ClassVar, Literal, NotRequired, TypedDict
 
 import numpy as np
 import qpsolvers
@@ -252,6 +252,8 @@ class ProblemSet(ABC):
     """Options that the set cannot be made without: what each is, by name."""
     takes: ClassVar[Mapping[str, str]] = {}
     """Options that may be left out."""
+    origin: ClassVar[Literal["simulated", "measured elsewhere", "a recording of yours"]] = "simulated"
+    """Where the data of its problems come from."""
     calibrated_on: ClassVar[str] = ""
     """The set whose problems of other seeds say which settings reach an accuracy; its own name unless it is made from files."""
 

@@ -35,6 +35,7 @@ class Recorded(ProblemSet):
     """One recording, orders by windows."""
 
     name = "recorded"
+    origin = "a recording of yours"
     description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
     calibrated_on = "paper"
     needs: ClassVar = {"recording": "a recording in any known format"}

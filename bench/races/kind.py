@@ -12,9 +12,8 @@ from bench.processes.engine import Workers
 from bench.processes.forked_child import warm_up
 from bench.races.field import checked
 from bench.races.settings import RaceSettings
-from bench.report import race_page
-from bench.report.markdown import Report
-from bench.report.race_page import Content
+from bench.report import markdown, race_page
+from bench.report.report import Report
 from bench.store import Run, Schema
 from bench.timing import machine
 
@@ -38,11 +37,7 @@ class Kind:
     race : callable (run, progress, workers)
         Do whatever is not done yet.
     report : callable (run)
-        Verdict and tables.
-    write : callable (run)
-        Write ``report.md``, ``summary.csv`` and the plots; returns the report's path.
-    content : callable (run)
-        What stands on the page.
+        What a finished run says and shows.
     own_problems : bool
         Whether it has problems of its own and takes no problem sets.
     spreads : bool
@@ -56,8 +51,6 @@ class Kind:
     settings: type[RaceSettings]
     race: Callable[[Run, Progress, Workers], None]
     report: Callable[[Run], Report]
-    write: Callable[[Run], Path]
-    content: Callable[[Run], Content]
     own_problems: bool = False
     spreads: bool = False
 
@@ -82,6 +75,8 @@ class Kind:
             progress("gathering the tables", 0, 1)
             run.finish(self.schema)
 
-    def write_page(self, run: Run) -> Path:
-        """Write ``report.html``; returns its path."""
-        return race_page.write(run, self.title, self.content(run))
+    def write(self, run: Run) -> tuple[Report, Path]:
+        """Write ``report.md`` and ``report.html`` with what lies beside them; returns the report and the path of the first."""
+        report = self.report(run)
+        race_page.write(run, self.title, report)
+        return report, markdown.write(run, self.title, report)

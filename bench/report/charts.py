@@ -31,7 +31,6 @@ MACHINE = "the machine"
 LANES = {**COLOURS, "direct": "#1f86c7", MACHINE: INK}
 """Okabe and Ito's blue is too dark to be read on a dark page; this one is read on both."""
 DASHES = dict(zip(LANES, ([1, 0], [6, 3], [2, 2], [8, 2, 2, 2], [4, 4], [1, 0]), strict=True))
-SHAPES = dict(zip(LANES, ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross"), strict=True))
 PALETTE = ["#1f86c7", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"]
 HEIGHT = 380
 ROW = 20
@@ -82,7 +81,9 @@ def views(table: pd.DataFrame, column: str = "view", called: str = "Show ") -> a
 
 
 def first_view(table: pd.DataFrame, column: str = "view") -> str:
-    """The view that is shown unasked, "" of an empty table."""
+    """The view that is shown unasked, "" of an empty table or one without views."""
+    if column not in table:
+        return ""
     names = dict.fromkeys(map(str, table[column]))  # min takes the first of equals
     return min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name), default="")
 
@@ -152,13 +153,13 @@ def named(table: pd.DataFrame, x: str, y: str, name: str = "solver", wide: int =
     return found.tolist()
 
 
-def names_beside(base: alt.Chart, name: str = "solver") -> list[alt.Chart]:
-    """The names of `named` points; a narrow page, where hidden text would still take room, has those of the front only.
+def names_beside(base: alt.Chart, name: str = "solver", least: int = 600) -> list[alt.Chart]:
+    """The names of `named` points; a page below ``least`` pixels, where hidden text would still take room, has those of the front only.
 
     Points without a name have an empty one: were they filtered out, an axis would get the extent of no data at all.
     """
     def text(side: str) -> Any:
-        return alt.condition(f"datum.named == '{side}' && (width > 600 || datum.front)", f"{name}:N", alt.value(""))
+        return alt.condition(f"datum.named == '{side}' && (width > {least} || datum.front)", f"{name}:N", alt.value(""))
 
     return [base.mark_text(align="left", dx=7, dy=-6).encode(text=text("right")),
             base.mark_text(align="right", dx=-7, dy=-6).encode(text=text("left"))]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -34,6 +35,8 @@ class PlainConsole(Console):
 
 console = PlainConsole(soft_wrap=True)
 errors = PlainConsole(stderr=True)
+COLUMNS, LINES = 100, 40
+"""Of the first screen."""
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
 
 
@@ -56,14 +59,19 @@ def check_writable(out: Path, option: str = "--out") -> None:
         raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)
 
 
-def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
-    """Print a table, the first ``left`` columns aligned to the left; as wide as it needs where nobody looks."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+def lines_of(texts: Iterable[str]) -> list[str]:
+    """Sentences in lines of at most COLUMNS."""
+    return [line for text in texts for line in textwrap.wrap(text, min(COLUMNS, console.width) if console.is_terminal else COLUMNS)]
+
+
+def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int = 240) -> None:
+    """Print a table, the first ``left`` columns aligned to the left; where nobody looks, as wide as it needs up to ``width``."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0) if width == COLUMNS else (0, 1))
     for i, heading in enumerate(headings):
         table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
     for row in rows:
         table.add_row(*row)
-    (console if console.is_terminal else PlainConsole(width=240)).print(table)
+    (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
 def print_json(value: Any) -> None:

@@ -1,29 +1,16 @@
-"""``report.html``: the report of a run as one page, from the same figures as ``report.md``; a plot without data is left out."""
+"""``report.html``: the report of a run as one page that stands alone."""
 
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import altair as alt
-import pandas as pd
-
-from bench.report.markdown import Report
-from bench.report.page import Figure, Grid, save
+from bench.report.page import save
+from bench.report.report import Report
 from bench.store import Run
-
-
-@dataclass(frozen=True)
-class Content:
-    """What a kind of race puts on the page of a run."""
-
-    sentences: Sequence[str]
-    figures: Sequence[Figure]
-    tables: Sequence[Grid]
-    definitions: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -45,16 +32,17 @@ class Picture:
                    f"{path.parent.name}/{table.name}" if table.is_file() else "")
 
 
-def write(run: Run, title: str, content: Content) -> Path:
+def write(run: Run, title: str, report: Report) -> Path:
     """Write ``report.html`` and ``figures/*.csv`` into the run's folder; returns the page's path."""
+    pictures = [Picture.of(path) for path in sorted((run.path / "experiment").glob("*.svg"))]
+    return save(run.path / "report.html", "report.html.jinja", report.drawn, title=f"{title} {run.path.name}", report=report,
+                limits=limits(run, report), environment=environment(run.settings), pictures=pictures)
+
+
+def limits(run: Run, report: Report) -> list[str]:
+    """What the figures do not say, and what the machine was doing meanwhile."""
     settings = run.settings
-    pictures = sorted((run.path / "experiment").glob("*.svg"))
-    conditions = settings.get("conditions", {}).get("warnings", [])
-    return save(run.path / "report.html", "report.html.jinja", content.figures, title=f"{title} {run.path.name}",
-                sentences=content.sentences, tables=content.tables, definitions=content.definitions,
-                limits=["One machine, one run: compare ratios, not microseconds.", *settings["machine"]["warnings"],
-                        *conditions],
-                environment=environment(settings), pictures=[Picture.of(path) for path in pictures])
+    return [*report.limits, *settings["machine"]["warnings"], *settings.get("conditions", {}).get("warnings", [])]
 
 
 def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -75,15 +63,3 @@ def _said(value: Any) -> str:
         items = value.items() if isinstance(value, dict) else ((None, item) for item in value)
         return "(" + ", ".join(f"{name} {item}" if name else str(item) for name, item in items) + ")"
     return str(value)
-
-
-def figure(name: str, title: str, definition: str, data: pd.DataFrame,
-           draw: Callable[[pd.DataFrame], list[alt.TopLevelMixin]]) -> list[Figure]:
-    """The figure, or none where there is nothing to draw."""
-    return [Figure(name, title, definition, data, draw(data))] if len(data) else []
-
-
-def grids(report: Report) -> list[Grid]:
-    """The tables of a report, sorted and filtered at will."""
-    return [Grid.of_text(table.title, table.headings, table.rows, table.left, ("lane", "tier", "status", "pace"))
-            for table in report.tables]

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from bench.report import charts
-from bench.report.page import Cell, Figure, Grid, save
+from bench.report.page import save
+from bench.report.report import Figure, Table
 from piezo_model.identification.fit_review import Review
 from piezo_model.identification.order_selection import OrderSelection
 
@@ -36,10 +37,10 @@ def write(path: Path, name: str, review: Review, orders: OrderSelection | None =
     grids = []
     if orders is not None:
         chosen = {(orders.chosen.n, orders.chosen.m): "chosen", (orders.best.n, orders.best.m): "smallest error"}
-        rows = [[Cell(str(o.n), o.n), Cell(str(o.m), o.m), Cell(str(o.d), o.d), Cell(f"{o.error_percent:.4f}", o.error_percent),
-                 Cell(f"{o.standard_error:.4f}", o.standard_error), Cell(chosen.get((o.n, o.m), ""))] for o in orders.orders]
+        rows = [[str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}", chosen.get((o.n, o.m), "")]
+                for o in orders.orders]
         headings = ("n", "m", "unknowns", "error on data left out, % of range", "standard error", "")
-        grids.append(Grid("Orders by cross-validation", headings, rows, 0))
+        grids.append(Table("Orders by cross-validation", headings, rows, 0))
     return save(path, "recording.html.jinja", figures, f"{path.stem}-figures", title=f"Recording {name}",
                 advice=list(review.advice(orders)), sentences=list(review.sentences), grids=grids)
 

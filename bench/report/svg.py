@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import altair as alt
-import pandas as pd
 import vl_convert
 
 from bench.report import charts
@@ -24,7 +24,13 @@ def text(shown: Sequence[alt.TopLevelMixin], title: str = "") -> str:
     for part in parts:
         if part.get("width") == "container":
             part["width"] = WIDTH
-    found = {"vconcat": parts, "title": title, "config": {**charts.CONFIG, "background": "white", "font": "sans-serif"}}
+    choices: dict[str, Any] = {}  # belong to the whole drawing; they have their first values here
+    for part in parts:
+        own = part.pop("params", [])
+        part["params"] = [param for param in own if "select" in param]
+        choices |= {param["name"]: {"name": param["name"], "value": param["value"]} for param in own if "select" not in param}
+    config = {**charts.CONFIG, "background": "white", "aria": False, "font": "sans-serif"}
+    found = {"vconcat": parts, "title": title, "params": [*choices.values()], "config": config}
     drawn: str = vl_convert.vegalite_to_svg(
         json.dumps(found).replace(charts.INK, INK), vl_version=charts.vega_lite_version(), allowed_base_urls=[])
     numbers: dict[str, int] = {}  # Vega counts its clip paths on through a process; the same chart shall be the same file
@@ -34,9 +40,3 @@ def text(shown: Sequence[alt.TopLevelMixin], title: str = "") -> str:
 def write(shown: Sequence[alt.TopLevelMixin], path: Path, title: str = "") -> None:
     """Write the file, whole or not at all."""
     write_text(path, text(shown, title))
-
-
-def write_first_view(table: pd.DataFrame, draw: Callable[[pd.DataFrame], list[alt.TopLevelMixin]], path: Path) -> None:
-    """Write the view of a table that its page shows first, with the name of the view as title; a table may be empty."""
-    view = charts.first_view(table)
-    write(draw(table[table["view"] == view]), path, view)

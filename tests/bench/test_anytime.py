@@ -15,11 +15,11 @@ import solvers
 from bench.passed.progress import silent
 from bench.passed.task import Task
 from bench.races.anytime import figures as anytime_figures
-from bench.races.anytime import report
 from bench.races.anytime.figures import FITS, PAPER
 from bench.races.anytime.race import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
 from bench.races.anytime.worker import AnytimeRequest, Curve
 from bench.races.registry import kinds
+from bench.report.words import marked
 from bench.store import Run
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
@@ -236,22 +236,22 @@ def test_repeats_have_the_median_time_and_the_worst_gap() -> None:
 def test_the_verdict_compares_the_papers_pace_with_what_fits() -> None:
     rows = points_of(a=[(1, 0.5, 1e-12)], b=[(1, 0.5, 1e-3)])
     steps = points_of(steps=[(1, 0.01, 0.9), (15_200, 4.0, 0.1)]).assign(solver="projected_difference")
-    sentence, = anytime_figures.verdict(pd.concat([rows, steps], ignore_index=True))
-    assert "within one sampling period 1 of 3 solver lanes reach a relative cost gap of 1e-09" in sentence
-    assert "closest being a (direct) with 1.0e-12" in sentence
-    assert "one step a sample ends at 1.0e-01 after 15200 periods; with as many steps as fit it is there within 5." in sentence
+    exact, paper = anytime_figures.verdict(anytime_figures.wide(anytime_figures.summary(pd.concat([rows, steps], ignore_index=True))))
+    assert "Within one sampling period 1 of 3 solver lanes reach a cost gap of 1e-09" in exact
+    assert "the closest is a (direct) with 1.0e-12" in exact
+    assert "is at 1.0e-01 after 15200 periods; with as many steps as fit into the time it is there within 5." in paper
 
 
 def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced) -> None:
-    path = report.write(raced.run)
+    _, path = kinds()["anytime"].write(raced.run)
     text = path.read_text(encoding="utf-8")
-    assert "solver lanes reach a relative cost gap" in text.split("![")[0]
+    assert "solver lanes reach a cost gap" in text.split("![")[0]
     for solver, lane, pace in (("daqp", "direct", FITS), ("osqp", "direct", FITS), ("projected_difference", "kernel", PAPER),
                                ("projected_difference", "kernel", FITS)):
-        assert f"| {solver} | {lane} | high | {pace} |" in text
+        assert f"| {marked(solver)} | {lane} | high | {pace} |" in text
     assert "| raises | direct | high | scaled |" in text
     before = {name: (raced.run.path / name).read_bytes() for name in ("report.md", "anytime.svg", "summary.csv")}
-    report.write(raced.run)
+    kinds()["anytime"].write(raced.run)
     assert {name: (raced.run.path / name).read_bytes() for name in before} == before
 
 

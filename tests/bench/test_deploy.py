@@ -13,6 +13,7 @@ from conftest import Race
 
 from bench import deploy
 from bench.deploy import Rule
+from bench.races.oneshot import figures
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
 from piezo_model import ModelError, SelfLearningCompensator, plants
@@ -40,7 +41,7 @@ def with_times(run: Run, solver: str, us: Callable[[int], np.ndarray], lane: str
 
 
 def test_the_file_starts_a_compensator_that_runs_and_learns(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "compensator.json", "--deadline", 1e6)
+    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "compensator.json", "--deadline", 1e6, "--simulated")
     assert call.status == 0, call.stderr
     learner = SelfLearningCompensator.load(tmp_path / "compensator.json", **SHORT)
     s = learner.structure
@@ -53,9 +54,10 @@ def test_the_file_starts_a_compensator_that_runs_and_learns(piezobench: CommandL
 
 
 def test_the_reference_run_gives_a_compensator_that_runs(piezobench: CommandLine, tmp_path: Path) -> None:
-    call = piezobench("deploy", REFERENCE, "--out", tmp_path / "compensator.json")
+    call = piezobench("deploy", REFERENCE, "--out", tmp_path / "compensator.json", "--simulated")
     assert call.status == 0, call.stderr
     assert "Chosen: " in call.stdout
+    assert "Model: from the problem paper/bouc_wen-multi_sine, simulated." in call.stdout
     learner = SelfLearningCompensator.load(tmp_path / "compensator.json", **SHORT)
     s = learner.structure
     y_ref = s.y_centre + 0.7 * s.y_scale * np.sin(np.arange(6000) / 300)
@@ -83,7 +85,7 @@ def test_runners_up_are_other_solver_lanes_and_the_nearest_is_refused_first(run:
 
 
 def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--json")
+    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--simulated", "--json")
     said, written = json.loads(call.stdout), json.loads((tmp_path / "c.json").read_text())
     assert (written["format"], written["version"]) == ("piezobench-compensator", 2)
     assert (written["solver"], written["lane"], written["tier"]) == (said["solver"], said["lane"], said["tier"])
@@ -93,6 +95,7 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
     assert evidence["certificate"]["unique"]
     assert evidence["certificate"]["cost_gap"] < 1e-12
     assert evidence["figures"]["right"] == evidence["figures"]["problems"]
+    assert evidence["model_from"] == said["model_from"] == f"the problem {evidence['certificate']['problem_of_run']}, simulated"
     problem = wide_race.run.problem(*evidence["certificate"]["problem_of_run"].split("/"))
     model = Deployment.load(tmp_path / "c.json").model
     assert model.weights == pytest.approx(problem.optimal_weights, rel=1e-12, abs=1e-15)
@@ -106,7 +109,7 @@ def test_the_lowest_tail_wins_among_those_that_are_right_and_in_time(run: Run) -
     decision = deploy.decide(run, Rule(accuracy=1e-11, lanes=(Lane.DIRECT,), deadline_us=100.0))
     assert decision.chosen.solver == "daqp"
     assert "box_active_set" in {each.solver for each in decision.runners_up}
-    assert any(each.solver == "osqp" and "is right to 1e-11 on" in why for each, why in decision.refused)
+    assert any(each.solver == "osqp" and "has a cost gap or violation above 1e-11 on" in why for each, why in decision.refused)
 
 
 def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(run: Run) -> None:
@@ -134,14 +137,14 @@ def test_the_percentile_that_decides_is_one_that_every_sample_supports(run: Run)
     qualified = (decision.chosen, *decision.runners_up)
     assert all(each.tail[decision.by].value is not None for each in qualified)
     assert decision.by == 0 or any(each.tail[decision.by - 1].value is None for each in qualified)
-    assert (decision.by > 0) == any("Decided by" in sentence for sentence in decision.sentences())
+    assert (decision.by > 0) == any("Decided by the" in sentence for sentence in decision.sentences())
 
 
 def test_a_run_in_which_no_solver_qualifies_says_so_and_writes_nothing(piezobench: CommandLine, run: Run) -> None:
     before = sorted(run.path.rglob("*"))
     sentence = piezobench("deploy", run.path, "--accuracy", 1e-60).refusal
     assert "no solver qualifies; the nearest, " in sentence
-    assert "is right to 1e-60 on" in sentence
+    assert "has a cost gap or violation above 1e-60 on" in sentence
     assert sorted(run.path.rglob("*")) == before
 
 
@@ -154,9 +157,40 @@ def test_a_problem_can_be_named_and_an_unknown_one_is_refused(run: Run) -> None:
     decision = deploy.decide(run, Rule(deadline_us=1e6))
     names = ["/".join(name) for name in run.rows(ONESHOT)[["problem_set", "problem"]].drop_duplicates().to_numpy()]
     for name in names:
-        assert deploy.deployment(decision, problem=name).evidence["certificate"]["problem_of_run"] == name
+        assert deploy.deployment(decision, problem=name, simulated=True).evidence["certificate"]["problem_of_run"] == name
     with pytest.raises(RunError, match="has no problem 'paper/none'; there are "):
         deploy.deployment(decision, problem="paper/none")
+
+
+def test_a_simulated_actuator_is_refused_unless_it_is_asked_for(piezobench: CommandLine, run: Run, tmp_path: Path) -> None:
+    words = ("deploy", run.path, "--out", tmp_path / "c.json", "--deadline", 1e6)
+    assert "holds no model of your actuator; give one with --model" in piezobench(*words).refusal
+    assert "is a simulated actuator; give a model with --model, or --simulated" in piezobench(*words, "--problem", "orders/d008").refusal
+    assert not (tmp_path / "c.json").exists()
+
+
+def test_a_setting_that_missed_every_tier_is_never_deployed_and_the_tier_is_one_that_was_reached(run: Run) -> None:
+    lenient = Rule(accuracy=1e9, deadline_us=1e9, misses=10**9)
+    decision = deploy.decide(run, lenient)
+    rows = run.rows(ONESHOT)
+    rows = rows[(rows.scaling == "scaled") & (rows.start == "cold")]
+    for each in (decision.chosen, *decision.runners_up):
+        served = rows[(rows.solver == each.solver) & (rows.lane == each.lane) & (rows.rung == each.settings["rung"])]
+        assert (served.status[served.tier == each.tier] == "ok").all()
+    assert any(each.tier == "" and "missed every tier" in why for each, why in decision.refused)
+
+
+def test_a_percentile_is_the_same_in_the_decision_and_in_the_report(run: Run) -> None:
+    with_times(run, "daqp", lambda n: 1.0 + np.arange(n) % 97)
+    only = run.rows(ONESHOT)
+    only[only.problem_set == "paper"].to_parquet(run.path / "rows.parquet")
+    table = figures.summary(run.rows(ONESHOT), run.times())
+    decision = deploy.decide(run, Rule(deadline_us=1e6, accuracy=1.0, misses=10**6))
+    shown = table[(table.scaling == "scaled") & (table.start == "cold")].set_index(["solver", "lane", "tier"]).answer_us_p99
+    found = {(each.solver, each.lane, each.tier): each.tail[1].value for each in (decision.chosen, *decision.runners_up)}
+    assert any(value is not None for value in found.values())
+    for who, value in found.items():
+        assert shown[who] == pytest.approx(np.nan if value is None else value, nan_ok=True)
 
 
 @pytest.mark.parametrize(("change", "reason"), [
@@ -167,7 +201,7 @@ def test_a_problem_can_be_named_and_an_unknown_one_is_refused(run: Run) -> None:
 def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(run: Run, tmp_path: Path, change: Callable[[dict], object],
                                                                  reason: str) -> None:
     path = tmp_path / "c.json"
-    deploy.deployment(deploy.decide(run, Rule(deadline_us=1e6))).save(path)
+    deploy.deployment(deploy.decide(run, Rule(deadline_us=1e6)), simulated=True).save(path)
     data = json.loads(path.read_text())
     change(data)
     path.write_text(json.dumps(data))

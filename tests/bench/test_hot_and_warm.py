@@ -45,7 +45,7 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
 
 def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
     report = (drift_race.run.path / "report.md").read_text()
-    assert re.search(r"\| box_active_set \| kernel \| high \| 0 \| warm \|", report)
+    assert re.search(r"\| box_active_set† \| kernel \| high \|.*\| drift \| scaled \| warm \|", report)
     assert "Started from the optimum of the problem before" in report
     assert "in 2 fresh processes" in report
 
@@ -96,7 +96,7 @@ def test_a_tail_is_there_where_the_sample_supports_it_and_a_dash_elsewhere(clean
             assert np.isnan(row.solve_us_p99_high)
         else:
             assert (row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high) == (wanted.low, wanted.value, wanted.high)
-    assert report.cell(pd.Series({"solve_us_p99": np.nan, "status": "ok"}), "solve_us_p99") == "–"
+    assert report.text(pd.Series({"answer_us_p99": np.nan, "status": "ok"}), "answer_us_p99") == "–"
 
 
 def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_leaves_the_others(tmp_path: Path) -> None:

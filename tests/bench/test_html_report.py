@@ -14,8 +14,10 @@ from conftest import Race
 from bench.passed.progress import silent
 from bench.races.loop.race import LoopSettings
 from bench.races.oneshot import figures, plot_data
+from bench.races.oneshot.verdict import verdict
 from bench.races.registry import kind_of, kinds
 from bench.report import charts
+from bench.report.words import marked
 from bench.store import Run
 from solvers import Status, Tier
 
@@ -23,22 +25,27 @@ LARGEST = 6_000_000
 EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
 
 
+def written(run: Run) -> Path:
+    """The page of a run, written again."""
+    return kind_of(run).write(run)[1].with_suffix(".html")
+
+
 def column(browser: Browser, heading: str) -> list[str]:
-    """Texts of a column of the first table, as far as its rows are shown."""
+    """Texts of a column of the large table, as far as its rows are shown."""
     return browser.run("""
-        const grid = document.querySelector('.grid');
+        const grid = document.querySelectorAll('.grid')[1];
         const at = [...grid.querySelectorAll('th')].findIndex(head => head.innerText.trim().replace(/ [▲▼]$/, '') === arguments[0]);
         return [...grid.querySelectorAll('tbody tr')].filter(row => !row.hidden).map(row => row.cells[at].textContent);""", heading)
 
 
 def click(browser: Browser, heading: str) -> None:
-    browser.run("""[...document.querySelectorAll('.grid')[0].querySelectorAll('th button')]
+    browser.run("""[...document.querySelectorAll('.grid')[1].querySelectorAll('th button')]
         .find(button => button.textContent.trim() === arguments[0]).click()""", heading)
 
 
 def choose(browser: Browser, label: str, value: str) -> None:
     browser.run("""
-        const box = [...document.querySelectorAll('.grid')[0].querySelectorAll('label')]
+        const box = [...document.querySelectorAll('.grid')[1].querySelectorAll('label')]
             .find(label => label.textContent.trim().startsWith(arguments[0]));
         const choice = box.querySelector('select');
         choice.value = arguments[1]; choice.dispatchEvent(new Event('input', {bubbles: true}));""", label, value)
@@ -61,7 +68,7 @@ def other_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactor
     short = LoopSettings(solvers=("box_active_set",), tiers=(Tier.HIGH,), quick=True, windows=2)
     loop = kinds()["loop"].start(out, short, "loop")
     kinds()["loop"].carry_on(loop, silent)
-    kinds()["loop"].write_page(loop)
+    kinds()["loop"].write(loop)
     return {name: out / name / "report.html" for name in (*calls, "loop")}
 
 
@@ -74,10 +81,10 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
     assert {address for address in browser.requests() if not address.startswith(("data:", "blob:"))} == {page.resolve().as_uri()}
     plots = browser.plots()
     assert len(plots) >= 5
-    for plot in plots:
+    for beside_table, plot in zip([width == "desktop", *[False] * len(plots)], plots, strict=False):
         assert plot["marks"] > 0
         assert plot["height"] > 0
-        assert 0.5 * WIDTHS[width] < plot["width"] <= WIDTHS[width]
+        assert (0.35 if beside_table else 0.5) * WIDTHS[width] < plot["width"] <= WIDTHS[width]
         assert plot["right"] <= WIDTHS[width]
     assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
     picture = screenshots(tmp_path) / f"report-{width}{'-dark' if dark else ''}.png"
@@ -86,7 +93,7 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
 
 
 @pytest.mark.parametrize(("name", "sections"), [
-    ("stream", ["deadline_profile", "latency_tails"]), ("anytime", ["anytime"]), ("loop", ["closed_loop"])])
+    ("stream", ["latency_tails", "deadline_profile"]), ("anytime", ["anytime"]), ("loop", ["loop", "loop_time"])])
 def test_the_pages_of_the_other_races_draw_what_they_have(browser: Browser, other_races: dict[str, Path], name: str,
                                                           sections: list[str], tmp_path: Path) -> None:
     for width in WIDTHS:
@@ -109,8 +116,8 @@ def test_every_line_of_a_stream_has_a_name_of_its_own(other_races: dict[str, Pat
 def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(browser: Browser, page: Path,
                                                                                       wide_race: Race) -> None:
     browser.open(page)
-    table = figures.summary(wide_race.rows)
-    for heading, values in (("solve p50, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
+    table = figures.summary(wide_race.rows, wide_race.run.times())
+    for heading, values in (("solve, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
         known = values.notna().sum()
         click(browser, heading)
         rising = [float(text) for text in column(browser, heading)[:known]]
@@ -125,20 +132,20 @@ def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_th
 
 def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser, page: Path, wide_race: Race) -> None:
     browser.open(page)
-    table = figures.summary(wide_race.rows)
+    table = figures.summary(wide_race.rows, wide_race.run.times())
     assert len(column(browser, "lane")) == len(table)
     choose(browser, "lane", "direct")
     choose(browser, "tier", "high")
     choose(browser, "scaling", "raw")
     choose(browser, "problem set", "orders")
     asked = table[(table.lane == "direct") & (table.tier == "high") & (table.scaling == "raw") & (table.problem_set == "orders")]
-    assert sorted(column(browser, "solver")) == sorted(asked.solver)
+    assert sorted(column(browser, "solver")) == sorted(asked.solver.map(marked))
     choose(browser, "status", "ok")
-    assert sorted(column(browser, "solver")) == sorted(asked[asked.status == "ok"].solver)
-    browser.run("""const search = document.querySelector('.grid input');
+    assert sorted(column(browser, "solver")) == sorted(asked[asked.status == "ok"].solver.map(marked))
+    browser.run("""const search = document.querySelectorAll('.grid')[1].querySelector('input');
         search.value = 'DAQP'; search.dispatchEvent(new Event('input'))""")
     assert set(column(browser, "solver")) == {"daqp"}
-    assert browser.run("return document.querySelector('.grid output').textContent").startswith("1 of ")
+    assert browser.run("return document.querySelectorAll('.grid')[1].querySelector('output').textContent").startswith("1 of ")
 
 
 def test_the_button_turns_light_into_dark(browser: Browser, page: Path) -> None:
@@ -151,11 +158,11 @@ def test_the_button_turns_light_into_dark(browser: Browser, page: Path) -> None:
 
 def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> None:
     browser.open(page)
-    points = """return [...document.querySelectorAll('#accuracy svg .mark-symbol path')]
+    points = """return [...document.querySelectorAll('#work_precision svg .mark-symbol path')]
         .map(point => point.getAttribute('transform')).join()"""
     before = browser.run(points)
-    browser.run("""const s = document.querySelector('#accuracy select');
-        s.value = 'orders, raw data'; s.dispatchEvent(new Event('change'))""")
+    browser.run("""const s = document.querySelector('#work_precision select');
+        s.value = 'raw data, without wrappers'; s.dispatchEvent(new Event('change'))""")
     browser.wait_until(lambda: browser.run(points) != before)
 
 
@@ -163,17 +170,17 @@ def test_the_page_is_one_small_file_with_its_data_beside_it(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert page.stat().st_size < LARGEST
     assert "default-src 'none'" in text
-    for name in ("accuracy", "performance_profile", "sizes", "stages"):
+    for name in ("work_precision", "performance_profile", "sizes", "stages"):
         assert f'href="figures/{name}.csv"' in text
         assert len(pd.read_csv(page.parent / "figures" / f"{name}.csv"))
 
 
 def test_markdown_and_page_say_the_same_verdict_and_hold_the_same_rows(page: Path, wide_race: Race) -> None:
     text, markdown = page.read_text(encoding="utf-8"), page.with_suffix(".md").read_text(encoding="utf-8")
-    for sentence in figures.verdict(wide_race.rows).sentences:
+    for sentence in verdict(wide_race.rows):
         assert sentence in markdown
         assert sentence.replace("'", "&#39;") in text
-    assert text.count("<tr>") - text.count("<thead>") >= len(figures.summary(wide_race.rows))
+    assert text.count("<tr>") - text.count("<thead>") >= len(figures.summary(wide_race.rows, wide_race.run.times()))
 
 
 def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
@@ -190,7 +197,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     noted["machine"]["warnings"] = [EVIL]
     noted["field"] = {EVIL: EVIL}
     (folder / "run.json").write_text(json.dumps(noted))
-    browser.open(kind_of(run).write_page(run))
+    browser.open(written(run))
     assert browser.console() == []
     assert browser.run("return document.title") == f"One-shot race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
@@ -206,7 +213,7 @@ def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: 
     rows[numbers] = np.nan
     rows["status"], rows["message"] = str(Status.CRASHED), "gone"
     rows.to_parquet(folder / "rows.parquet")
-    browser.open(kinds()["oneshot"].write_page(Run.open(folder)))
+    browser.open(written(Run.open(folder)))
     assert browser.console() == []
     assert browser.plots() == []
     assert set(column(browser, "status")) <= {"crashed", "floor"}
@@ -217,7 +224,7 @@ def test_a_picture_of_an_experiment_in_the_run_is_on_its_page(browser: Browser, 
     shutil.copytree(wide_race.run.path, folder)
     (folder / "experiment").mkdir()
     (folder / "experiment" / "fig_4.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="40" height="30"/>')
-    browser.open(kinds()["oneshot"].write_page(Run.open(folder)))
+    browser.open(written(Run.open(folder)))
     assert browser.console() == []
     assert browser.run("return document.querySelector('img.picture').naturalWidth") == 40
 

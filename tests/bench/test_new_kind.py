@@ -37,9 +37,7 @@ from bench.races.field import checked, field_of
 from bench.races.kind import Kind
 from bench.races.settings import RaceSettings, option, settings_of
 from bench.races.toy.worker import Toss
-from bench.report import markdown
-from bench.report.markdown import Report, Table
-from bench.report.race_page import Content, grids
+from bench.report.report import Report, Table
 from bench.store import Schema
 from solvers import Tier
 
@@ -67,34 +65,25 @@ def race(run, progress, workers):
 def report(run):
     rows = run.rows(TOY)
     return Report([f"{rows.heads.sum()} of {len(rows)} tosses show heads."],
-                  [Table("Tosses", ("solver", "toss", "heads"), rows[["solver", "repeat", "heads"]].astype(str).values.tolist(), 1)])
+                  Table("Tosses", ("solver", "toss", "heads"), rows[["solver", "repeat", "heads"]].astype(str).values.tolist()), rows,
+                  definitions=["heads: the even tosses."])
 
 
-def write(run):
-    return markdown.write(run, __package__, run.rows(TOY), report=report(run), failures=[], wrong=())
-
-
-def content(run):
-    found = report(run)
-    return Content(found.sentences, [], grids(found), ["heads: the even tosses."])
-
-
-KIND = Kind("toy", "Toy race", "tosses of a coin", TOY, ToySettings, race, report, write, content, own_problems=True)
+KIND = Kind("toy", "Toy race", "tosses of a coin", TOY, ToySettings, race, report, own_problems=True)
 '''
-TEMPLATE = '{% extends "race.md.jinja" %}{% block title %}Toy race{% endblock %}{% block reading %}- heads{% endblock %}'
 
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package as it is, by links, and the toy's room beside the other rooms."""
     folder, real = tmp_path_factory.mktemp("house"), Path(bench.__file__).parent
-    (folder / "bench" / "races" / "toy" / "templates").mkdir(parents=True)
+    (folder / "bench" / "races" / "toy").mkdir(parents=True)
     for source in (*real.iterdir(), *(real / "races").iterdir()):
         target = folder / "bench" / source.relative_to(real)
         if not target.exists():
             target.symlink_to(source)
     room = folder / "bench" / "races" / "toy"
-    for name, text in {"__init__.py": "", "worker.py": WORKER, "kind.py": KIND, "templates/report.md.jinja": TEMPLATE}.items():
+    for name, text in {"__init__.py": "", "worker.py": WORKER, "kind.py": KIND}.items():
         (room / name).write_text(text)
     return folder
 

@@ -11,7 +11,8 @@ from faulty_solvers import MARKUP
 
 from bench import rendering
 from bench.races.oneshot import figures
-from bench.races.oneshot import report as oneshot
+from bench.races.oneshot.verdict import verdict
+from bench.races.registry import kind_of
 from bench.store import Run
 from solvers import Status
 
@@ -35,11 +36,11 @@ def test_every_table_has_as_many_cells_in_each_line_as_headings(report: str) -> 
 
 
 def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: Race) -> None:
-    scaled, raw, *_ = ({tuple(line[:3]) for line in table[2:]} for table in tables(report))
-    rows = faulty_race.rows
-    for shown, scaling in ((scaled, "scaled"), (raw, "raw")):
-        raced = rows[rows.scaling == scaling].replace({"solver": {"null": "floor"}})
-        assert shown == {(rendering.markdown(row.solver), row.lane, row.tier) for row in raced.itertuples()}
+    shown = next(table for table in tables(report) if table[0][:3] == ["solver", "lane", "tier"])
+    scaling = shown[0].index("scaling")
+    raced = faulty_race.rows.replace({"solver": {"null": "floor"}})
+    assert {(*line[:3], line[scaling]) for line in shown[2:]} == {
+        (rendering.markdown(row.solver), row.lane, row.tier, row.scaling) for row in raced.itertuples()}
 
 
 def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_race: Race) -> None:
@@ -65,7 +66,7 @@ def test_the_csv_holds_every_row_of_the_race(faulty_race: Race) -> None:
 
 
 def test_right_answers_come_first_and_the_fastest_of_them_first(clean_race: Race) -> None:
-    for _, part in figures.summary(clean_race.rows).groupby("scaling"):
+    for _, part in figures.summary(clean_race.rows, clean_race.run.times()).groupby("scaling"):
         assert part.all_right.is_monotonic_decreasing
         assert part.total_us[part.all_right].is_monotonic_increasing
 
@@ -73,14 +74,13 @@ def test_right_answers_come_first_and_the_fastest_of_them_first(clean_race: Race
 def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
     rows = clean_race.rows
     asked = rows[(rows.tier == "high") & (rows.scaling == "scaled") & (rows.solver != "null")]
-    sentence = figures.verdict(rows).sentences[0]
-    assert f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes reach the tier high on every problem" in sentence
+    assert verdict(rows)[0].startswith(f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes reach 1e-9 on the problem")
 
 
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
-    names = ("report.md", "summary.csv", "accuracy.svg")
+    names = ("report.md", "report.html", "summary.csv", "work_precision.svg")
     before = [(clean_race.run.path / name).read_bytes() for name in names]
-    oneshot.write(clean_race.run)
+    kind_of(clean_race.run).write(clean_race.run)
     assert [(clean_race.run.path / name).read_bytes() for name in names] == before
 
 
@@ -88,7 +88,10 @@ def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path:
     run = Run.create(tmp_path, faulty_race.run.settings, "run")
     lost = faulty_race.rows[faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")]
     lost.to_parquet(run.path / "rows.parquet")
-    assert "0 of 2 solver lanes reach the tier high on every problem" in oneshot.write(run).read_text()
+    faulty_race.run.times().to_parquet(run.path / "times.parquet")
+    report, path = kind_of(run).write(run)
+    assert report.verdict == ["0 of 2 solver lanes reach 1e-9 on the problem."]
+    assert report.verdict[0] in path.read_text()
 
 
 @pytest.mark.parametrize("text", [MARKUP, "a\r\nb", "|", "\\|", "`|`", "<!--", "&#124;", "~~x~~ *y*"])

@@ -20,6 +20,7 @@ class Measured(ProblemSet):
     """A stack actuator in a micromanipulator and two scanners of atomic force microscopes."""
 
     name = "measured"
+    origin = "measured elsewhere"
     calibrated_on = "paper"
     description = "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
 

@@ -9,16 +9,19 @@ are shown, since one mean over sizes hides the order.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.races.anytime.race import BUDGETS
+from bench.report.words import gap, marked
 
 GROUP = ["problem_set", "d", "scaling", "solver", "lane", "tier", "pace"]
 FITS, PAPER = "as fits", "one step a sample"
 RIGHT = 1e-9
+PAPERS = "projected_difference"
 
 
 def curves(rows: pd.DataFrame) -> pd.DataFrame:
@@ -70,31 +73,38 @@ def wide(table: pd.DataFrame, value: str = "median_gap") -> pd.DataFrame:
     return spread.sort_values(order, ascending=[True, True, False, *[True] * len(BUDGETS)], ignore_index=True)
 
 
-def verdict(rows: pd.DataFrame) -> list[str]:
-    """Say who is exact within one period, what the paper's steps reach and what they would reach if more fitted."""
-    table = wide(summary(rows))
-    sentences = []
-    for (problem_set, d, scaling), part in table.groupby(["problem_set", "d", "scaling"], sort=False):
-        fits = part[part.pace == FITS]
-        exact = fits[fits[1] <= RIGHT]
-        sentence = (f"On {scaling} data of the set {problem_set} (d = {d}) within one sampling period {len(exact)} of {len(fits)} "
-                    f"solver lanes reach a relative cost gap of {RIGHT:g} on the median problem")
-        if len(exact):
-            sentence += f", the closest being {exact.iloc[0].solver} ({exact.iloc[0].lane}) with {exact.iloc[0][1]:.1e}"
-        sentences.append(sentence + "." + _paper(part))
-    return sentences
+def of_first_screen(table: pd.DataFrame) -> pd.DataFrame:
+    """Of a wide table, the first set and size on scaled data, each curve at the tier that serves it best, the paper's pace first."""
+    if table.empty:
+        return table
+    first = table.sort_values("scaling", ascending=False, kind="stable").iloc[0]
+    part = table[(table[["problem_set", "d", "scaling"]] == first[["problem_set", "d", "scaling"]]).all(axis=1)]
+    part = part.drop_duplicates(["solver", "lane", "pace"])
+    paper = (part.solver == PAPERS) & (part.pace == PAPER)
+    return pd.concat([part[paper], part[~paper]], ignore_index=True)
 
 
-def _paper(part: pd.DataFrame) -> str:
+def verdict(part: pd.DataFrame) -> list[str]:
+    """Of one set, size and scaling: who is exact within one period, what the paper's steps reach, and when they would if more fitted."""
+    if part.empty:
+        return ["No solver gave an answer."]
+    fits = part[part.pace == FITS]
+    exact = fits[fits[1] <= RIGHT]
+    sentence = f"Within one sampling period {len(exact)} of {len(fits)} solver lanes reach a cost gap of {RIGHT:g} on the median problem"
+    if len(exact):
+        sentence += f"; the closest is {marked(exact.iloc[0].solver)} ({exact.iloc[0].lane}) with {exact.iloc[0][1]:.1e}"
+    return [sentence + ".", *_paper(part)]
+
+
+def _paper(part: pd.DataFrame) -> Iterator[str]:
     """The paper's pace beside the same method with as many steps as fit."""
-    method = part[(part.solver == "projected_difference") & (part.lane == "kernel")]
+    method = part[(part.solver == PAPERS) & (part.lane == "kernel")]
     paper, fits = method[method.pace == PAPER], method[method.pace == FITS]
-    if not (len(paper) and len(fits)):
-        return ""
-    reached = float(paper.iloc[0][BUDGETS[-1]])
-    sooner = next((budget for budget in BUDGETS if fits.iloc[0][budget] <= reached), None)
-    text = f" The paper's one step a sample ends at {reached:.1e} after {BUDGETS[-1]} periods"
-    return text + ("." if sooner is None else f"; with as many steps as fit it is there within {sooner}.")
+    if len(paper) and len(fits):
+        reached, begun = float(paper.iloc[0][BUDGETS[-1]]), float(paper.iloc[0][BUDGETS[0]])
+        sooner = next((budget for budget in BUDGETS if fits.iloc[0][budget] <= reached), None)
+        yield (f"The paper's method, one step a sample, begins at {gap(begun)} and is at {gap(reached)} after {BUDGETS[-1]} periods"
+               + ("." if sooner is None else f"; with as many steps as fit into the time it is there within {sooner}."))
 
 
 def failures(rows: pd.DataFrame) -> list[list[str]]:

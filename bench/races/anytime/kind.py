@@ -4,4 +4,4 @@ from bench.races.anytime import race, report
 from bench.races.anytime.race import ANYTIME, AnytimeSettings
 from bench.races.kind import Kind
 
-KIND = Kind("anytime", "Anytime race", "accuracy within a time", ANYTIME, AnytimeSettings, race.race, report.report, report.write, report.content)
+KIND = Kind("anytime", "Anytime race", "accuracy within a time", ANYTIME, AnytimeSettings, race.race, report.report)

@@ -8,6 +8,7 @@ import pandas as pd
 from bench.races.anytime import figures
 from bench.races.anytime.race import BUDGETS
 from bench.report.charts import NAMED
+from bench.report.words import marked
 
 
 def anytime(rows: pd.DataFrame) -> pd.DataFrame:
@@ -16,7 +17,7 @@ def anytime(rows: pd.DataFrame) -> pd.DataFrame:
     table = table[np.isfinite(table.median_gap)]
     pace = np.where(table.pace == figures.PAPER, ", " + table.pace, "")
     view = table.problem_set + ", d = " + table.d.astype(str) + ", " + table.scaling + " data"
-    table = table.assign(view=view, name=table.solver + " (" + table.lane + pace + ")", front=False)
+    table = table.assign(view=view, name=table.solver.map(marked) + " (" + table.lane + pace + ")", front=False)
     for _, part in table.groupby("view"):
         early = part[part.budget == BUDGETS[0]].nsmallest(NAMED - 1, "median_gap").name
         stepwise = part[part.pace == figures.PAPER].name

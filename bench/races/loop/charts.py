@@ -11,18 +11,21 @@ import pandas as pd
 from bench.report.charts import LEAST_GAP, PALETTE, data, finished, log, named, names_beside
 
 
-def closed_loop(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """Tracking error by stage, against cost gap and, where it took any, against the time to learn."""
-    table = table.assign(drawn=np.maximum(table.cost_gap, LEAST_GAP), view="", front=False)
-    timed = table[table.learn_samples > 0.0]
-    return [_against("drawn", log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True), table),
-            *([_against("learn_samples", log("learn_samples", "time to learn, samples", timed.learn_samples), timed)]
-              if len(timed) else [])]
+def by_gap(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Tracking error by stage against cost gap."""
+    table = table.assign(drawn=np.maximum(table.cost_gap, LEAST_GAP))
+    return [_against("drawn", log("drawn", "cost gap of the weights in use", table.drawn, power_of_ten=True), table)]
+
+
+def by_time(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Tracking error by stage against the time to learn."""
+    return [_against("learn_samples", log("learn_samples", "time to learn, samples", table.learn_samples), table)]
 
 
 def _against(column: str, x: dict[str, Any], table: pd.DataFrame) -> alt.TopLevelMixin:
     """Tracking error against a column on a logarithmic axis."""
-    table = table.assign(named=named(table, column, "rms_percent", "name"))
+    table = table.assign(view="")
+    table = table.assign(named=named(table, column, "rms_percent", "name", wide=480))
     source = data(table)
     base = alt.Chart(source).encode(x=alt.X(**x), y=alt.Y(**log("rms_percent", "RMS error, % of range", table.rms_percent)))
     stage = alt.Color("problem:N", scale=alt.Scale(range=PALETTE[:2]))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from bench.report.markdown import settings_label
+from bench.report.words import apart, gap, joined, marked, number, settings_label
 from bench.rig.rig import RANGE_UM
 from solvers import Status
 
@@ -19,8 +19,7 @@ NOTICED = 1.1
 """The stage notices where its error is more than 10 % above the least."""
 EXACT = 1e-6
 """Cost gaps up to this are called exact."""
-NAMED = 6
-"""Solvers that a sentence names."""
+PAPERS_STEPS = '{"steps": 15200}'
 GROUP = ["problem", "solver", "lane", "tier", "settings"]
 
 
@@ -49,42 +48,61 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
         cost_gap=("cost_gap", worst)).reset_index()
     table["rms_um"] = table.rms_percent / 100.0 * RANGE_UM
     table["max_um"] = table.max_percent / 100.0 * RANGE_UM
-    table["who"] = [f"{line.solver}, {settings_label(line.settings) or line.tier}" for line in table.itertuples()]
+    table["who"] = [f"{marked(line.solver)}, {settings_label(line.settings) or line.tier}" for line in table.itertuples()]
     return table.sort_values(["problem", "rms_percent"], ascending=[False, True], ignore_index=True)
 
 
-def verdict(table: pd.DataFrame) -> Iterator[str]:
-    """Say from which accuracy on the stage does not notice the solver any more."""
+def by_learner(table: pd.DataFrame) -> list[tuple[str, str, dict[str, pd.Series]]]:
+    """Of a summary, each learner with its lane and its line on each stage, the paper's method first and then the nearest to the reference.
+
+    Lines have ``times``, the error over the least on that stage.
+    """
+    table = table.assign(times=table.rms_percent / table.groupby("problem").rms_percent.transform("min"), paper=table.settings == PAPERS_STEPS)
+    found = [(str(part.who.iloc[0]), str(part.lane.iloc[0]), {str(line.problem): line for _, line in part.iterrows()})
+             for _, part in table.groupby(["who", "lane"])]
+
+    def place(learner: tuple[str, str, dict[str, pd.Series]]) -> tuple[bool, float]:
+        lines = learner[2].values()
+        return not any(line.paper for line in lines), max(float(line.times) for line in lines)
+
+    return sorted(found, key=place)
+
+
+def verdict(table: pd.DataFrame) -> list[str]:
+    """Say who tracks best, how exact a solver has to be, and where the paper's method stands."""
+    stages = [(problem, part[part.cost_gap.notna()]) for problem, part in table.groupby("problem", sort=False)]
+    stages = [(problem, part.reset_index(drop=True)) for problem, part in stages if len(part)]
+    if not stages:
+        return ["No solver learned anything that the loop took over."]
+    near, paper, far = [], [], []
+    for problem, part in stages:
+        inside = part.rms_percent <= NOTICED * part.rms_percent.min()
+        near.append(f"on the {problem} stage {inside.sum()} of {len(part)} learners are within {100 * (NOTICED - 1):.0f} % of the least error, "
+                    f"{_nm(part.rms_um[0])} nm RMS, with cost gaps up to {gap(part[inside].cost_gap.max())} (a straight line in place of a model "
+                    f"leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)")
+        paper += [f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} times the least, at "
+                  f"a cost gap of {gap(line.cost_gap)}" for _, line in part[part.settings == PAPERS_STEPS].iterrows()]
+        if not inside.all():
+            far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
+    sentence = "; ".join(near)
+    return [f"{sentence[0].upper()}{sentence[1:]}.", *([f"The paper's method with its 15 200 steps reaches {'; '.join(paper)}."] if paper else []),
+            *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else [])]
+
+
+def notes(table: pd.DataFrame) -> Iterator[str]:
+    """What the time to learn is worth among those that are exact and were refused no more often than the best."""
     for problem, part in table.groupby("problem", sort=False):
         learned = part[part.cost_gap.notna()]
-        if learned.empty:
-            yield f"On the {problem} stage nobody learned anything that was taken over."
-            continue
-        best = learned.iloc[0]
-        near = learned.rms_percent <= NOTICED * best.rms_percent
-        yield (f"On the {problem} stage the least error is {best.rms_percent:.3f} % RMS of range ({1e3 * best.rms_um:.0f} nm), that "
-               f"of {best.who}, where a straight line in place of a model leaves {best.straight_rms_percent:.2f} %; {near.sum()} of "
-               f"{len(part)} learners are within 10 % of it, with cost gaps up to {learned[near].cost_gap.max():.1e}.")
-        often = learned.refused > best.refused
-        if (refused := learned[~near & often]).size:
-            yield (f"Farther away, since more of the answers were refused ({refused.refused.max()} where the best had "
-                   f"{best.refused}): {_names(refused)}.")
-        if (far := learned[~near & ~often]).size:
-            yield (f"Farther away, with errors up to {far.rms_percent.max():.3f} % and cost gaps from {far.cost_gap.min():.1e} on: "
-                   f"{_names(far)}.")
-        exact = learned[(learned.cost_gap <= EXACT) & ~often]
+        exact = learned[(learned.cost_gap <= EXACT) & (learned.refused <= learned.refused.head(1).max())]
         if len(exact) > 1:
-            least, most = (f"{value:.4f} %" for value in (exact.rms_percent.min(), exact.rms_percent.max()))
-            yield (f"The {len(exact)} with a gap of at most {EXACT:g} and no more refusals "
-                   + (f"all leave {least}" if least == most else f"leave between {least} and {most}")
-                   + f", though they take from {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn.")
+            least, most = apart(1e3 * exact.rms_um.min(), 1e3 * exact.rms_um.max())
+            yield (f"On the {problem} stage the {len(exact)} learners with a cost gap of at most {EXACT:g} leave "
+                   + (f"{least} nm" if least == most else f"{least} to {most} nm")
+                   + f" and take {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn.")
 
 
-def _names(part: pd.DataFrame) -> str:
-    """The first few solvers, each with the settings or tiers of its learners."""
-    by_solver = [f"{solver} with {', '.join(who.removeprefix(f'{solver}, ') for who in learners)}"
-                 for solver, learners in part.groupby("solver", sort=False).who]
-    return "; ".join(by_solver[:NAMED]) + (f" and {len(by_solver) - NAMED} more" if len(by_solver) > NAMED else "")
+def _nm(um: float) -> str:
+    return number(1e3 * um)
 
 
 def by_window(rows: pd.DataFrame) -> pd.DataFrame:
@@ -96,6 +114,6 @@ def closed_loop(rows: pd.DataFrame) -> pd.DataFrame:
     """Tracking error against the cost gap of the weights in use, one row a stage and learner."""
     table = summary(rows[rows.window >= 0])
     table = table[table.cost_gap.notna()]
-    return table.rename(columns={"who": "name"})[
+    return table.assign(front=table.settings == PAPERS_STEPS).rename(columns={"who": "name"})[
         ["problem", "name", "solver", "lane", "settings", "cost_gap", "rms_percent", "straight_rms_percent", "learn_samples",
-         "stale_samples"]].reset_index(drop=True)
+         "stale_samples", "front"]].reset_index(drop=True)

@@ -5,4 +5,4 @@ from bench.races.loop import race, report
 from bench.races.loop.race import LOOP, LoopSettings
 
 KIND = Kind("loop", "Closed-loop race", "learning in the loop with a stage", LOOP, LoopSettings,
-            race.race, report.report, report.write, report.content, own_problems=True)
+            race.race, report.report, own_problems=True)

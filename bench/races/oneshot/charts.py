@@ -6,17 +6,15 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.races.oneshot.plot_data import FULL_SOLVE, PAPERS_PACE, STAGES
+from bench.races.oneshot.plot_data import OTHER_LINES, OUR_LINES, STAGES
+from bench.races.oneshot.ranking import PACE
 from bench.report.charts import (
     LANES,
     LEAST_GAP,
-    PALETTE,
     ROW,
-    SHAPES,
     data,
     duration,
     finished,
-    lane_scale,
     lines,
     log,
     named,
@@ -26,36 +24,41 @@ from bench.report.charts import (
 from bench.timing.schedule import PERIOD_US
 
 MOST_BARS = 24
+MOST_GAP = 1e3
+"""Cost gaps above this are drawn at it."""
+TICKS = [1e3, 1e0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15]
+"""Grid lines at the targets."""
+WHOSE = {PACE: "#d55e00", OUR_LINES: "#1f86c7", OTHER_LINES: "#8a8f98"}
+"""Colours of the lines by who made the solver."""
 
 
-def accuracy(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
-    """The picture of the project: worst cost gap against time, with the sampling period as a line."""
-    table = table.assign(drawn=np.maximum(table.worst_cost_gap, LEAST_GAP), period=PERIOD_US)
-    solved = table[table.pace == FULL_SOLVE]
-    table["named"] = pd.Series(named(solved, "total_us", "drawn"), index=solved.index).reindex(table.index, fill_value="")
-    paced = table[table.pace == PAPERS_PACE]
-    table["first"] = table.total_us == paced.groupby(["view", "solver"]).total_us.transform("min").reindex(table.index)
-    source, lane = data(table), alt.selection_point(fields=["lane"], bind="legend")
-    tips = [alt.Tooltip(f"{name}:N") for name in ("solver", "lane", "tier", "settings")] + [
+def work_precision(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """The picture of the project: worst cost gap against time, a line a solver over its rungs, with the targets and the sampling period."""
+    table = table.assign(drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP), period=PERIOD_US)
+    ends = table.groupby(["view", "name"]).drawn.transform("min") == table.drawn
+    last = table[ends].drop_duplicates(["view", "name"])
+    table["named"] = pd.Series(named(last, "total_us", "drawn", "name", wide=480), index=last.index).reindex(table.index, fill_value="")
+    source = data(table)  # one for all layers, or the choice of the view would not reach some
+    y = {**log("drawn", "worst relative cost gap", table.drawn), "axis": alt.Axis(values=TICKS, format=".0e", gridOpacity=0.35)}
+    near = alt.selection_point(fields=["name"], on="pointerover", nearest=True, empty=False, clear="pointerout")
+    whose = [who for who in WHOSE if (table.who == who).any()]
+    group = alt.selection_point(fields=["who"], bind="legend")
+    sought = alt.param(name="sought", value="", bind=alt.binding(input="search", name="Find a solver ", placeholder="name"))
+    base = alt.Chart(source).transform_filter("indexof(lower(datum.name), lower(sought)) >= 0").encode(
+        x=alt.X(**log("total_us", "time for one answer: update and solve, µs", table.total_us)),
+        y=alt.Y(**y), color=alt.Color("who:N", scale=alt.Scale(domain=whose, range=[WHOSE[who] for who in whose])),
+        opacity=alt.when(near).then(alt.value(1.0)).when(group).then(alt.value(0.9)).otherwise(alt.value(0.06)))
+    tips = [alt.Tooltip(f"{name}:N") for name in ("name", "lane", "rung", "settings")] + [
         alt.Tooltip("worst_cost_gap:Q", format=".1e", title="worst cost gap"),
-        alt.Tooltip("total_us:Q", format=".3~g", title="update and solve, µs"), alt.Tooltip("right:Q"),
-        alt.Tooltip("problems:Q")]
-    base = alt.Chart(source).encode(
-        x=alt.X(**log("total_us", "update and solve, µs", table.total_us)),
-        y=alt.Y(**log("drawn", "worst relative cost gap to the certified optimum", table.drawn, power_of_ten=True)))
-    points = base.transform_filter(f"datum.pace == '{FULL_SOLVE}'").mark_point(filled=True, size=70).encode(
-        color=alt.Color("lane:N", scale=lane_scale(table, LANES)),
-        shape=alt.Shape("lane:N", scale=lane_scale(table, SHAPES)), tooltip=tips,
-        opacity=alt.condition(lane, alt.value(0.9), alt.value(0.08))).add_params(lane)
-    steps = base.transform_filter(f"datum.pace == '{PAPERS_PACE}'").mark_line(
-        strokeWidth=1.5, point={"size": 25, "color": PALETTE[5]}, color=PALETTE[5]).encode(
-        detail="solver:N", order="total_us:Q", tooltip=tips)
-    paces = base.transform_filter("datum.first").mark_text(align="left", dx=8, dy=4).encode(text="label:N").transform_calculate(
-        label=f"datum.solver + ', {PAPERS_PACE}'")
-    rule = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(period):Q")
-    word = alt.Chart(source).mark_text(align="right", dx=-4, baseline="top").encode(
-        x="min(period):Q", y=alt.value(2), text=alt.value(f"sampling period, {PERIOD_US:g} µs"))
-    return [finished(alt.layer(rule, word, *([steps, paces] if len(paced) else []), points, *names_beside(base)), views(table), 460)]
+        alt.Tooltip("total_us:Q", format=".3~g", title="update and solve, µs"), alt.Tooltip("problems:Q")]
+    lines_of_rungs = base.transform_filter("datum.rung >= 0").mark_line().encode(
+        detail="name:N", order="rung:Q", strokeWidth=alt.when(near).then(alt.value(4)).otherwise(alt.value(1.5))).add_params(group)
+    points = base.transform_filter("!datum.unasked").mark_point(filled=True, size=45).encode(tooltip=tips).add_params(near)
+    hollow = base.transform_filter("datum.unasked").mark_point(filled=False, size=60, strokeWidth=2).encode(tooltip=tips)
+    period = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(period):Q")
+    word = alt.Chart(source).mark_text(baseline="bottom").encode(
+        x="min(period):Q", y=alt.value(-3), text=alt.value(f"sampling period, {PERIOD_US:g} µs"))
+    return [finished(alt.layer(period, word, lines_of_rungs, points, hollow, *names_beside(base, "name", 420)).add_params(sought), views(table), 460)]
 
 
 def performance_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:

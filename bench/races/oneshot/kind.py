@@ -5,4 +5,4 @@ from bench.races.oneshot import race, report
 from bench.races.oneshot.rows import ONESHOT
 from bench.races.oneshot.settings import OneshotSettings
 
-KIND = Kind("oneshot", "One-shot race", "full solves", ONESHOT, OneshotSettings, race.race, report.report, report.write, report.content, spreads=True)
+KIND = Kind("oneshot", "One-shot race", "full solves", ONESHOT, OneshotSettings, race.race, report.report, spreads=True)

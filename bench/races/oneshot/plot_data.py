@@ -1,7 +1,8 @@
 """What the plots of a one-shot race show, computed here once as tables; `charts`, `plots` and the CSV beside them render it.
 
-Each solver lane stands for itself at the most exact tier that it raced, started cold. A *view* is one problem set in one
-scaling. The time of an answer is the median of update plus the median of solve.
+All are of cold starts. But for the work–precision picture, where it has a line over its rungs, each solver lane stands for itself
+at the most exact tier that it raced, and a *view* is one problem set in one scaling. The time of an answer is the median of update
+plus the median of solve.
 
 The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite where s was not right:
 
@@ -16,16 +17,17 @@ import numpy as np
 import pandas as pd
 
 from bench.races import null_solver
-from bench.races.calibration import IN_LANE_DIRECT
-from bench.races.oneshot import figures
+from bench.races.calibration import IN_LANE_DIRECT, SEARCHED
+from bench.races.oneshot import figures, ranking
 from bench.report.charts import LEAST_GAP, NAMED, together
+from bench.report.words import MARK, marked
 from bench.timing.schedule import PERIOD_US
 from solvers import Lane, Status, Tier
+from solvers.registry import OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
-PAPERS_PACE = "one step a period"
-FULL_SOLVE = "full solve"
-OURS, OTHERS = ("box_active_set", "recursive_active_set"), 5
+OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
+EXACT, OTHERS = ("box_active_set", "recursive_active_set"), 5
 """Whose time by size stands in the report beside that of how many others."""
 STAGES = ("set-up", "update", "solve", "wrapper")
 
@@ -33,7 +35,7 @@ STAGES = ("set-up", "update", "solve", "wrapper")
 def named(table: pd.DataFrame) -> pd.DataFrame:
     """The table with its views and with names of solver lanes."""
     return table.assign(view=table.problem_set + ", " + table.scaling + " data",
-                        name=table.solver + " (" + table.lane + ")", stepping=table.settings.str.contains('"steps"'))
+                        name=table.solver.map(marked) + " (" + table.lane + ")", stepping=table.settings.str.contains('"steps"'))
 
 
 def most_exact(table: pd.DataFrame) -> pd.DataFrame:
@@ -56,19 +58,34 @@ def front(table: pd.DataFrame, *costs: str) -> pd.Series:
     return on_front
 
 
-def accuracy(rows: pd.DataFrame) -> pd.DataFrame:
-    """Worst cost gap against the time of an answer, one row a solver lane; the paper's pace one row a number of steps."""
-    table = figures.raced(figures.summary(rows))
-    solved = most_exact(table).assign(pace=FULL_SOLVE)
-    stepping = named(table)
-    stepping = stepping[stepping.stepping & (stepping.lane == str(Lane.KERNEL))]
-    stepping = stepping.assign(pace=PAPERS_PACE, total_us=stepping.periods * PERIOD_US).sort_values(["solver", "periods"])
-    found = pd.concat([solved, stepping], ignore_index=True)
-    found = found[found.worst_cost_gap.notna() & found.total_us.notna()]
-    drawn = found[found.pace == FULL_SOLVE].assign(drawn=np.maximum(found.worst_cost_gap, LEAST_GAP))
-    found["front"] = front(drawn, "total_us", "drawn").reindex(found.index, fill_value=False)
-    return found[["view", "problem_set", "scaling", "name", "solver", "lane", "tier", "settings", "pace", "problems", "right",
-                  "worst_cost_gap", "total_us", "front"]].reset_index(drop=True)
+def work_precision(rows: pd.DataFrame) -> pd.DataFrame:
+    """Worst cost gap against the time of an answer, one row a solver lane and rung; ``unasked`` marks what the library does by default.
+
+    Rungs that serve the picture alone are timed on a part of the problems, so it has no others where there are such. The paper's
+    method is there once more at its own pace, a step a sampling period.
+    """
+    rows = rows[(rows.solver != null_solver.ENTRY.name) & (rows.start == "cold")]
+    extra = rows[rows.tier == Tier.RUNG]
+    if len(extra):
+        which = ["problem_set", "problem", "scaling"]
+        partly = rows.scaling.isin(extra.scaling)
+        rows = pd.concat([rows[partly].merge(extra[which].drop_duplicates(), on=which), rows[~partly]], ignore_index=True)
+    rows = rows.assign(unasked=rows.task.isin(rows.task[rows.tier == Tier.DEFAULT]))
+    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50).drop_duplicates("task")
+    table = rows.groupby(["scaling", "solver", "lane", "rung", "unasked"]).agg(
+        problems=("problem", "size"), worst_cost_gap=("cost_gap", figures.worst), total_us=("total_us", "median"),
+        steps=("periods", "median"), settings=("settings", "first")).reset_index()
+    pace = table[(table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))]
+    table = pd.concat([table.assign(who=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),
+                       pace.assign(total_us=pace.steps * PERIOD_US, who=ranking.PACE)], ignore_index=True)
+    table = table[table.worst_cost_gap.notna() & table.total_us.notna()]
+    name = table.solver.map(marked) + np.where(table.lane == Lane.DIRECT, "", " (" + table.lane + ")")
+    groups = np.where(table.lane.isin(SEARCHED), "without wrappers", "qpsolvers and cvxpy")
+    table = table.assign(name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups)
+    table = table.sort_values(["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True)
+    table["front"] = front(table.assign(drawn=np.maximum(table.worst_cost_gap, LEAST_GAP)), "total_us", "drawn") | (table.who == ranking.PACE)
+    return table[["view", "scaling", "who", "name", "solver", "lane", "rung", "unasked", "settings", "problems", "worst_cost_gap",
+                  "total_us", "front"]]
 
 
 def _timed(rows: pd.DataFrame) -> pd.DataFrame:
@@ -124,20 +141,20 @@ def time_by_size(rows: pd.DataFrame) -> pd.DataFrame:
         return table
     wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
     times = wide[sorted(set(table.d))]
-    wide = wide.assign(ours=wide.solver.isin(OURS), right=times.notna().sum(axis=1), mean=np.log(times).mean(axis=1))
+    wide = wide.assign(ours=wide.solver.isin(EXACT), right=times.notna().sum(axis=1), mean=np.log(times).mean(axis=1))
     wide = wide.sort_values(["view", "ours", "right", "mean"], ascending=[True, False, False, True])
     others = wide[~wide.ours].drop_duplicates(["view", "solver"]).groupby("view").head(OTHERS)
     shown = pd.concat([wide[wide.ours], others]).sort_values(["view", "ours"], ascending=[True, False], kind="stable")
     return shown.drop(columns=["solver", "ours", "right", "mean"]).rename_axis(columns=None).reset_index(drop=True)
 
 
-def stages(rows: pd.DataFrame) -> pd.DataFrame:
+def stages(summary: pd.DataFrame) -> pd.DataFrame:
     """Where the time goes, one row a solver lane and stage: medians in µs, and shares of their sum.
 
     The *wrapper* is what update and solve take more than those of the same library in the lane direct; the rest of
     them is shown as it is there.
     """
-    table = most_exact(figures.raced(figures.summary(rows)))
+    table = most_exact(figures.raced(summary))
     table = table[table.solve_us_p50.notna()]
     lines = table.to_dict("records")
     own = {(line["view"], line["solver"]): (line["update_us"], line["solve_us_p50"])

@@ -1,135 +1,131 @@
-"""The report of a one-shot race: in the terminal, as Markdown with its summary as CSV, and what stands on its page."""
+"""What a one-shot race says and shows."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import math
 
 import pandas as pd
 
-from bench import rendering
 from bench.races.oneshot import charts, figures, plot_data
+from bench.races.oneshot.ranking import ranking, short_table, yardstick
 from bench.races.oneshot.rows import ONESHOT
-from bench.report import markdown, svg
-from bench.report.markdown import Report, Table, settings_label
-from bench.report.page import Cell, Grid
-from bench.report.race_page import Content, figure
-from bench.store import Run
+from bench.races.oneshot.verdict import notes, verdict
+from bench.report.report import Figure, Report, Table
+from bench.report.words import OURS_NOTE, marked, number, settings_label
+from bench.store import Run, RunError
 
-HEADINGS = {"solver": "solver", "lane": "lane", "tier": "tier", "rung": "rung", "start": "start", "settings": "settings", "right": "right",
-            "worst_cost_gap": "worst cost gap", "worst_primal_residual": "primal residual",
-            "worst_dual_residual": "dual residual", "worst_weight_error": "weight error",
-            "model_error_percent": "model error, %", "setup_us": "setup, µs", "update_us": "update, µs",
-            "solve_us_p50": "solve p50, µs", "solve_us_p99": "p99", "solve_us_max": "max",
-            "interleaved_us_p50": "interleaved p50", "periods": "periods",
-            "status": "status"}
-UNSHOWN = ("worst_primal_residual", "worst_dual_residual", "solve_us_max")
-"""Columns for which the terminal has no room."""
+HEADINGS = {
+    "solver": "solver", "lane": "lane", "tier": "tier", "right": "right", "worst_cost_gap": "worst cost gap", "update_us": "update, µs",
+    "solve_us_p50": "solve, µs", "answer_us_p99": "p99 of an answer, µs", "periods": "periods", "status": "status",
+    "problem_set": "problem set", "scaling": "scaling", "start": "start", "rung": "rung", "settings": "settings",
+    "optimum": "|V*| over yardstick", "worst_primal_residual": "primal residual", "worst_dual_residual": "dual residual",
+    "worst_weight_error": "weight error", "model_error_percent": "model error, %", "setup_us": "setup, µs",
+    "solve_us_max": "longest solve, µs", "interleaved_us_p50": "solve in turns, µs"}
+"""Who, how right and how fast come first, for a screen without the room for all."""
 WRONG = ("solver", "lane", "tier", "scaling", "status", "times", "such as", "message")
-FILTERS = ("problem set", "scaling", "lane", "tier", "start", "status")
-FIRST = ("solver", "lane", "tier", "right", "worst_cost_gap", "update_us", "solve_us_p50", "periods", "status")
-PAGE_HEADINGS = {key: {**HEADINGS, "problem_set": "problem set", "scaling": "scaling"}[key] for key in dict.fromkeys(
-    (*FIRST, "problem_set", "scaling", *HEADINGS))}
-"""Who, right and how fast come first, for a screen without the room for all."""
-NAMES = 3
 DEFINITIONS = (
-    "right: problems whose relative cost gap (exact arithmetic, against the certified optimum) and constraint violation (relative to "
-    "the largest number of the optimum) are what the tier asks: default and low 1e-3, mid 1e-6, high 1e-9, exact 1e-12; stage: the "
-    "model errs on unseen data at most 1 % of the sensor's noise more than the optimum's. High is numerics, stage is engineering.",
-    "rung: which of the settings that a library's ladder holds, from loose to tight; the loosest that reaches the tier on problems of "
-    "other seeds, -1 for what the library does unasked. The settings shown are those of the first problem.",
+    "lane: how the solver is called. kernel: compiled, without Python; direct: the library's own object; qpsolvers and cvxpy: through "
+    "these packages, which convert and set up at every call, and that is part of the price. Compare solvers in one lane.",
+    "tier: what an answer must reach, the same for all: a cost gap of 1e-3 (low), 1e-6 (mid), 1e-9 (high) or 1e-12 (exact), in exact "
+    "arithmetic, and constraints violated by no more than that, relative to the largest number of the optimum. stage: a model that errs "
+    "on unseen data by at most 1 % of the sensor's noise more than the optimum's. 1e-9 is numerics, stage is engineering.",
+    "default: what the library does unasked, judged like low. In the lanes qpsolvers and cvxpy these are the defaults of that package, "
+    "which are not always the library's: cvxpy asks OSQP for 1e-5.",
+    "rung: which of a solver's settings, from loose to tight: the loosest that reached the tier on problems of other seeds, -1 without "
+    "any. Tolerances are multiples of a constant of each problem; those of the first problem are shown.",
+    "right: on how many problems the answer reached the tier. One that did not has missed it, and ranks below those that always did.",
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
-    "primal and dual residual: those of qpsolvers.Solution from the solver's own duals, worst over the problems.",
-    "weight error: ‖w − w*‖∞ / ‖w*‖∞; model error: RMS error on data that the fit has not seen, per cent of range, median.",
-    "Times are medians over the problems; every solve follows an update with all of P and q. Hot times are of the same solver "
-    "again and again; interleaved ones of solvers that take turns, so that each finds cold caches.",
-    "periods: update and solve in sampling periods of 125 µs, or the steps of a method that does one step a period.",
-    "p99 is given where the sample supports it on every problem; – stands for what is not known.",
-    "The lane is part of the price: qpsolvers converts and sets up at every call, cvxpy adds its own layer.")
-
-
-def cell(row: pd.Series, column: str) -> str:
-    """One cell of the table as Markdown."""
-    return rendering.markdown(text(row, column))
-
-
-def text(row: pd.Series, column: str) -> str:
-    """One cell of the table as plain text."""
-    value = row[column]
-    if column == "right":
-        return "–" if row.status == figures.FLOOR else f"{row.right}/{row.problems}"
-    if column == "settings":
-        return settings_label(str(value))
-    if isinstance(value, float):
-        if pd.isna(value):
-            return "–"
-        return f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
-    return str(value)
+    "|V*| over yardstick: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative to V* is that much looser.",
+    "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. Weight error: "
+    "‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
+    "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same solver again and again; "
+    "in turns, it finds the caches that other solvers left. A controller with other work in its period lies between the two.",
+    "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than the 299 it takes.",
+    "periods: update and solve in sampling periods of 125 µs, or the steps of a method that takes one step a period.",
+    "warm: started from the optimum of the problem before, where problems follow each other; cold: from nothing.",
+    "floor: a solver that does nothing, which is what clock, call and machine cost.",
+    OURS_NOTE)
 
 
 def report(run: Run) -> Report:
-    """Verdict and the most exact tier of each solver lane."""
+    """Everything from the rows of a finished run."""
     rows = run.rows(ONESHOT)
-    table = figures.summary(rows)
-    headings = {key: text for key, text in HEADINGS.items() if key not in UNSHOWN}
-    tables = []
-    shown = figures.at_tiers(table[table.status != figures.FLOOR])
-    for (problem_set, scaling), part in shown.groupby(["problem_set", "scaling"], sort=False):
-        best = part.sort_values("tier", key=lambda tiers: tiers.map(plot_data.MOST_EXACT.index)).drop_duplicates(
-            ["solver", "lane", "start"]).sort_values(["all_right", "total_us"], ascending=[False, True])
-        tables.append(Table(f"{problem_set}, {scaling} data, the most exact tier of each", list(headings.values()),
-                            [[cell(row, key) for key in headings] for _, row in best.iterrows()], 4))
-    return Report(figures.verdict(rows).sentences, tables, table.to_dict("records"))
+    summary, table, costs = figures.summary(rows, run.times()), ranking(rows), optima(run, rows)
+    note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
+    shown = figures.at_tiers(summary).merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
+    wrong = [[marked(solver), *others] for solver, *others in figures.failures(rows)]
+    return Report(
+        verdict(rows), short_table(table, note), summary, terminal=short_table(table, note, terminal=True), notes=notes(rows, summary),
+        definitions=[*DEFINITIONS, *_of_repeats(run)], tables=[
+            Table("Every solver at every tier", [*HEADINGS.values()],
+                  [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()], 3,
+                  ("problem set", "scaling", "lane", "tier", "start", "status")),
+            Table("Time by size", *_sizes(plot_data.time_by_size(rows)), 2, (), "Median µs of update and solve by number of unknowns, where every "
+                  "answer of that size was right: our exact solvers, and the five fastest others each in its fastest lane."),
+            Table("Problems", ("problem set", "problem", "unknowns", "scaling", "V*", "yardstick", "|V*| over yardstick"),
+                  [[row.problem_set, row.problem, str(row.d), row.scaling, *(number(value) for value in (row.V, row.yardstick, row.optimum))]
+                   for _, row in costs.iterrows()], 2, ("problem set", "scaling")),
+            Table("What went wrong", WRONG, wrong, 8, ("lane", "tier", "scaling", "status"))],
+        figures=[
+            Figure.of("work_precision", "Work and precision",
+                      "A line is a solver over its settings from loose to tight: the worst relative cost gap over the problems on which all of "
+                      "them were timed, against the median time. Lower is more exact, left is faster; left of the dashed line an answer is there "
+                      "before the next sample. Hollow: what the library does by default. Gaps below 1e-17 and above 1e3 are drawn at these.",
+                      plot_data.work_precision(rows), charts.work_precision),
+            Figure.of("performance_profile", "Performance profile",
+                      "ρ(τ): the share of problems that a solver answers right within τ times the time of the fastest right answer (Dolan and Moré "
+                      "2002). Higher is better; the left end says how often it is the fastest, the right end how often it is right.",
+                      plot_data.performance_profile(rows), charts.performance_profile),
+            Figure.of("sizes", "Time by size",
+                      "Median time of update and solve by number of unknowns, where every answer of that size was right. The dashed line is the "
+                      "sampling period.", plot_data.sizes(rows), charts.sizes),
+            Figure.of("stages", "Where the time goes",
+                      "Medians over the problems of what each part takes, for the fastest "
+                      f"{charts.MOST_BARS} of each lane. The wrapper is what a lane adds to the same library in the lane direct. The time "
+                      "beside a name is update and solve, which every answer costs; set-up is paid once.", plot_data.stages(summary), charts.stages)])
 
 
-def write(run: Run) -> Path:
-    """Write ``report.md``, ``summary.csv`` and the plots, with several sizes ``sizes.svg`` too; returns the report's path."""
-    rows = run.rows(ONESHOT)
-    table, sizes = figures.summary(rows), plot_data.time_by_size(rows)
-    svg.write_first_view(plot_data.accuracy(rows), charts.accuracy, run.path / "accuracy.svg")
-    if len(sizes):
-        drawn = plot_data.sizes(rows).merge(sizes[["view", "name"]]).assign(front=True)
-        svg.write_first_view(drawn, charts.sizes, run.path / "sizes.svg")
-    return markdown.write(
-        run, __package__, table, report=report(run), headings=HEADINGS, cell=cell,
-        parts=[(*names, [row for _, row in part.iterrows()])
-               for names, part in figures.at_tiers(table).groupby(["problem_set", "scaling"], sort=False)],
-        problems=rows.drop_duplicates(["problem_set", "problem"])[["problem_set", "problem", "d"]].values.tolist(),
-        failures=figures.failures(rows), wrong=WRONG, sizes=sizes.to_dict("records"))
+def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
+    """One row a problem and scaling: its optimal cost ``V``, its ``yardstick``, |V| over that as ``optimum``, and the constant ``c``, 0 for a
+    program from a file; NaN where the problem's file is gone."""
+    found = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
+    lines = []
+    for line in found.to_dict("records"):
+        try:
+            form = run.problem(line["problem_set"], line["problem"]).forms[line["scaling"]]
+        except RunError:
+            lines.append({**line, "V": math.nan, "yardstick": math.nan, "optimum": math.nan, "c": math.nan})
+            continue
+        value = form.certificate.value_rounded
+        lines.append({**line, "V": value, "yardstick": form.yardstick, "optimum": abs(value) / form.yardstick,
+                      "c": 0.0 if form.cost_unit else form.c})
+    return pd.DataFrame(lines)
 
 
-def content(run: Run) -> Content:
-    """What stands on the page."""
-    rows = run.rows(ONESHOT)
-    table = figures.summary(rows)
-    cells = [[Cell(text(line, key), _key(line, key)) for key in PAGE_HEADINGS] for _, line in figures.at_tiers(table).iterrows()]
-    grids = [Grid("Who is right, and how fast", [*PAGE_HEADINGS.values()], cells, NAMES, FILTERS)]
-    if failed := figures.failures(rows):
-        grids.append(Grid.of_text("What went wrong", WRONG, failed, 8, ("lane", "tier", "scaling", "status")))
-    shown = [
-        *figure("accuracy", "Accuracy against time",
-                "Each point is a solver lane at the most exact tier that it raced: the worst relative cost gap over the problems "
-                "(exact arithmetic, gaps below 1e-17 drawn at that) against the median of update and solve. Left of the dashed "
-                "line an answer is there before the next sample. The line of points is the paper's method, which takes one step "
-                "a period. Names stand where there is room, first of those that no other beats in both. Click a lane to see it alone.",
-                plot_data.accuracy(rows), charts.accuracy),
-        *figure("performance_profile", "Performance profile",
-                "ρ(τ) is the share of problems that a solver lane answers right within τ times the time of the fastest right "
-                "answer to each (Dolan and Moré 2002): higher is better, the left end says how often it is the fastest, the "
-                "right end how often it is right. A solver lane that is never right has no line.",
-                plot_data.performance_profile(rows), charts.performance_profile),
-        *figure("sizes", "Time by size",
-                "Median time of update and solve by number of unknowns, where every answer of that size was right. The dashed "
-                "line is the sampling period.", plot_data.sizes(rows), charts.sizes),
-        *figure("stages", "Where the time goes",
-                "Medians over the problems. The wrapper is what update and solve take in a lane beyond those of the same library "
-                "in the lane direct. The time beside a name is that of update and solve, which every answer costs; the set-up is "
-                f"paid once. The {charts.MOST_BARS} fastest of each lane.", plot_data.stages(rows), charts.stages)]
-    return Content(figures.verdict(rows).sentences, shown, grids, DEFINITIONS)
-
-
-def _key(line: pd.Series, column: str) -> str | float:
-    """What a cell is sorted by."""
-    value = line[column]
+def text(row: pd.Series, column: str) -> str:
+    """One cell of the large table."""
+    value = row[column]
     if column == "right":
-        return float(line.right / line.problems)
-    return text(line, column) if isinstance(value, str) or pd.isna(value) else float(value)
+        return "–" if row.status == figures.FLOOR else f"{row.right}/{row.problems}"
+    if column in ("settings", "solver"):
+        return settings_label(str(value)) if column == "settings" else marked(str(value))
+    if isinstance(value, float):
+        return "–" if pd.isna(value) else f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
+    return str(value)
+
+
+def _of_repeats(run: Run) -> list[str]:
+    count = run.settings["settings"].get("repeats", 1)
+    return [f"Every solver ran in {count} fresh processes: times are medians over these, and solve_us_spread in summary.csv is their range over "
+            "the median."] if count > 1 else []
+
+
+def _span(values: pd.Series) -> str:
+    low, high = number(float(values.min())), number(float(values.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _sizes(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows of the times by size."""
+    lines = table.to_dict("split")["data"] if "time_us" not in table else []
+    return ["problems", "solver", *map(str, table.columns[2:])], [[*line[:2], *map(number, line[2:])] for line in lines]

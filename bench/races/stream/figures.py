@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.report.markdown import number
+from bench.report.words import marked, number, percent
 from bench.timing import latency_histogram
 from bench.timing.percentiles import QUANTILES, Percentile, percentile, rate_bound
 from bench.timing.schedule import PERIOD_NS
@@ -108,58 +108,53 @@ def _first(values: Iterable[str]) -> str:
 
 
 def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
-    """Say what the machine itself does, who keeps up, what staleness costs, and what the compiled loops took."""
+    """Say whether the machine can tell, who keeps up, and what staleness costs."""
     floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
     sentences = []
     if len(floor) and floor.missed.iloc[0] > TOLERATED_FLOOR * floor.samples.iloc[0]:
         sentences.append(f"This run cannot say who keeps the schedule: the machine itself misses "
-                         f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, so others were at work "
-                         "on it or it is no machine for that.")
+                         f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, since it was busy or is not fit for it.")
     kept = paced[paced.keeps_up & (paced.status == Status.OK)]
     if len(paced):
         sentences.append(f"{len(kept)} of {len(paced)} solver lanes keep the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
                          "more deadlines than the machine itself does and answer as exactly as asked"
-                         + (f"; the quickest in the median is {_name(kept.iloc[0])}, with a "
-                            f"response time of {_tail(kept.iloc[0], 'response')}." if len(kept) else "."))
-    if len(floor):
-        line = floor.iloc[0]
-        sentences.append(f"The machine itself, a null solver on the same schedule, misses {line.missed} of {line.samples} "
-                         f"deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
-                         f"{number(line.response_max_us)} µs.")
-    sentences += _staleness(table, settings)
+                         + (f"; the quickest is {_name(kept.iloc[0])}, with a response time of {_tail(kept.iloc[0], 'response')}."
+                            if len(kept) else "."))
+    return sentences + _staleness(table, settings)
+
+
+def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+    """Say what the machine itself does, who was stopped, and what the compiled loops took."""
+    paced, found = table[table.paced & ~table.is_floor], []
+    for _, line in table[table.is_floor].iterrows():
+        found.append(f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed} of {line.samples} "
+                     f"deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most {number(line.response_max_us)} µs.")
     stopped = paced[paced.stopped != ""]
     if len(stopped):
-        sentences.append(f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were stopped "
-                         f"there; their median service takes {number(stopped['service_p50_us'].min())} to "
-                         f"{number(stopped['service_p50_us'].max())} µs.")
+        found.append(f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were stopped there; their median "
+                     f"service takes {number(stopped['service_p50_us'].min())} to {number(stopped['service_p50_us'].max())} µs.")
     for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
-        sentences.append(f"Compiled and back to back, not on the schedule, {line.solver} takes {line.samples:,} rows one after "
-                         f"the other with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs.")
-    return sentences
+        found.append(f"Compiled and back to back, not on the schedule, {marked(line.solver)} takes {line.samples:,} rows with "
+                     f"{_tail(line, 'service')} each, at most {number(line.service_max_us)} µs.")
+    return found
 
 
 def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     costs = []
     for text, chosen in (
-            ("keeping the first answer", table.is_floor),
+            ("the first answer, if it is kept,", table.is_floor),
             ("the paper's one projected step a sample (compiled, not on the schedule)", (table.solver == "projected_difference")
              & ~table.paced & (table.settings == json.dumps({"steps": 1}))),
-            ("the exact optimum at every sample by recursive_active_set (direct)", (table.solver == "recursive_active_set")
-             & table.paced)):
-        for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows():
-            mean, most = _share(line.gap_mean), _share(line.gap_max)
-            costs.append(f"{text} {mean} in the mean and {most} at most" if mean != most else f"{text} {most}")
+            (f"{marked('recursive_active_set')} (direct) with the exact optimum at every sample",
+             (table.solver == "recursive_active_set") & table.paced)):
+        costs += [f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
+                  for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows()]
     seconds = settings["samples"] * PERIOD_NS * 1e-9
-    lead = f"Above the optimal cost of each sample, over {seconds:.3g} s of drift, lie: "
-    return [lead + "; ".join(costs) + "."] if costs else []
-
-
-def _share(gap: float) -> str:
-    return f"{100.0 * gap:.2g} %" if gap > 1e-11 else "less than 1e-9 %"
+    return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
 
 
 def _name(line: pd.Series) -> str:
-    return f"{line.solver} ({line.lane})"
+    return f"{marked(line.solver)} ({line.lane})"
 
 
 def _tail(line: pd.Series, kind: str) -> str:

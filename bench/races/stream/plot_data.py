@@ -11,7 +11,7 @@ import pandas as pd
 
 from bench.races.stream import figures
 from bench.report.charts import NAMED, together
-from bench.report.markdown import settings_label
+from bench.report.words import marked, settings_label
 from bench.timing import latency_histogram
 from bench.timing.percentiles import needed
 from bench.timing.schedule import PERIOD_US
@@ -27,7 +27,7 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
     """Names of the lines, with settings and tier where a solver lane has several."""
     several = table.groupby(["solver", "lane"]).tier.transform("nunique") > 1
     settings = table.settings.map(settings_label)
-    label = (table.solver + " (" + table.lane + np.where(several, ", " + table.tier, "")
+    label = (table.solver.map(marked) + " (" + table.lane + np.where(several, ", " + table.tier, "")
              + np.where(settings != "", ", " + settings, "") + ")")
     return table.assign(name=label.where(~table.is_floor, FLOOR_NAME), view="stream",
                         lane=table.lane.where(~table.is_floor, "the machine"))

@@ -1,10 +1,10 @@
-"""The report of a stream race: words and tables, Markdown, and what stands on its page."""
+"""What a stream race says and shows."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -12,43 +12,58 @@ import pandas as pd
 from bench.races.settings import settings_of
 from bench.races.stream import charts, figures, plot_data
 from bench.races.stream.race import STREAM, StreamSettings
-from bench.report import markdown, svg
-from bench.report.markdown import Report, Table, gap, number, settings_label
-from bench.report.race_page import Content, figure, grids
+from bench.report.report import Figure, Report, Table
+from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
 from bench.store import Run
 from bench.timing import latency_histogram
 from bench.timing.percentiles import QUANTILES, Percentile, needed
+from bench.timing.schedule import PERIOD_US
 
 NAMES = ("solver", "lane", "tier", "settings")
 QUANTILE_NAMES = tuple(Percentile(q).name for q in QUANTILES)
 WRONG = ("solver", "lane", "tier", "settings", "status", "message")
-DEFINITIONS = (
-    "Response is from the due time of a sample to the end of the first solve that includes it, service from the begin to the "
-    "end of a solve; a missed deadline is a response above 125 µs.",
-    "Beyond the floor are misses above the upper 95 % bound of the rate at which a solver that does nothing misses; a "
-    "percentile marked ≈ floor has an interval that reaches into that solver's.",
-    "Percentiles are order statistics with distribution-free 95 % intervals; one that the sample cannot support is refused.",
-    "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the optimal cost.",
-    "The compiled loops take the same rows back to back, without waiting: they have no response times.")
+
+
+def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """What the words mean."""
+    return (
+        "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then takes the newest due sample when it is "
+        "done, with the data of those it missed. Response: from the due time of a sample to the end of the first solve that includes it; "
+        "service: from the begin to the end of a solve; a missed deadline is a response above 125 µs.",
+        "P and q are brought up to date by the machine before the due time where there is time, and never in the service time; solvers that "
+        "take rows do it themselves, and theirs is timed. Service is update and solve.",
+        "The floor is a solver that answers at once: the machine itself. Beyond the floor are misses above the upper 95 % bound of its own, "
+        "which counts stalls (runs of late samples) and takes as many misses with each as it had. A percentile marked ≈ floor has an interval "
+        "that reaches into the floor's.",
+        "Percentiles are order statistics with distribution-free 95 % intervals; one that the sample cannot support is refused with the number "
+        "it needs. The intervals take samples as independent; delays come in bursts, so true ones are wider.",
+        "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the optimal cost: of all "
+        f"samples in doubles against box_active_set, and exact at {settings.get('certified', 0)} instants with proven optima. Own answers: the "
+        "worst gap at the sample that each was computed for. Reused: samples at whose deadline an older answer was in use.",
+        "The compiled loops take the same rows back to back, there and back again: no waiting, hot caches, no response times. Corrected counts "
+        "with each call longer than the period what would have waited behind it on a schedule.",
+        f"A lane whose answers are late at each of the first {settings['give_up']} samples is stopped there. Every lane runs in a fresh process "
+        "after an untimed warm-up on the same rows, garbage collection off, one thread, one core.",
+        OURS_NOTE)
 
 
 def report(run: Run) -> Report:
-    """Verdict and tables."""
-    return report_of(figures.summary(run.rows(STREAM), run.times()), settings_of(run, StreamSettings).to_dict())
-
-
-def write(run: Run) -> Path:
-    """Write ``report.md``, ``summary.csv`` and ``latency.svg``; returns the report's path."""
+    """Everything from the rows and times of a finished run."""
     rows, times = run.rows(STREAM), run.times()
     table = figures.summary(rows, times)
-    svg.write_first_view(plot_data.latency_tails(rows, times), charts.latency_tails, run.path / "latency.svg")
-    return markdown.write(run, __package__, table.drop(columns=[name for name in table.columns if name.endswith("histogram")]),
-                          report=report_of(table, settings_of(run, StreamSettings).to_dict()),
-                          failures=table[table.message != ""][[*WRONG]].values.tolist(), wrong=WRONG)
+    shown = [
+        Figure.of("latency_tails", "Latency tails",
+                  "Response time by percentile, as far as the number of samples supports it; lower is better, and above the dashed line the "
+                  f"deadline is missed. {plot_data.FLOOR_NAME.capitalize()} is a solver that answers at once. Compiled loops wait for no schedule "
+                  "and are drawn by their service time.", plot_data.latency_tails(rows, times), charts.latency_tails),
+        Figure.of("deadline_profile", "Deadline profile",
+                  "Share of samples answered within k sampling periods of their due time. The deadline is one period.",
+                  plot_data.deadline_profile(rows, times), charts.deadline_profile)]
+    return report_of(table, settings_of(run, StreamSettings).to_dict(), shown)
 
 
-def report_of(table: pd.DataFrame, settings: Mapping[str, Any]) -> Report:
-    """Verdict and tables from the summary and the settings of a stream race."""
+def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[Figure] = ()) -> Report:
+    """The report of a summary and the settings of a stream race, with its figures."""
     paced, kernel = ([line for _, line in part.iterrows()] for part in (table[table.paced], table[~table.paced]))
     tables = [
         _table("Response time on the schedule, µs: due time to answer",
@@ -67,13 +82,36 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any]) -> Report:
                (*QUANTILE_NAMES, "max", f"{QUANTILE_NAMES[-1]} corrected", "rows", "stopped", "status"), kernel,
                lambda line: [*_percentiles(line, "service"), _corrected(line), str(line.samples), line.stopped,
                              line.status])]
-    return Report(figures.verdict(table, settings), [table for table in tables if table.rows])
+    wrong = [[marked(line[0]), *map(str, line[1:])] for line in table[table.message != ""][[*WRONG]].values.tolist()]
+    return Report(figures.verdict(table, settings), ranking(table),
+                  table.drop(columns=[name for name in table.columns if name.endswith("histogram")]), figures=shown,
+                  notes=figures.notes(table, settings), tables=[*tables, Table("What went wrong", WRONG, wrong, 6)],
+                  definitions=definitions(settings), limits=(*Report.limits, "The system is no real-time system."))
+
+
+def ranking(table: pd.DataFrame) -> Table:
+    """Who keeps the schedule, the paper's method first and then the floor."""
+    paper = (table.solver == "projected_difference") & (table.settings == json.dumps({"steps": 1}))
+    tail = max((q for q in QUANTILES if table[figures.column("response", q)].notna().any()), default=QUANTILES[0])
+    rows = [[marked(line.solver), line.lane, settings_label(str(line.settings)) or line.tier, _schedule(line),
+             *(number(line[figures.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
+             _percent(line.missed / line.samples if line.samples else math.nan), gap(line.gap_mean), gap(line.gap_max)]
+            for _, line in pd.concat([table[paper], table[~paper]]).iterrows()]
+    headings = ("solver", "lane", "setting", "schedule", "p50, µs", f"{Percentile(tail).name}, µs", "missed", "mean gap", "worst gap")
+    return Table("Who keeps the schedule", headings, rows, 3, ("lane", "schedule"),
+                 "Response time by percentile, of compiled loops the time of a row. Missed: answers later than "
+                 f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above that of the moment's optimum, over the "
+                 f"latter. {OURS_NOTE}")
+
+
+def _schedule(line: pd.Series) -> str:
+    return "loop" if not line.paced else "floor" if line.is_floor else "kept" if line.keeps_up else str(line.status)
 
 
 def _table(title: str, headings: Sequence[str], lines: Iterable[pd.Series], cells: Callable[[pd.Series], Sequence[str]],
            ) -> Table:
     """A table of solver lanes."""
-    rows = [[line.solver, line.lane, line.tier, settings_label(str(line.settings)), *cells(line)] for line in lines]
+    rows = [[marked(line.solver), line.lane, line.tier, settings_label(str(line.settings)), *cells(line)] for line in lines]
     return Table(title, (*NAMES, *headings), rows, len(NAMES))
 
 
@@ -100,20 +138,3 @@ def _corrected(line: pd.Series) -> str:
 
 def _percent(share: float) -> str:
     return "–" if math.isnan(share) else f"{100.0 * share:.3g} %"
-
-
-def content(run: Run) -> Content:
-    """What stands on the page."""
-    rows, times = run.rows(STREAM), run.times()
-    found = report(run)
-    shown = [
-        *figure("deadline_profile", "Deadline profile",
-                "Share of samples answered within k sampling periods of their due time. The deadline is one period.",
-                plot_data.deadline_profile(rows, times), charts.deadline_profile),
-        *figure("latency_tails", "Latency tails",
-                "Response time, from the due time of a sample to its answer, by percentile, as far as the number of samples "
-                f"supports it. {plot_data.FLOOR_NAME.capitalize()} is a solver that answers at once: a tail that is not "
-                "above it is the machine's. Compiled loops, which wait for no schedule, by their service time. The dashed "
-                "line is the deadline.",
-                plot_data.latency_tails(rows, times), charts.latency_tails)]
-    return Content(found.sentences, shown, grids(found), DEFINITIONS)

@@ -11,7 +11,7 @@ for (const grid of document.querySelectorAll(".grid")) {
   const body = grid.querySelector("tbody"), rows = [...body.rows], heads = [...grid.querySelectorAll("th")];
   const choices = [...grid.querySelectorAll("select")], search = grid.querySelector("input"), said = grid.querySelector("output");
   const key = (row, column) => {
-    const text = row.cells[column].dataset.key, number = parseFloat(text);
+    const text = row.cells[column].textContent, number = parseFloat(text);
     return /^[-+]?[.\d]/.test(text) && !Number.isNaN(number) ? number : text;
   };
   const empty = (value) => value === "" || value === "–" || value === "nan";

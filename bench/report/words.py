@@ -1,0 +1,90 @@
+"""Figures and names as a reader meets them, the same in every table, plot and sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from piezo_model.json_file import decoded
+from solvers.registry import OURS
+
+MARK = "†"
+OURS_NOTE = f"{MARK} ours: written for this project."
+
+
+def marked(solver: str) -> str:
+    """A solver's name, with a mark if it is one of our own.
+
+    Examples
+    --------
+    >>> marked("daqp"), marked("box_active_set")
+    ('daqp', 'box_active_set†')
+    """
+    return solver + MARK if solver in OURS else solver
+
+
+def settings_label(text: str) -> str:
+    """Turn ``{"steps": 100, "eps": 1.23456e-9}`` into ``steps 100, eps 1.2e-09``."""
+    settings = decoded(text, dict[str, Any]).items()
+    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in settings)
+
+
+def number(value: float) -> str:
+    """Three digits, and no powers of ten in what is thousands of microseconds."""
+    return "–" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
+
+
+def gap(value: float) -> str:
+    """A relative cost gap."""
+    return "–" if not math.isfinite(value) else f"{value:.1e}"
+
+
+def percent(share: float) -> str:
+    """A relative cost gap in a sentence.
+
+    Examples
+    --------
+    >>> [percent(share) for share in (0.0, 0.0062, 3.14, 641.2)]
+    ['less than 1e-9 %', '0.62 %', '314 %', '641 times']
+    """
+    if share < 1e-11:
+        return "less than 1e-9 %"
+    if share >= 10.0:
+        return f"{share:.0f} times"
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+
+
+def periods(count: float) -> str:
+    """A number of sampling periods in a sentence.
+
+    Examples
+    --------
+    >>> periods(0.0087), periods(15200.0)
+    ('0.0087 of a sampling period', '15200 sampling periods')
+    """
+    return f"{count:.2g} of a sampling period" if count < 1.0 else f"{number(count)} sampling periods"
+
+
+def apart(a: float, b: float) -> tuple[str, str]:
+    """Two figures with as many digits, three at least, as it takes to tell them apart.
+
+    Examples
+    --------
+    >>> apart(0.54312, 0.54309), apart(1.0, 1.0)
+    (('0.54312', '0.54309'), ('1', '1'))
+    """
+    digits = next((n for n in range(3, 17) if a == b or f"{a:.{n}g}" != f"{b:.{n}g}"), 17)
+    return f"{a:.{digits}g}", f"{b:.{digits}g}"
+
+
+def joined(texts: Iterable[str]) -> str:
+    """A list in a sentence.
+
+    Examples
+    --------
+    >>> joined(["a", "b", "c"]), joined(["a"])
+    ('a, b and c', 'a')
+    """
+    some = [*texts]
+    return f"{', '.join(some[:-1])} and {some[-1]}" if len(some) > 1 else "".join(some)

@@ -1,0 +1,94 @@
+"""The first screen of a race: who wins at which accuracy, where the paper's method stands, whether the stage would notice."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+
+from bench.races.oneshot import plot_data
+from bench.races.oneshot.ranking import PACE, ranking, short_table
+from bench.races.oneshot.rows import ONESHOT
+from bench.races.oneshot.verdict import verdict
+from bench.store import Run
+from solvers import Tier
+from solvers.registry import OURS
+
+REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    return Run.open(REFERENCE).rows(ONESHOT)
+
+
+@pytest.fixture(scope="module")
+def shown(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], str]:
+    """What the terminal shows of a real race, and its report in Markdown."""
+    run = tmp_path_factory.mktemp("shown") / "run"
+    shutil.copytree(REFERENCE, run)
+    call = piezobench("report", "run", folder=run.parent)
+    assert (call.status, call.stderr) == (0, "")
+    return call.stdout.splitlines(), (run / "report.md").read_text(encoding="utf-8")
+
+
+def test_the_terminal_shows_a_real_race_in_a_hundred_columns_and_forty_lines(shown: tuple[list[str], str]) -> None:
+    lines, _ = shown
+    assert max(map(len, lines)) <= 100
+    assert len(lines) <= 40
+    table = lines[next(i for i, line in enumerate(lines) if line.startswith("solver ")) + 1:]
+    assert table[0].startswith(PACE)
+    assert sum(" direct " in line or " kernel " in line for line in table) >= 10
+
+
+def test_our_own_solvers_are_marked_in_every_table(shown: tuple[list[str], str]) -> None:
+    lines, report = shown
+    for line in [*lines, *report.splitlines()]:
+        for solver in OURS if line.startswith(("|", *OURS)) else ():
+            assert not re.search(rf"\b{solver}\b(?!†)", line), line
+    assert "† ours" in report
+    assert any("† ours" in line for line in lines)
+
+
+def test_the_papers_method_comes_first_and_what_misses_an_accuracy_ranks_below_what_reaches_it(rows: pd.DataFrame) -> None:
+    paper, *others = ranking(rows)
+    assert paper.name == PACE
+    assert paper.results[Tier.LOW].us == 15_200 * 125.0
+    reached = [line.results[Tier.HIGH].reached for line in others if Tier.HIGH in line.results]
+    assert reached == sorted(reached, reverse=True)
+    times = [line.results[Tier.HIGH].us for line in others if Tier.HIGH in line.results and line.results[Tier.HIGH].reached]
+    assert times == sorted(times)
+
+
+def test_a_cell_that_missed_is_named_so_with_its_count_and_its_time(rows: pd.DataFrame) -> None:
+    spoiled = rows.copy()
+    spoiled.loc[(rows.solver == "daqp") & (rows.problem == "bouc_wen-staircase") & (rows.tier == "high"), "status"] = "missed"
+    (cell,) = (row[4] for row in short_table(ranking(spoiled), "").rows if row[:2] == ["daqp", "direct"])
+    assert re.fullmatch(r"missed 2/3:\n[\d.]+ \([\d.]+\)", cell)
+
+
+def test_the_picture_has_only_problems_on_which_every_rung_was_timed(rows: pd.DataFrame) -> None:
+    table = plot_data.work_precision(rows)
+    extra = rows[rows.tier == Tier.RUNG]
+    count = len(extra[["problem_set", "problem"]].drop_duplicates())
+    assert (table[table.scaling == "scaled"].problems == count).all()
+    piqp = table[(table.solver == "piqp") & (table.lane == "direct") & (table.scaling == "scaled")]
+    assert piqp[~piqp.unasked].rung.tolist() == sorted(set(rows[(rows.solver == "piqp") & (rows.lane == "direct")].rung) - {-1})
+    assert piqp.unasked.sum() == 1
+    assert (piqp.rung[piqp.unasked] == -1).all()
+
+
+@pytest.mark.parametrize(("excess", "says"), [(0.0, "would not notice"), (0.0099, "would not notice"), (0.0101, "would notice on 1 of 3")])
+def test_the_stage_notices_by_the_rule_of_its_tier_and_by_figures_that_differ(rows: pd.DataFrame, excess: float, says: str) -> None:
+    rows = rows.copy()
+    one = rows.problem == "bouc_wen-staircase"
+    rows["stage_excess"] = np.where(one, excess, -1.0)
+    rows["model_error_um"] = rows.optimum_error_um + np.where(one, 0.008 * excess, -0.008)
+    *_, sentence = verdict(rows)
+    assert says in sentence
+    errors = re.findall(r"by ([\d.]+) µm", sentence)
+    assert len(errors) == 2
+    assert (errors[0] != errors[1]) == (excess > 0.0)
