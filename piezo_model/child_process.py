@@ -2,7 +2,8 @@
 
 A child is a fresh interpreter, which imports nothing of its parent's program, so that any script may have one. What it prints goes
 to a file without a name, where its last words are looked for when it has died. It does not outlive its parent: the kernel sends it
-SIGIO, which ends it whatever it is doing, as soon as nobody holds the other end of a pipe between them.
+SIGIO, which ends it whatever it is doing, as soon as nobody holds the other end of a pipe between them. It leads a process group of
+its own, so that the same signal ends the processes that it has started, too.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from types import TracebackType
@@ -132,6 +134,8 @@ class Child:
             if self._exit_code(GRACE_S) is None:
                 self._process.kill()
                 self._exit_code(START_LIMIT_S)
+            with suppress(ProcessLookupError):  # the usual case: nobody is left of its group
+                os.killpg(self._process.pid, signal.SIGKILL)
             self._lifeline.close()
 
     def __enter__(self) -> Self:
@@ -147,7 +151,9 @@ def serve(connection: Connection, alive: Connection) -> None:
     """Main loop of the child: call what is asked for until the connection closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to deal with
     signal.signal(signal.SIGIO, signal.SIG_DFL)
-    fcntl.fcntl(alive, fcntl.F_SETOWN, os.getpid())
+    os.setpgrp()
+    itself = os.getpid()
+    fcntl.fcntl(alive, fcntl.F_SETOWN, -itself)  # the whole group
     fcntl.fcntl(alive, fcntl.F_SETFL, os.O_ASYNC)
     while True:
         try:
@@ -155,7 +161,10 @@ def serve(connection: Connection, alive: Connection) -> None:
         except EOFError:  # here, too, if the parent had ended before the kernel was asked
             return
         os.ftruncate(1, 0)  # what was printed before is nobody's last word
-        connection.send(function(*arguments))
+        found = function(*arguments)
+        if os.getpid() != itself:  # the function has forked, and only one of the two may answer
+            os._exit(0)
+        connection.send(found)
 
 
 def limit_memory(megabytes: int) -> None:

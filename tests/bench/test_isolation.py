@@ -3,6 +3,7 @@
 Every faulty solver is right on raw data, so its second row shows that the next task got a working process.
 """
 
+import subprocess
 import time
 from pathlib import Path
 
@@ -29,10 +30,11 @@ STATUS = {
     "infeasible": Status.MISSED, "short": Status.MISSED, "nothing": Status.SOLVER_FAILED,
     "odd_duals": Status.ADAPTER_FAILED, "writes": Status.OK, "writes_later": Status.OK, "unrepeatable": Status.OK,
     "noisy": Status.OK, "unsupported": Status.UNSUPPORTED, "boasts": Status.OK, "miscounts": Status.OK,
-    "answers_complex": Status.ADAPTER_FAILED}
+    "answers_complex": Status.ADAPTER_FAILED, "prints_much": Status.OK, "starts_others": Status.OK, "forks": Status.OK,
+    "closes_descriptors": Status.CRASHED, "starts_threads": Status.OK, "ignores_signals": Status.TIMED_OUT}
 SAID = {
     "segfaults": "SIGSEGV", "aborts": "SIGABRT, after printing 'about to fall'", "exits": "exit status 3",
-    "hangs": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
+    "hangs": "no answer within 4 s", "ignores_signals": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
     "answers_nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation ",
     "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
@@ -108,6 +110,25 @@ def test_a_solver_that_hangs_does_not_outlive_a_killed_race(piezobench: CommandL
     call.kill()
     call.wait()
     wait_until_gone(call)
+
+
+def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
+    done = subprocess.run(["pgrep", "-f", f"tail -f {faulty_race.run.path.parent}"], capture_output=True, text=True, check=False)
+    assert done.stdout == ""
+
+
+def test_processes_that_a_solver_started_do_not_outlive_a_killed_race(piezobench: CommandLine, tmp_path: Path) -> None:
+    file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)",
+                                  "open(__file__ + '.pid', 'w').write(str(subprocess.Popen(['sleep', '1001']).pid)); time.sleep(1000)")
+    call = piezobench.start("race", "--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--solver", file,
+                            "--time-limit", 60, "--out", tmp_path)
+    pid = tmp_path / "sleeper.py.pid"
+    while not (pid.exists() and pid.read_text()):
+        assert call.running(), call.stderr.read_text()
+        time.sleep(0.02)
+    call.kill()
+    call.wait()
+    wait_until_gone(call)  # the started one among them
 
 
 LOADED = {
