@@ -211,7 +211,7 @@ def decide(run: Run, rule: Rule) -> Decision:
     """
     race = run.settings.get("race", "oneshot")
     if race not in ("oneshot", STREAM_KIND):
-        raise RunError(f"{run.path}: is a race of the kind {race!r}; a decision needs a one-shot race or a stream")
+        raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
     candidates = list(_of_stream(run, rule) if race == STREAM_KIND else _of_oneshot(run, rule))
     verdicts = [(each, each.failing(rule)) for each in candidates]
     qualified, refused = [each for each, why in verdicts if not why], tuple(sorted(
@@ -320,7 +320,7 @@ def _proven(run: Run, asked: str | None, simulated: bool) -> tuple[HysteresisCre
     rows = run.rows(ONESHOT).drop_duplicates(["problem_set", "problem"])
     names = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
     if asked is not None and asked not in names:
-        raise RunError(f"{run.path}: has no problem {asked!r}; there are {', '.join(names)}")
+        raise RunError(f"{run.path} has no problem {asked!r}; there are {', '.join(names)}")
     wanted = "simulated" if simulated else "a recording of yours"
     for name, who in names.items():
         origin = problems.find(who[0]).origin
@@ -334,5 +334,5 @@ def _proven(run: Run, asked: str | None, simulated: bool) -> tuple[HysteresisCre
             cost_gap, violation = relative_gap(form, np.array(form.certificate.x))
             return (HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights), f"the problem {name}, {origin}",
                     {"problem_of_run": name, "cost_gap": cost_gap, "violation": violation, **asdict(form.certificate)})
-    raise RunError(f"{run.path}: holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one with --model, as identify "
+    raise RunError(f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one with --model, as identify "
                    "writes it, name a problem with --problem, or take a simulated actuator with --simulated")

@@ -141,12 +141,12 @@ class Run:
             raise RunError(f"a run has the name of one folder, on one line, without slash and leading dot or dash, and not {name!r}")
         run = cls(results / name)
         if run.path.exists():
-            raise RunError(f"{run.path}: is there already; give another name or resume it")
+            raise RunError(f"{run.path} is there already; give another name or resume it")
         try:
             results.mkdir(parents=True, exist_ok=True)
             made = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=results))
         except OSError as error:
-            raise RunError(f"{run.path}: cannot be made ({error.strerror})") from None
+            raise RunError(f"{run.path} cannot be made ({error.strerror})") from None
         try:
             for folder in ("problems", "tasks"):
                 (made / folder).mkdir()
@@ -155,14 +155,14 @@ class Run:
             made.rename(run.path)
         except OSError as error:
             shutil.rmtree(made)
-            raise RunError(f"{run.path}: cannot be made ({error.strerror})") from None
+            raise RunError(f"{run.path} cannot be made ({error.strerror})") from None
         return run
 
     @classmethod
     def open(cls, path: Path) -> Run:
         """Open a run that is there, if it is of this version; the first runs do not say that they are of version 1."""
         if not (path / "run.json").is_file():
-            raise RunError(f"{path}: is not a run folder: it has no run.json")
+            raise RunError(f"{path} is not a run folder: it has no run.json")
         run = cls(path)
         if (version := run.settings.get("version", 1)) != VERSION:
             raise RunError(f"{path / 'run.json'}: version {version!r} is not {VERSION}, the one this program reads")
@@ -202,7 +202,7 @@ class Run:
         """Load a problem of the run; RunError says in one sentence what is wrong with its file."""
         path = self.problem_path(problem_set, name)
         if not path.is_file():
-            raise RunError(f"{path}: is not there, or not from {os.uname().nodename}, so the problem cannot be raced")
+            raise RunError(f"{path} is not there, or not from {os.uname().nodename}, so the problem cannot be raced")
         try:
             return RaceProblem.load(path)
         except ProblemFileError as error:
@@ -272,7 +272,7 @@ class Run:
     def _table(self, file: str, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFrame:
         path = self.path / file
         if not path.is_file():
-            raise RunError(f"{self.path}: has no {file}; the run was not finished, so resume it")
+            raise RunError(f"{self.path} has no {file}: the run was not finished, so resume it")
         try:
             return columns.read(path, wanted, name)
         except columns.TableError as error:

@@ -13,6 +13,7 @@ from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy import Rule, decide, deployment
 from bench.races.registry import open_run
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
+from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
@@ -70,8 +71,8 @@ def compare_verb(
                     console.print(f"\n{grid.title}:")
                     print_table(grid.headings, grid.rows[:MOST_ROWS], left=grid.left)
                 if (more := len(grid.rows) - MOST_ROWS) > 0:
-                    console.print(f"{more} more stand on the page.")
-        console.print(f"\nComparison: {page}")
+                    console.print(f"{more} more are on the page.")
+        console.print(f"\n{OURS_NOTE}\nComparison: {page}")
     bad = sum(each.differences if fail_on is FailOn.difference else each.regressions for each in found)
     if fail_on is not FailOn.nothing and (bad or any(each.cannot_tell for each in found)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
@@ -121,4 +122,4 @@ def deploy_verb(
         console.print(sentence)
     for each, why in decision.refused[:NEAREST]:
         console.print(f"Not qualified: {each.name} {why}.")
-    console.print(f"Model: from {source}.\nCompensator: {target}")
+    console.print(f"Model: from {source}.\n{OURS_NOTE}\nCompensator: {target}")

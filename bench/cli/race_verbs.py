@@ -31,6 +31,7 @@ from bench.report.console import (
 from bench.report.report import Report
 from bench.store import Run, RunError
 from solvers import Lane, Tier, entries
+from solvers.registry import OURS
 
 RESULTS = Path("results")
 AROUND, FEWEST_ROWS = 5, 10
@@ -181,6 +182,7 @@ def solvers_verb(as_json: AsJson = False) -> None:
         print_json(records(headings, rows))
     else:
         print_table(headings, rows, left=6)
+        console.print(f"Ours, written for this project: {', '.join(sorted(OURS))}.")
 
 
 def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

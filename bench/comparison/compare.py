@@ -152,7 +152,7 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
     """
     for run in (a, b):
         if (race := run.settings.get("race", "oneshot")) != "oneshot":
-            raise RunError(f"{run.path}: this is a {race} race; only one-shot races can be compared")
+            raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
     warnings, notes = _conditions(a.settings, b.settings)
     times = compare_times(log_ratios(a, b), null_solver.ENTRY.name, smallest)
     rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT)).merge(times.rows, on="task", how="left")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from piezo_model.json_file import decoded
@@ -24,10 +24,10 @@ def marked(solver: str) -> str:
     return solver + MARK if solver in OURS else solver
 
 
-def settings_label(text: str) -> str:
-    """Turn ``{"steps": 100, "eps": 1.23456e-9}`` into ``steps 100, eps 1.2e-09``."""
-    settings = decoded(text, dict[str, Any]).items()
-    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in settings)
+def settings_label(settings: str | Mapping[str, Any]) -> str:
+    """Turn ``{"steps": 100, "eps": 1.23456e-9}``, or JSON that says so, into ``steps 100, eps 1.2e-09``."""
+    known = decoded(settings, dict[str, Any]) if isinstance(settings, str) else settings
+    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in known.items())
 
 
 def number(value: float) -> str:

@@ -92,7 +92,7 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
     for call in calls:
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr == "piezobench report: nowhere: is not a run folder: it has no run.json\n"
+        assert done.stderr == "piezobench report: nowhere is not a run folder: it has no run.json\n"
 
 
 @pytest.mark.parametrize(("words", "said"), [

@@ -166,6 +166,15 @@ def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> No
     browser.wait_until(lambda: browser.run(points) != before)
 
 
+def test_a_name_that_is_typed_leaves_its_lines_alone_in_the_picture(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    points = "return document.querySelectorAll('#work_precision svg .mark-symbol.role-mark path').length"
+    before = browser.run(points)
+    browser.run("""const sought = document.querySelector('#work_precision input[type=search]');
+        sought.value = 'DAQP'; sought.dispatchEvent(new Event('input'))""")
+    browser.wait_until(lambda: 0 < browser.run(points) < before)
+
+
 def test_the_page_is_one_small_file_with_its_data_beside_it(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert page.stat().st_size < LARGEST

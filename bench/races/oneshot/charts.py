@@ -21,6 +21,7 @@ from bench.report.charts import (
     names_beside,
     views,
 )
+from bench.report.words import marked
 from bench.timing.schedule import PERIOD_US
 
 MOST_BARS = 24
@@ -87,7 +88,7 @@ def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
         part = table[table.lane == lane]
         shown = part[part.groupby("view").update_and_solve_us.rank(method="dense") <= MOST_BARS]
         shown = shown.assign(at=shown.stage.map(STAGES.index), label=[
-            f"{solver}, {duration(us)}" for solver, us in zip(shown.solver, shown.update_and_solve_us, strict=True)])
+            f"{marked(solver)}, {duration(us)}" for solver, us in zip(shown.solver, shown.update_and_solve_us, strict=True)])
         with_setup = alt.param(name="with_setup", value=False, bind=alt.binding_checkbox(name="with the set-up, paid once "))
         bars = alt.Chart(data(shown)).transform_filter(f"with_setup || datum.stage != '{STAGES[0]}'").mark_bar().encode(
             y=alt.Y("label:N", title=None, axis=alt.Axis(labelLimit=220), sort=alt.EncodingSortField(

@@ -104,7 +104,7 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
     rows = [[line.name, line.lane, *(cell(line.results[tier]) if tier in line.results else "–" for tier in targets),
              gap(line.results[Tier.DEFAULT].worst_gap) if Tier.DEFAULT in line.results else "–"] for line in lines]
     headings = ["solver", "lane", *(f"to {ASKED[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
-                "default" if terminal else "gap by default"]
+                "default" if terminal else "default gap"]
     missed = "✗2/3" if terminal else "missed 2/3"
     return Table("Time to accuracy", headings, rows, 2, ("lane",), f"{note} Times: µs of update and solve, then sampling periods of "
                  f"{PERIOD_US:g} µs. {missed}: right on 2 of 3 problems only. {OURS_NOTE}")

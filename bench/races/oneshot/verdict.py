@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import pandas as pd
 
@@ -12,6 +13,7 @@ from bench.races.oneshot import figures
 from bench.races.oneshot.ranking import ASKED, PACE, PAPER, Line, lane_of_paper, ranking, scaling_of
 from bench.report.words import apart, joined, marked, number, percent, periods, settings_label
 from bench.timing.schedule import PERIOD_US
+from piezo_model.json_file import decoded
 from solvers import Lane, Tier
 from solvers.registry import OURS
 
@@ -128,9 +130,11 @@ def _turns(table: pd.DataFrame) -> Iterator[str]:
 def _lanes(rows: pd.DataFrame) -> Iterator[str]:
     """Lanes in which a library is asked otherwise than by its own object, at the tier that all lanes race."""
     first = rows[(rows.tier == Tier.MID) & (rows.scaling == scaling_of(rows)) & (rows.start == "cold")].drop_duplicates(["solver", "lane"])
-    direct = first[first.lane == Lane.DIRECT].set_index("solver").settings
-    for _, line in first[first.lane.isin([Lane.QPSOLVERS, Lane.CVXPY])].iterrows():
-        own = direct.get(IN_LANE_DIRECT.get(line.solver, line.solver))
-        if own is not None and own != line.settings:
-            yield (f"At 1e-6 the lane {line.lane} asks {line.solver} for ({settings_label(line.settings)}), the lane direct for "
-                   f"({settings_label(own)}).")
+    asked = {(line.solver, line.lane): decoded(line.settings, dict[str, Any]) for _, line in first.iterrows()}
+    for (solver, lane), there in asked.items():
+        own = asked.get((IN_LANE_DIRECT.get(solver, solver), Lane.DIRECT))
+        if own is not None and lane in (Lane.QPSOLVERS, Lane.CVXPY):
+            differ = {name for name in {*there, *own} - {"raise_error"} if there.get(name) != own.get(name)}  # how a failure is said
+            has = [settings_label({name: value for name, value in of.items() if name in differ}) or "none of these" for of in (there, own)]
+            if differ:
+                yield f"At 1e-6 the settings of {solver} in the lane {lane} differ from those in the lane direct: {has[0]}; direct: {has[1]}."
