@@ -7,15 +7,16 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help core debug bench test nightly fuzz lint perf report compare experiment clean
+.PHONY: help core debug bench test nightly fuzz lint docs perf report compare experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := bench,field,copyleft
-$(VENV)/.dev:   EXTRAS := bench,field,copyleft,heavy,commercial,codegen,ecosystem,dask,formats,dev
-$(VENV)/.field $(VENV)/.dev: pyproject.toml constraints.txt
+$(VENV)/.dev:   EXTRAS := bench,field,copyleft,heavy,commercial,codegen,ecosystem,dask,formats,docs,dev
+$(VENV)/.docs:  EXTRAS := docs
+$(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@if command -v uv >/dev/null 2>&1; then \
 	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \
 	  uv pip install --quiet --python $(BIN)/python -c constraints.txt -e '.[$(EXTRAS)]'; \
@@ -52,6 +53,9 @@ fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SEC
 lint: core            ## style and types
 	$(BIN)/ruff check
 	$(BIN)/mypy
+
+docs: $(VENV)/.docs   ## build the documentation into site/
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
 	$(BIN)/piezobench perf

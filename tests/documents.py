@@ -1,7 +1,7 @@
 """Pages in Markdown whose examples are run as they stand.
 
 ```sh        lines of ``piezobench``, each a process of its own that must succeed; ``sh fails``: each must refuse
-```python    executed, all blocks of a page in one namespace; ``python file=x.py``: written to that file instead
+```python    executed, all blocks of a page in one namespace; ``python title="x.py"``: written to that file instead
 ```text      what the block before it printed, line by line
 """
 
@@ -68,7 +68,7 @@ def run(page: Path, folder: Path) -> None:
         if block.language == "sh":
             printed = "".join(call(words, folder, refused=block.rest == "fails") for words in commands(block.text))
         elif block.language == "python" and block.rest:
-            (folder / block.rest.removeprefix("file=")).write_text(block.text, encoding="utf-8")
+            (folder / re.sub(r'title="(.*)"', r"\1", block.rest)).write_text(block.text, encoding="utf-8")
         elif block.language == "python":
             with contextlib.redirect_stdout(io.StringIO()) as out:
                 exec(compile(block.text, str(page), "exec"), names)

@@ -1,4 +1,4 @@
-"""The pages in docs/ match what the program does: their examples are run, their words and drawings compared with it."""
+"""The pages in docs/ match what the program does: their examples are run, their words and tables compared with it."""
 
 import re
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def test_the_examples_of_a_page_run_and_print_what_it_shows(page: Path, tmp_path
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)
 def test_links_lead_to_files_that_are_there(page: Path) -> None:
-    for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+    for link in re.findall(r"\]\(([^)#]+\.\w+)\)", page.read_text(encoding="utf-8")):
         assert (page.parent / link).exists(), link
 
 
@@ -43,15 +43,22 @@ def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_he
         assert re.search(rf"^\| [^|]*\b{heading}\b", READING, flags=re.MULTILINE), heading
 
 
-def drawn(which: int) -> Steps:
+def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the_page_on_learning() -> None:
+    measured = (ROOT / "results" / "reference" / "report.md").read_text(encoding="utf-8") + LEARNING.read_text(encoding="utf-8")
+    figures = re.findall(r"\*\*(\d.*?)\*\*", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
+    assert len(figures) == 4
+    assert all(figure in measured for figure in figures), figures
+
+
+def shown(which: int) -> Steps:
     """Transitions of the first or second machine on the page."""
-    pictures = [block.text for block in documents.blocks(LEARNING) if block.language == "mermaid"]
-    return set(re.findall(r"^ *(\[\*\]|\w+) --> (\w+)", pictures[which], flags=re.MULTILINE))
+    table = re.findall(r"^\| from \|.*\n.*\n((?:\|.*\n)+)", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)[which]
+    return set(re.findall(r"^\| `?(\w+)`? \| `(\w+)` \|", table, flags=re.MULTILINE))
 
 
 def taken(learner: SelfLearningCompensator, actuator: Callable[[int, float], float], samples: int = 1500) -> Steps:
     """Transitions that a learner takes with an actuator, from its start on."""
-    steps, x = {("[*]", str(learner.phase))}, float("nan")
+    steps, x = {("start", str(learner.phase))}, float("nan")
     for k in range(samples):
         before, x = learner.phase, learner.step(15.0 * np.sin(0.03 * k), actuator(k, x))
         if learner.phase is not before:
@@ -74,19 +81,19 @@ def cyclic(**options: object) -> SelfLearningCompensator:
                                                  "solver": "projected_difference", **options})
 
 
-def test_the_drawn_machine_is_the_one_that_runs() -> None:
+def test_the_machine_on_the_page_is_the_one_that_runs() -> None:
     steps = taken(cyclic(), honest) | taken(cyclic(solver="scipy_nnls"), honest)
     for phase in Phase:
         learner = cyclic()
         steps |= taken(learner, failing(learner, phase))
     still = cyclic()
     steps |= taken(still, lambda k, x: 0.001 * (k % 2)) | taken(cyclic(solver="box_active_set"), honest)
-    assert steps == drawn(0)
-    assert {name for step in steps for name in step} == {"[*]", *Phase}
-    table = re.findall(r"^\| `(\w+)` \|", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert steps == shown(0)
+    assert {name for step in steps for name in step} == {"start", *Phase}
+    table = re.findall(r"^\| `(\w+)` \| [^`]", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert table == [str(phase) for phase in Phase]
 
 
-def test_the_drawn_machine_of_continuous_operation_is_the_one_that_runs() -> None:
+def test_the_machine_on_the_page_of_continuous_operation_is_the_one_that_runs() -> None:
     learner = SelfLearningCompensator(STRUCTURE, reset_s=0.02, mode="continuous")
-    assert taken(learner, failing(learner, Phase.LEARN)) == drawn(1)
+    assert taken(learner, failing(learner, Phase.LEARN)) == shown(1)

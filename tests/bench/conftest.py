@@ -5,7 +5,6 @@ from pathlib import Path
 import faulty_solvers
 import pandas as pd
 import pytest
-from browser import Browser
 from command_line import CommandLine, Finished
 
 from bench.races.oneshot.rows import ONESHOT
@@ -71,10 +70,3 @@ def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory)
     return raced(piezobench, tmp_path_factory.mktemp("wide"), "wide", "--limit", 2, "--set", "paper", "--set", "orders",
                  "--tier", "default", "--lane", "kernel", "--lane", "qpsolvers", "--solver", "box_active_set",
                  "--solver", "projected_difference")
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    found = Browser()
-    yield found
-    found.close()

@@ -1,4 +1,4 @@
-"""Headless Chromium, that looks at pages from disk and says what they did."""
+"""Headless Chromium, that looks at pages and says what they did."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ class Browser:
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         self.driver = webdriver.Chrome(options=options, service=Service(str(programs[1])))
 
-    def open(self, page: Path, width: str = "desktop", dark: bool = False) -> None:
-        """Open a page from disk and wait until its plots are drawn."""
+    def open(self, page: Path | str, width: str = "desktop", dark: bool = False) -> None:
+        """Open a page from disk, or at an address, and wait until its plots are drawn."""
         self.console(), self.requests()  # what was before is nobody's
         pixels = WIDTHS[width]
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
             "width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": width == "phone"})
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
             "features": [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]})
-        self.driver.get(page.resolve().as_uri())
+        self.driver.get(page if isinstance(page, str) else page.resolve().as_uri())
         self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
 
     def wait_until(self, done: Callable[[], bool]) -> None:
