@@ -168,8 +168,11 @@ class IdentificationProblem:
         P = np.where(np.outer(self.reached, self.reached), P, 0.0)
         return P + rho * np.eye(s.d), q - rho * v_ref, c + 0.5 * rho * float(v_ref @ v_ref)
 
-    def form(self, coordinates: Coordinates = "slope", scaling: Scaling = "scaled") -> Form:
-        """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates."""
+    def form(self, coordinates: Coordinates = "slope", scaling: Scaling = "scaled", like: IdentificationProblem | None = None) -> Form:
+        """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates.
+
+        In slope coordinates the variables may be those of another problem, ``like``, whose P then has the unit diagonal.
+        """
         if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
             raise ValueError(f"there is no form {coordinates!r}, {scaling!r}")
         from qpsolvers import Problem  # which imports every solver that is installed
@@ -186,11 +189,11 @@ class IdentificationProblem:
         if scaling == "raw":
             unit, cost = self._physical_units, s.x_scale**2
         else:
-            diagonal = np.diag(P)
+            diagonal = np.diag(P if like is None else like._in_slopes[0])
             unit, cost = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0
         D = 1.0 / unit  # the variable handed to the solver is z = unit · v, so v = D z
         P, q, c, lb = cost * P * np.outer(D, D), cost * D * q, cost * c, lb * unit  # P stays symmetric to the last bit
-        if scaling == "scaled":
+        if scaling == "scaled" and like is None:
             np.fill_diagonal(P, np.where(np.diag(P) > 0.0, 1.0, 0.0))
         upper = np.full(s.d, np.inf)
         if coordinates == "slope":

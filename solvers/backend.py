@@ -133,7 +133,8 @@ COPT = Backend("interior point", "proprietary", "coptpy",
                {"FeasTol": between(1e-9, 1e-4, residual), "DualTol": between(1e-9, 1e-4, residual), "RelGap": share},
                INTERIOR_POINT, always={"Threads": 1})
 CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE, (4, 6, 8, 10, 12, 14, 15, 16))
-DAQP = Backend("dual active set", "MIT", "daqp", {"primal_tol": share}, (6, 9, 12), more={"iter_limit": 100_000})
+# At its own 1e-6 one answer in some thousands leaves out a bound that is violated by less, a gap of 1e-6 that no calibration sees.
+DAQP = Backend("dual active set", "MIT", "daqp", {"primal_tol": share}, (9, 12), more={"iter_limit": 100_000})
 # It refuses a relative tolerance of 0. From k = 10 on it ends "close to optimal" more often than not.
 ECOS = Backend("interior point", "GPL-3.0-or-later", "ecos", {**CONE, "reltol": lambda c, k: 1e-300}, (4, 6, 7, 8, 9, 10, 12))
 GUROBI = Backend("interior point", "proprietary", "gurobipy",

@@ -85,6 +85,20 @@ class Status(StrEnum):
     """The process was stopped at its time limit."""
     OUT_OF_MEMORY = "out_of_memory"
     """The process was stopped at its memory limit."""
+    LAZY = "lazy"
+    """What it returns is no array, but becomes one later."""
+    STALE = "stale"
+    """A timed answer is that of other data."""
+    ERRATIC = "erratic"
+    """The first answer is right and most of those that were timed are not."""
+    CACHED = "cached"
+    """Data that it has seen before are answered far faster."""
+    MISTIMED = "mistimed"
+    """Its times cannot be: none at all, or not what its process took by the parent's clocks."""
+    PEEKED = "peeked"
+    """Its process looked into the files of the race."""
+    TAMPERED = "tampered"
+    """Its process replaced what times it or carries its answers."""
     LATE = "late"
     """Right, and after its deadline."""
 
@@ -186,8 +200,8 @@ class Solver(ABC):
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Update and solve ``count`` times inside compiled code and return the nanoseconds of each, shape (count,).
 
-        Every solve starts from ``warm_start`` (d,) where one is given. Only solvers of the kernel lane have it. None
-        stands for updates that are not compiled; they are timed from Python.
+        Every solve starts from ``warm_start`` (d,) where one is given, and ``solution`` is that of the last. Only solvers of the
+        kernel lane have it. None stands for updates that are not compiled; they are timed from Python.
         """
         raise Unsupported(f"{self.name} has no compiled loop to time")
 

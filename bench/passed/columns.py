@@ -24,6 +24,8 @@ COUNTS = ("d", "rung", "repeat", "repeats", "samples", "iterations", "preemption
 FLAGS = ("mutates_input", "repeatable", "found", "paced")
 SHARED = {**dict.fromkeys(TEXTS, pa.large_string()), **dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys(FLAGS, pa.bool_()),
           "ns": pa.list_(pa.int64())}
+LATER = ("timed_gap",)
+"""Columns that came after the first runs of this version; where they are not there they are empty."""
 CHOICES = {"lane": tuple(Lane), "tier": tuple(Tier), "scaling": ("scaled", "raw"), "start": ("cold", "warm")}
 
 
@@ -43,7 +45,7 @@ def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFram
     ----------
     path : Path
     wanted : pyarrow.Schema
-        Columns that must be there; others are passed over.
+        Columns that must be there but for LATER; others are passed over.
     name : sequence of str
         Those that name a row.
 
@@ -53,15 +55,16 @@ def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFram
     """
     try:
         with parquet.ParquetFile(path) as file:
-            missing = [column for column in wanted.names if column not in file.schema_arrow.names]
-            if missing:
+            there = [column for column in wanted.names if column in file.schema_arrow.names]
+            if missing := [column for column in wanted.names if column not in {*there, *LATER}]:
                 raise TableError(f"has no column {missing[0]!r}")
-            table = file.read(wanted.names)
+            table = file.read(there)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"cannot be read ({error})") from None
     if name and not table.num_rows:
         raise TableError("has no rows")
-    table = pa.table([_checked(table[field.name], field) for field in wanted], wanted)
+    table = pa.table([_checked(table[field.name], field) if field.name in there else pa.nulls(table.num_rows, field.type)
+                      for field in wanted], wanted)
     for column in name:
         if table[column].null_count:
             raise TableError(f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}")

@@ -34,6 +34,10 @@ class Outcome:
         Whether the same data gave the same bits again.
     asked : mapping
         The settings that the solver was given.
+    returned : str
+        Type of the answer where it is no array.
+    seen : tuple of str
+        What the process did that it must not.
     preemptions : int
         How often the process was taken off its core while it was timed.
     """
@@ -51,6 +55,8 @@ class Outcome:
     mutated: bool = False
     repeatable: bool = True
     asked: Mapping[str, Any] = field(default_factory=dict)
+    returned: str = ""
+    seen: tuple[str, ...] = ()
     preemptions: int = 0
     setup_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     update_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))

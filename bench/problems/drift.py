@@ -46,11 +46,14 @@ class Drift(ProblemSet):
         basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0),
                           forgetting=math.exp(-SAMPLE_TIME / TIME_CONSTANT_S))
         basis.update(x[:first], y[:first])
-        before = certified(self.name, "start", basis.problem()).optimal_weights
+        start = basis.problem()
+        before, earlier = certified(self.name, "start", start).optimal_weights, [start]
         for end in range(first + step, first + COUNT * step + 1, step):
             basis.update(x[end - step:end], y[end - step:end])
             unseen = slice(end, end + ahead)
             validation = Validation(structure, basis.state.copy(), x[unseen], y[unseen], noise_um)
-            problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", basis.problem(), validation, before)
+            now = basis.problem()
+            problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", now, validation, before, earlier[-3:])
             before = problem.optimal_weights
+            earlier.append(now)
             yield problem

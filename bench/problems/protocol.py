@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,7 @@ from piezo_model.json_file import FileName, decoded
 from solvers.certificate import Certificate, certify
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 __all__ = ["QP_FIELDS", "SCALINGS", "CertifiedForm", "ProblemSet", "ProblemSetError", "RaceProblem", "Validation",
            "certified"]
@@ -34,6 +35,15 @@ SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 
 class ProblemSetError(ValueError):
     """What a problem set needs and does not have; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Another program of the same variables and constraints, of a neighbouring window of the same data."""
+
+    P: Matrix
+    q: Vector
+    c: float
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,8 @@ class CertifiedForm:
         The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
     cost_unit : float
         One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum of squares.
+    windows : tuple of Window
+        Of which data are mixed that change from call to call.
     """
 
     qp: Problem
@@ -60,6 +72,7 @@ class CertifiedForm:
     certificate: Certificate
     warm_start: Vector | None = None
     cost_unit: float = 0.0
+    windows: tuple[Window, ...] = ()
 
     @cached_property
     def yardstick(self) -> float:
@@ -158,14 +171,18 @@ class RaceProblem:
         hidden = values[0] <= self.d * np.finfo(float).eps * values[-1]
         return float("inf") if hidden else float(values[-1] / values[0])
 
-    def save(self, path: Path) -> None:
-        """Write everything as NPZ, whole or not at all."""
+    def save(self, path: Path, proven: bool = True) -> None:
+        """Write everything as NPZ, whole or not at all; on request without the proofs, which are then made again on loading."""
         arrays: dict[str, Any] = {}
         meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}, "cost_unit": {}}
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
             arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(f"{scaling}/warm_start", form.warm_start)
-            meta["certificates"][scaling] = form.certificate.to_json()
+            if form.windows:
+                arrays |= {f"{scaling}/windows/P": np.array([window.P for window in form.windows]),
+                           f"{scaling}/windows/q": np.array([window.q for window in form.windows]),
+                           f"{scaling}/windows/c": np.array([window.c for window in form.windows])}
+            meta["certificates"][scaling] = form.certificate.to_json() if proven else ""
             meta["c"][scaling], meta["cost_unit"][scaling] = form.c, form.cost_unit
         if self.validation is not None:
             v = self.validation
@@ -180,10 +197,13 @@ class RaceProblem:
         """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
         with opened(path) as data:
             meta = decoded(str(data["meta"]), Meta)
-            forms = {scaling: CertifiedForm(unpacked_program(data, f"{scaling}/"), meta["c"][scaling],
-                                            unpacked(data, f"{scaling}/to_weights"), Certificate.from_json(text),
-                                            unpacked(data, f"{scaling}/warm_start"), meta.get("cost_unit", {}).get(scaling, 0.0))
-                     for scaling, text in meta["certificates"].items()}
+            forms: dict[Scaling, CertifiedForm] = {}
+            for scaling, text in meta["certificates"].items():
+                qp = unpacked_program(data, f"{scaling}/")
+                proof = Certificate.from_json(text) if text else certify(qp, starting_point(qp))
+                forms[scaling] = CertifiedForm(qp, meta["c"][scaling], unpacked(data, f"{scaling}/to_weights"), proof,
+                                               unpacked(data, f"{scaling}/warm_start"),
+                                               meta.get("cost_unit", {}).get(scaling, 0.0), _windows(data, f"{scaling}/windows/"))
             if not forms:
                 raise ProblemFileError(f"{path}: holds no certificate")
             validation = None
@@ -195,9 +215,24 @@ class RaceProblem:
         return cls(meta["set"], meta["name"], forms, validation)
 
 
+def _windows(data: Any, prefix: str) -> tuple[Window, ...]:
+    if f"{prefix}P" not in data.files:
+        return ()
+    return tuple(Window(P, q, float(c)) for P, q, c in zip(*(data[f"{prefix}{name}"] for name in "Pqc"), strict=True))
+
+
+def starting_point(qp: Problem) -> Vector:
+    """An answer (d,) from which a proof starts, or zeros."""
+    dense = qp.G is None and qp.A is None and isinstance(qp.P, np.ndarray)
+    start = qpsolvers.solve_problem(qp, solver="daqp").x if dense else None
+    return np.zeros(qp.q.size) if start is None else start
+
+
 def certified(set_name: str, name: str, problem: IdentificationProblem, validation: Validation | None = None,
-              before: Vector | None = None) -> RaceProblem:
+              before: Vector | None = None, neighbours: Sequence[IdentificationProblem] = ()) -> RaceProblem:
     """Prove the optimum of an identification in both scalings, in slope coordinates.
+
+    The ``neighbours`` are those of other windows of the same data.
 
     Where the optimal weights ``before`` (d,) of the problem before this one are given, both forms carry them as a start
     in their own variables, feasible to the last bit.
@@ -205,10 +240,10 @@ def certified(set_name: str, name: str, problem: IdentificationProblem, validati
     forms: dict[Scaling, CertifiedForm] = {}
     for scaling in SCALINGS:
         form = problem.form("slope", scaling)
-        start = qpsolvers.solve_problem(form.qp, solver="daqp").x
-        forms[scaling] = CertifiedForm(form.qp, form.c, form.to_weights,
-                                       certify(form.qp, np.zeros(problem.structure.d) if start is None else start),
-                                       None if before is None else np.maximum(form.variables(before), form.qp.lb))
+        others = [neighbour.form("slope", scaling, like=problem) for neighbour in neighbours]
+        forms[scaling] = CertifiedForm(form.qp, form.c, form.to_weights, certify(form.qp, starting_point(form.qp)),
+                                       None if before is None else np.maximum(form.variables(before), form.qp.lb),
+                                       windows=tuple(Window(other.qp.P, other.qp.q, other.c) for other in others))
     return RaceProblem(set_name, name, forms, validation)
 
 

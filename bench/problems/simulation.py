@@ -20,6 +20,8 @@ Vector = NDArray[np.float64]
 SAMPLE_TIME = 125e-6
 VALIDATION_S = 2.0
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
+NEIGHBOURS = (0.25, 0.5, 0.75)
+"""Shares of the building phase that make windows beside the whole."""
 SEEDED = ("multi_sine", "random_walk")
 
 
@@ -82,11 +84,16 @@ class Experiment:
         y = plant.run(x)
         structure = self.structure(plant, x, y)
         basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0))
-        basis.update(x, y)
+        neighbours, done = [], 0
+        for end in (*(round(share * x.size) for share in NEIGHBOURS), x.size):
+            basis.update(x[done:end], y[done:end])
+            neighbours.append(basis.problem(proximal=self.proximal))
+            done = end
+        *neighbours, problem = neighbours
         unseen = decaying_triangle(duration_s=VALIDATION_S, sample_time=SAMPLE_TIME, low=x.min(), high=x.max())
         span = plant.y_range[1] - plant.y_range[0]
         validation = Validation(structure, basis.state.copy(), unseen, plant.run(unseen), self.noise * span)
-        return certified(set_name, name, basis.problem(proximal=self.proximal), validation)
+        return certified(set_name, name, problem, validation, neighbours=neighbours)
 
 
 def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, float]:

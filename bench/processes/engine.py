@@ -35,6 +35,10 @@ class Part(Protocol):
     def do(self, line_up: LineUp, tell: Callable[[Any], None]) -> None:
         """Do it; ``tell`` is told of each task before it starts."""
 
+    @property
+    def folders(self) -> Sequence[str]:
+        """What solvers must not look into."""
+
 
 P = TypeVar("P", bound=Part)
 
@@ -149,7 +153,7 @@ def work(part: P, entries: tuple[Entry, ...], limits: Limits, parent: int | None
         if parent is not None and os.getppid() != parent:  # it was killed, and nobody is to time on after that
             os._exit(1)
 
-    line_up, core = _taken(entries, limits)
+    line_up, core = _taken(entries, limits, part.folders)
     try:
         with core.pinned():
             part.do(line_up, stop_with_parent)
@@ -161,9 +165,9 @@ def work(part: P, entries: tuple[Entry, ...], limits: Limits, parent: int | None
     return part
 
 
-def _taken(entries: tuple[Entry, ...], limits: Limits) -> tuple[LineUp, cores.Core]:
+def _taken(entries: tuple[Entry, ...], limits: Limits, folders: Sequence[str]) -> tuple[LineUp, cores.Core]:
     with _lock:
-        of_others = [pair for pair in _waiting if (pair[0].entries, pair[0].limits) != (entries, limits)]
+        of_others = [pair for pair in _waiting if (pair[0].entries, pair[0].limits, pair[0].folders) != (entries, limits, folders)]
         ours = [pair for pair in _waiting if pair not in of_others]
         taken = ours.pop() if ours else None
         _waiting[:] = ours
@@ -173,7 +177,7 @@ def _taken(entries: tuple[Entry, ...], limits: Limits) -> tuple[LineUp, cores.Co
     core = cores.claim()
     _permit_children()
     warm_up()
-    return LineUp(entries, limits, core.number), core
+    return LineUp(entries, limits, core.number, folders), core
 
 
 def _permit_children() -> None:

@@ -17,7 +17,7 @@ from piezo_model.child_process import Child, serve
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
                     "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
-PRELOADED = ["bench.processes.forked_child", "bench.processes.worker", "cvxpy", "solvers.core"]
+PRELOADED = ["bench.processes.forked_child", "bench.processes.worker", "bench.races.oneshot.worker", "cvxpy", "solvers.core"]
 """What the server imports; absent ones are passed over."""
 
 

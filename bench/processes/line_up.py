@@ -30,6 +30,8 @@ class LineUp:
     limits : Limits
     core : int, optional
         None where nothing is timed, and then there is no sentinel.
+    folders : sequence of str
+        What solvers must not look into.
 
     Attributes
     ----------
@@ -37,7 +39,8 @@ class LineUp:
         By name and lane.
     """
 
-    def __init__(self, entries: Sequence[Entry], limits: Limits, core: int | None) -> None:
+    def __init__(self, entries: Sequence[Entry], limits: Limits, core: int | None, folders: Sequence[str] = ()) -> None:
+        self.folders = folders
         self.entries, self.limits, self.core = tuple(entries), limits, core
         self._sentinel = None if core is None else Sentinel(core)
         self._repeat = 0
@@ -53,7 +56,7 @@ class LineUp:
         self._stack = ExitStack()
         self.children: dict[tuple[str, Lane], SolverChild] = {
             (entry.name, entry.lane): self._stack.enter_context(
-                SolverChild(entry, self.limits.time_limit_s, self.limits.memory_mb, self.core)) for entry in self.entries}
+                SolverChild(entry, self.limits.time_limit_s, self.limits.memory_mb, self.core, self.folders)) for entry in self.entries}
 
     def begin(self, repeat: int) -> None:
         """Put fresh processes in the place of those that have run another repeat."""

@@ -5,6 +5,7 @@ A solver that crashes, hangs or eats memory takes its own process with it and no
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from bench.passed.outcome import Outcome
@@ -46,13 +47,16 @@ class SolverChild(ForkedChild):
         What the process may allocate once its solver is loaded.
     core : int, optional
         Core that it is pinned to.
+    folders : sequence of str
+        What it must not look into.
     """
 
-    def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None) -> None:
+    def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None,
+                 folders: Sequence[str] = ()) -> None:
         super().__init__()
         self.entry = entry
         self.time_limit_s = time_limit_s + (BUILD_LIMIT_S if entry.lane is Lane.CODEGEN else 0.0)
-        self._limits = core, memory_mb
+        self._limits = core, memory_mb, tuple(folders)
         self._load()
 
     def _load(self) -> None:
@@ -83,6 +87,9 @@ class SolverChild(ForkedChild):
             self._described = None
         if absent := self.describe().absent:
             return Outcome("adapter_failed", absent)
+        if self.has_spoken:
+            self.kill()
+            return Outcome("tampered", "its process answered before it was asked")
         try:
             outcome = self.call(self.time_limit_s, worker.answer, request)
         except LateError as error:

@@ -6,21 +6,35 @@ hands back the answer with its duals, the raw times and what it noticed about th
 
 from __future__ import annotations
 
+import gc
 import os
+import pickle
+import sys
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing import connection
 from pathlib import Path
+
+import numpy as np
 
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request
+from bench.processes.guard import watched
+from piezo_model import child_process
 from piezo_model.child_process import limit_memory
 from solvers.protocol import Solver
 from solvers.registry import Described, Entry, describe, from_file
 
+_watch: list[Callable[[], tuple[str, ...]]] = []
+"""What says how this process behaved."""
 _loaded: list[type[Solver]] = []
 """The solver of this process, and once more when it has answered a request."""
 
 
-def load(entry: Entry, core: int | None, memory_mb: int) -> Described:
-    """Load the solver of this process and describe it; its limits hold from then on."""
+def load(entry: Entry, core: int | None, memory_mb: int, folders: Sequence[str] = ()) -> Described:
+    """Load the solver of this process and describe it; its limits hold from then on, and it is watched from now on."""
+    ours = [module for name, module in sys.modules.items() if name.startswith("bench.")]
+    _watch.append(watched(folders, [*ours, child_process, connection, gc, np, pickle, time]))
     try:
         description = describe(entry)
     except Exception as error:  # whatever a library does while it loads is a reason for its absence
@@ -39,6 +53,11 @@ def answer(request: Request) -> Outcome:
     outcome = request.answer(cls, first=not answered)
     _loaded[1:] = [cls]
     return outcome
+
+
+def seen() -> tuple[str, ...]:
+    """What this process did that it must not, in sentences."""
+    return _watch[0]()
 
 
 def introduce(path: str | Path) -> Entry | str:

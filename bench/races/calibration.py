@@ -38,7 +38,7 @@ from solvers.registry import Described
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
 SEARCHED = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 IN_DEPTH = (Lane.KERNEL, Lane.DIRECT)
-WORK_S = 1.0
+WORK_S = 2.0
 CHUNKS = (1, 4, 16)
 """Problems of the first requests for a rung; the next one is for all that are left."""
 IN_LANE_DIRECT = {"highs": "highspy", "proxqp": "proxsuite"}

@@ -11,13 +11,17 @@ import importlib.metadata
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from bench.passed.progress import Progress
 from bench.problem_files.program import ProblemFileError
 from bench.problems import make
-from bench.problems.protocol import RaceProblem
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem, Window
 from bench.races.settings import RaceSettings
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
@@ -27,6 +31,10 @@ from solvers.registry import Described
 
 SEEDS = (1000, 2000, 3000)
 """Added to the seed of the race; a set may use some seeds from its own on."""
+MIXTURES = 3
+"""Data of each calibration problem that a solver is given as it is in a race: after a set-up with others."""
+RULE = 3
+"""Counts how often what is asked of a setting has changed."""
 
 Findings = Mapping[Tier, tuple[int | None, bool]]
 
@@ -59,27 +67,39 @@ def save(key: str, findings: Findings) -> None:
 
 
 def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[RaceProblem]:
-    """The calibration problems of a set, made once: those of the race, each under one of the other seeds."""
+    """The calibration problems of a set, made once: those of the race, each under one of the other seeds.
+
+    Data are mixed as for timing; the first of a form's windows is what a solver is set up with.
+    """
     kept = folder() / "problems" / _hashed(*_problems(settings, of_set))
     whole = len(make(of_set, settings.seed, settings.set_options))
     count = min(whole, settings.limit or whole)
-    paths = [kept / f"{i:03d}.npz" for i in range(count)]
+    paths = [[kept / f"{i:03d}-{mixture}.npz" for mixture in range(MIXTURES)] for i in range(count)]
     try:
-        return [RaceProblem.load(path) for path in paths]
+        return [RaceProblem.load(path) for several in paths for path in several]
     except ProblemFileError:
         kept.mkdir(parents=True, exist_ok=True)
         for first, shift in enumerate(SEEDS):
             made = make(of_set, settings.seed + shift, settings.set_options).problems()
-            for i, (path, problem) in enumerate(zip(paths, made, strict=False)):
+            for i, (several, problem) in enumerate(zip(paths, made, strict=False)):
                 if i % len(SEEDS) == first:
                     progress(f"calibration problem {problem.name}", i, count)
-                    problem.save(path)
-        return [RaceProblem.load(path) for path in paths]
+                    fresh = {scaling: FreshData(form, MIXTURES, seed=i) for scaling, form in problem.forms.items()}
+                    for mixture, path in enumerate(several):
+                        replace(problem, forms={scaling: _mixed(form, fresh[scaling], mixture)
+                                                for scaling, form in problem.forms.items()}).save(path)
+        return [RaceProblem.load(path) for several in paths for path in several]
+
+
+def _mixed(form: CertifiedForm, fresh: FreshData, mixture: int) -> CertifiedForm:
+    """What a form is updated with; itself where that cannot be proven."""
+    P = form.qp.P if isinstance(form.qp.P, np.ndarray) else form.qp.P.toarray()
+    return replace(fresh.certified(mixture) or form, windows=(Window(P, form.qp.q, form.c),))
 
 
 def _problems(settings: RaceSettings, of_set: str) -> tuple[Any, ...]:
     options = make(of_set, settings.seed, settings.set_options).options
-    return importlib.metadata.version("piezobench"), of_set, settings.seed, settings.limit, options
+    return importlib.metadata.version("piezobench"), RULE, of_set, settings.seed, settings.limit, options
 
 
 def _hashed(*parts: Any) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -18,6 +19,7 @@ from bench.problem_files.npz import QP_FIELDS
 from solvers.protocol import Solver
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -50,32 +52,34 @@ class Calibrated(Outcome):
 
 @dataclass(frozen=True)
 class Calibrate(Request):
-    """Answer each program at a rung.
+    """Answer each program at a rung, as in a race: after a set-up with other data.
 
     Attributes
     ----------
-    programs : tuple of (mapping, float)
-        Programs by field, each with the constant that its ladder is made for.
+    programs : tuple of (mapping, float, array (d, d), array (d,))
+        Programs by field with which a solver is set up, each with the constant that its ladder is made for, and the P and q that it answers.
     rung : int
     """
 
-    programs: tuple[tuple[Mapping[str, Any], float], ...]
+    programs: tuple[tuple[Mapping[str, Any], float, Matrix, Vector], ...]
     rung: int
 
     @classmethod
     def of(cls, forms: Sequence[Any], rung: int) -> Self:
         """The request for certified forms, whose certificates stay here."""
-        return cls(tuple(({name: getattr(form.qp, name) for name in QP_FIELDS}, form.unit) for form in forms), rung)
+        return cls(tuple(({**{name: getattr(form.qp, name) for name in QP_FIELDS}, "P": first.P, "q": first.q},
+                          replace(form, c=first.c).unit, form.qp.P, form.qp.q) for form in forms for first in form.windows), rung)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Set up and solve one after the other."""
-        def solved(fields: Mapping[str, Any], c: float) -> Outcome:
+        """Set up, update and solve one after the other."""
+        def solved(fields: Mapping[str, Any], c: float, P: Matrix, q: Vector) -> Outcome:
             solver = cls(**cls.ladder(c)[self.rung])
             solver.setup(Problem(**fields))
+            solver.update(P=P, q=q)
             x = real(solver.solve())
             return Outcome(found=bool(solver.solution().found), x=x)
 
         began = time.process_time()
-        outcomes = [attempt(lambda fields=fields, c=c: solved(fields, c)) for fields, c in self.programs]  # type: ignore[misc]
+        outcomes = [attempt(partial(solved, *program)) for program in self.programs]
         return Calibrated(answers=[Answer(one.failure, one.message, one.found, one.x) for one in outcomes],
                           spent_s=time.process_time() - began)

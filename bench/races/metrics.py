@@ -48,17 +48,21 @@ class Judgement:
     weight_error: float = NAN
     model_error_percent: float = NAN
     stage_excess: float = NAN
+    timed_gap: float = NAN
+    """The larger of gap and violation over the sampled answers that were timed."""
 
     def reaches(self, tier: Tier) -> bool:
         """Whether there is an answer that is as exact as the tier asks; a rung for the picture asks for nothing."""
-        return self.status == Status.OK and reaches(tier, self.cost_gap, self.violation, lambda: self.stage_excess)
+        return self.status == Status.OK and reaches(tier, self.cost_gap, self.violation, lambda: self.stage_excess) and (
+            tier not in TOLERANCE or not self.timed_gap > TOLERANCE[tier])
 
     def at(self, tier: Tier) -> Judgement:
         """The same as it stands to a tier."""
         if self.status != Status.OK or self.reaches(tier):
             return self
         error = f", model error {self.stage_excess:.1e} of the noise above the optimum's" if tier is Tier.STAGE else ""
-        return replace(self, status=Status.MISSED, message=f"cost gap {self.cost_gap:.1e}, violation {self.violation:.1e}{error}")
+        timed = f", timed answers {self.timed_gap:.1e}" if replace(self, timed_gap=NAN).reaches(tier) else ""
+        return replace(self, status=Status.MISSED, message=f"cost gap {self.cost_gap:.1e}, violation {self.violation:.1e}{timed}{error}")
 
 
 def reaches(tier: Tier, gap: float, violation: float, excess: Callable[[], float]) -> bool:

@@ -1,12 +1,17 @@
-"""The problems of a run: made once, kept in its folder with their certificates, and loaded from there ever after."""
+"""The problems of a run: made once, kept in its folder, and loaded from there ever after.
+
+While solvers run their proofs are in this process alone, and are written when all solvers have ended; a race that is resumed before
+proves them again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 
 from bench.passed.progress import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
+from bench.races import calibration_store
 from bench.races.settings import RaceSettings
 from bench.store import Run
 
@@ -20,26 +25,41 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
     """Load the problems of the sets that were made and kept, and make the others; what is raced is what was kept."""
     for set_name in settings.problem_sets:
         kept = run.settings.get("problems", {}).get(set_name, ())
-        if not kept or not all(run.problem_path(set_name, name).is_file() for name in kept):
+        if kept and all(run.problem_path(set_name, name).is_file() for name in kept):
+            for i, name in enumerate(kept):
+                progress(f"{set_name}/{name}", i + 1, len(kept))
+                yield run.problem(set_name, name)
+        else:
             made = make(set_name, settings.seed, settings.set_options)
-            kept = list(_made(run, settings, made, progress))
-            run.note(problems={**run.settings.get("problems", {}), set_name: kept})
+            found = list(_made(run, settings, made, progress))
+            run.note(problems={**run.settings.get("problems", {}), set_name: [problem.name for problem in found]})
             if made.left_out:
                 run.note(left_out={**run.settings.get("left_out", {}), set_name: made.left_out})
-            if not kept:
+            if not found:
                 name, why = next(iter(made.left_out.items()))
                 raise ProblemSetError(f"no problem of the set {set_name!r} can be raced; {name}: {why}")
-        for i, name in enumerate(kept):
-            progress(f"{set_name}/{name}", i + 1, len(kept))
-            yield run.problem(set_name, name)
+            yield from found
 
 
-def _made(run: Run, settings: RaceSettings, made: ProblemSet, progress: Progress) -> Iterator[str]:
-    """Make the problems of a set and keep those that are not kept yet; yields their names."""
+def watched_folders(run: Run) -> tuple[str, ...]:
+    """What solvers must not look into."""
+    return str(run.path.resolve()), str(calibration_store.folder())
+
+
+def keep_proofs(run: Run, problems: Iterable[RaceProblem]) -> None:
+    """Write the problems with their proofs, now that no solver runs any more."""
+    for problem in problems:
+        problem.save(run.problem_path(problem.set_name, problem.name))
+
+
+def _made(run: Run, settings: RaceSettings, made: ProblemSet, progress: Progress) -> Iterator[RaceProblem]:
+    """Make the problems of a set, and keep those that are not kept yet and take those that are."""
     count = min(len(made), settings.limit or len(made))
     for i, problem in enumerate(islice(made.problems(), count)):
         progress(f"certified {made.name}/{problem.name}", i + 1, count)
         path = run.problem_path(made.name, problem.name)
-        if not path.is_file():
-            problem.save(path)
-        yield problem.name
+        if path.is_file():
+            yield run.problem(made.name, problem.name)
+        else:
+            problem.save(path, proven=False)
+            yield problem

@@ -1,7 +1,9 @@
 """Timing calls that take microseconds.
 
 Each call is timed by itself with the monotonic nanosecond clock and the raw figures are kept; garbage collection is
-off while they are taken. What is done between two timed calls (new data for the solver, say) is not in the figure.
+off while they are taken. Data are others at every call, and an answer is copied as an array of our own inside its time: what is
+lazy does its work there, and what is a view cannot change afterwards. The clock and the copy are taken when this module is
+imported, which is before any solver's file is.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from solvers.protocol import Nanoseconds, Solver, Vector
+from solvers.protocol import Matrix, Nanoseconds, Solver, Vector
 
 LONG_NS = 100_000_000
 """After which a call is not timed again, however few times there are."""
@@ -36,6 +38,15 @@ class Effort:
         return done == 0 or spent_ns < (LONG_NS if done < self.fewest else self.budget_s * 1e9 if done < self.most else 0.0)
 
 
+@dataclass(frozen=True)
+class Timed:
+    """Raw nanoseconds of updates and solves, shape (n,), and the answers (n, d) that were timed, NaN for one of another shape."""
+
+    updates: Nanoseconds
+    solves: Nanoseconds
+    answers: Matrix
+
+
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
     """Keep the collector from running inside a timed block."""
@@ -48,16 +59,16 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def time_call(call: Callable[[], object]) -> int:
+def time_call(call: Callable[[], object], clock: Callable[[], int] = perf_counter_ns) -> int:
     """Nanoseconds of one call."""
-    start = perf_counter_ns()
+    start = clock()
     call()
-    return perf_counter_ns() - start
+    return clock() - start
 
 
 def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort: Effort,
                ) -> tuple[Nanoseconds, Nanoseconds]:
-    """Time update and solve in turns, so that every solve starts from new data; raw nanoseconds of both."""
+    """Time update and solve in turns; raw nanoseconds of both."""
     updates: list[int] = []
     solves: list[int] = []
     spent = 0
@@ -69,18 +80,40 @@ def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort
     return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64)
 
 
-def time_kernel(solver: Solver, update: Callable[[], object], effort: Effort, warm_start: Vector | None = None,
-                ) -> tuple[Nanoseconds, Nanoseconds]:
-    """Time update and solve inside compiled code; updates that are not compiled are timed from Python."""
-    start = {} if warm_start is None else {"warm_start": warm_start}
-    updates: list[Nanoseconds] = []
-    solves: list[Nanoseconds] = []
-    spent, done = 0, 0
+def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, clock: Callable[[], int] = perf_counter_ns,
+               copied: Callable[..., Vector] = np.array) -> Timed:
+    """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start`` (d,)."""
+    update, solve, keywords = solver.update, solver.solve, {} if start is None else {"warm_start": start}
+    updates, solves, answers = [], [], np.full(q.shape, np.nan)
     with no_garbage_collection():
-        while effort.goes_on(done, spent):
-            compiled, taken = solver.time_kernel(effort.fewest, **start)
-            updates.append(np.array([time_call(update)], dtype=np.int64) if compiled is None else compiled)
-            solves.append(taken)
-            spent += int(taken.sum() + updates[-1].sum())
-            done += taken.size
-    return np.concatenate(updates), np.concatenate(solves)
+        for k in range(len(q)):
+            Pk, qk = P[k], q[k]
+            begin = clock()
+            update(P=Pk, q=qk)
+            between = clock()
+            x = copied(solve(**keywords))
+            end = clock()
+            updates.append(between - begin)
+            solves.append(end - between)
+            _keep(answers[k], x)  # and not x itself, for which each call would take a new page of memory
+    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers)
+
+
+def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None) -> Timed:
+    """The same timed inside compiled code, which takes the data once more for that; updates that are not compiled are timed here."""
+    keywords = {} if start is None else {"warm_start": start}
+    updates, solves, answers = [], [], np.full(q.shape, np.nan)
+    with no_garbage_collection():
+        for k in range(len(q)):
+            taken = time_call(lambda k=k: solver.update(P=P[k], q=q[k]))  # type: ignore[misc]
+            compiled, solved = solver.time_kernel(1, **keywords)
+            updates.append(taken if compiled is None else int(compiled[0]))
+            solves.append(int(solved[0]))
+            _keep(answers[k], np.asarray(solver.solution().x))
+    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers)
+
+
+def _keep(row: Vector, x: Vector) -> None:
+    """Copy an answer into its row, where it is of the right shape and made of real numbers."""
+    if x.shape == row.shape and x.dtype.kind in "fiu":
+        row[:] = x

@@ -119,6 +119,7 @@ class Embedded(Solver):
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         self._library.embedded_time(count, _address(p.P), _address(p.q), None if start is None else _address(start),
                                     _address(updates), _address(solves))
+        self._library.embedded_answer(_address(self._x), _address(self._z))
         return updates, solves
 
     def solution(self) -> Solution:

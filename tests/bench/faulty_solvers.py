@@ -7,7 +7,7 @@ from pathlib import Path
 FILE = '''
 import ctypes, os, signal, subprocess, sys, threading, time
 import numpy as np
-from qpsolvers import Solution, solve_problem
+from qpsolvers import Problem, Solution, solve_problem
 from solvers.protocol import Lane, Solver, Unsupported, box_solution
 
 
@@ -28,6 +28,7 @@ class Mine(Solver):
             self.faulty_setup()
 
     def update(self, P=None, q=None):
+        self.answer = solve_problem(Problem(P, q, lb=self.problem.lb, ub=self.problem.ub), solver="daqp").x
         if self.scaled:
             self.faulty_update(P)
 

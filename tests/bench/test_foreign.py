@@ -30,7 +30,6 @@ from bench.problems.protocol import SCALINGS
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge
 from bench.races.oneshot.worker import OneShot
-from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier, find
 from solvers.certificate import verify
 
@@ -512,7 +511,7 @@ def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
     with SolverChild(find(solver, lane)) as child:
         for scaling in SCALINGS:
             task = Task("foreign", problem.name, scaling, solver, lane, (Tier.HIGH,))
-            outcome = child.ask(OneShot.of(task, problem.forms[scaling].qp, Effort(0.0, 1, 1)))
+            outcome = child.ask(OneShot.of(task, problem.forms[scaling]))
             assert str(judge(problem, scaling, outcome).at(Tier.HIGH).status) == status, outcome.message
             assert not outcome.mutated
 

@@ -13,17 +13,24 @@ from conftest import Race, raced
 from qpsolvers import Problem
 
 from bench.passed.task import Task
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races import null_solver
 from bench.races.oneshot import report
+from bench.races.oneshot.blocks import timed
 from bench.races.oneshot.rows import over_repeats
 from bench.races.oneshot.turns import take_turns
-from bench.races.oneshot.worker import OneShot
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Status, Tier, find
+from solvers.certificate import certify
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
+
+
+def form_of(qp: Problem) -> CertifiedForm:
+    return CertifiedForm(qp, 1.0, np.eye(2), certify(qp, np.zeros(2)), cost_unit=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -103,17 +110,17 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
     files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
     files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
-    unit = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))  # a diagonal of one is what their faults look for
+    unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)))  # a diagonal of one is what their faults look for
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
         children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(entry_of_file, files)}
         tasks = [Task("none", "none", "scaled", name, Lane(lane), (Tier.HIGH,)) for name, lane in children]
-        times = take_turns(tasks, children, unit, None, 12, seed)
+        times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
             child.__exit__(None, None, None)
-        assert [(task.solver, outcome.solve_ns.size) for task, outcome in times] == [("one", 12), ("two", 12)]
+        assert [(task.solver, tally.count) for task, tally in times] == [("one", 12), ("two", 12)]
     assert orders[0] == orders[1] != orders[2]
 
 
@@ -122,13 +129,14 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
 def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(name: str, lane: str) -> None:
     entry = find(name, lane)
     task = Task("none", "none", "scaled", entry.name, entry.lane, (Tier.HIGH,), start="warm")
-    best = np.array([0.0, 2.0])
-    with SolverChild(entry) as child:
-        outcome = child.ask(OneShot.of(task, QP, Effort(0.0, 7, 7), best))
+    form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
+    with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
+        outcome, tally = timed(child, idle, task, RaceProblem("none", "none", {"scaled": form}), FreshData(form, 7), Effort(0.0, 7, 7))
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated
-    assert outcome.solve_ns.size == 7
+    assert (outcome.solve_ns.size, tally.fault) == (7, None)
+    assert max(tally.gaps.values()) <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import Race
-from qpsolvers import Problem
 
 from bench.passed.race_error import RaceError
 from bench.passed.task import Task
@@ -20,7 +19,6 @@ from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import entries_of
 from bench.races.oneshot.worker import OneShot
 from bench.races.settings import RaceSettings
-from bench.timing.clock import Effort
 from solvers import Status, Tier
 
 STATUS = {
@@ -165,6 +163,6 @@ def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
         before = child.describe()
         assert before.absent == ""
         task = Task("none", "none", "scaled", entry.name, entry.lane, (Tier.DEFAULT,))
-        lost = child.ask(OneShot.of(task, Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)), Effort()))
+        lost = child.ask(OneShot(task, {"P": np.eye(2), "q": np.array([-1.0, 1.0]), "lb": np.zeros(2)}))
         assert lost.failure == Status.CRASHED
         assert child.describe() == before

@@ -30,7 +30,7 @@ from bench.races.calibration import Found, Who, measurements, rungs_of
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
 from bench.races.metrics import relative_gap
-from bench.races.run_problems import problems_of
+from bench.races.run_problems import keep_proofs, problems_of
 from bench.races.settings import RaceSettings, settings_of
 from bench.store import Run, Schema
 from bench.timing import cores
@@ -77,6 +77,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
         found = {(name, scaling): rungs_of(run, settings, field, line_up.children, name, scaling, progress)
                  for name in settings.problem_sets for scaling in settings.scalings}
         _race(run, settings, field, found, line_up, problems, progress)
+    keep_proofs(run, problems)
     note_conditions(run, workers)
 
 

@@ -94,9 +94,12 @@ class AnytimeRequest(Request):
         if not np.isfinite(x).all() and (stood := solver.iterate()) is not None:
             x = real(stood)
         said = Said.of(solver.solution())
-        update = partial(solver.update, P=problem.P, q=problem.q)
         if self.task.lane.times_itself:
-            updates, solves = time_kernel(solver, update, effort)
+            times = [time_kernel(solver, problem.P[None], problem.q[None])]
+            while len(times) < effort.fewest or (sum(t.updates[0] + t.solves[0] for t in times) < effort.budget_s * 1e9
+                                                 and len(times) < effort.most):
+                times.append(time_kernel(solver, problem.P[None], problem.q[None]))
+            updates, solves = (np.concatenate(parts) for parts in zip(*((t.updates, t.solves) for t in times), strict=True))
         else:
-            updates, solves = time_pairs(update, solver.solve, effort)
+            updates, solves = time_pairs(partial(solver.update, P=problem.P, q=problem.q), solver.solve, effort)
         return Point(limit, x, said.found, said.status, said.iterations, updates, solves)

@@ -22,7 +22,7 @@ from bench.races.conditions import note_conditions
 from bench.races.field import checked, field_of
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.unit import Unit
-from bench.races.run_problems import problems_of
+from bench.races.run_problems import keep_proofs, problems_of, watched_folders
 from bench.races.settings import settings_of
 from bench.store import Run
 from bench.timing import cores
@@ -40,6 +40,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     chosen = checked(settings)
     problems = list(problems_of(run, settings, progress))
     (_race_here if workers.is_one else _race_spread)(run, settings, chosen, problems, progress, workers)
+    keep_proofs(run, problems)
     note_conditions(run, workers)
 
 
@@ -67,7 +68,7 @@ def units_of(run: Run, settings: OneshotSettings, line_up: LineUp, field: Sequen
     floor = null_solver.ENTRY
     found = {(name, scaling): rungs_of(run, settings, field, line_up.children, name, scaling, progress)
              for name in settings.problem_sets for scaling in settings.scalings}
-    return [Unit(run.path.resolve(), settings, problem.set_name, problem.name, scaling, repeat,
+    return [Unit(run.path.resolve(), settings, problem, scaling, repeat,
                  (Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, (Tier.DEFAULT,), repeat=repeat),
                   *tasks_of(settings, field, found[problem.set_name, scaling], problem, scaling, repeat, i % PICTURED == 0)))
             for repeat in range(settings.repeats) for i, problem in enumerate(problems) for scaling in settings.scalings]
@@ -77,7 +78,7 @@ def _race_here(run: Run, settings: OneshotSettings, chosen: Sequence[Entry], pro
                progress: Progress, workers: Workers) -> None:
     """Do the units in this process."""
     progress("waiting for a core on which no other race times", 0, 1)
-    with cores.claim() as core, LineUp([null_solver.ENTRY, *chosen], settings.limits, core.number) as line_up:
+    with cores.claim() as core, LineUp([null_solver.ENTRY, *chosen], settings.limits, core.number, watched_folders(run)) as line_up:
         floor, *children = line_up.children.values()
         floor.describe()
         units = units_of(run, settings, line_up, field_of(run, children), problems, progress)
@@ -99,4 +100,4 @@ def _race_spread(run: Run, settings: OneshotSettings, chosen: Sequence[Entry], p
         units = units_of(run, settings, line_up, field_of(run, line_up.children.values()), problems, progress)
     progress(f"{len(units)} problems in a scaling", 0, len(units))
     for done, unit in enumerate(engine.spread(units, [null_solver.ENTRY, *chosen], settings.limits, workers)):
-        progress(f"{unit.problem}, {unit.scaling}", done + 1, len(units))
+        progress(f"{unit.problem.name}, {unit.scaling}", done + 1, len(units))

@@ -36,13 +36,17 @@ MEDIANS = ("setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_u
 SUMS = ("samples", "preemptions")
 
 
-def rows_of(problem: RaceProblem, task: Task, outcome: Outcome) -> list[Row]:
+def rows_of(problem: RaceProblem, task: Task, outcome: Outcome, timed_gap: float = NAN, fault: tuple[Status, str] | None = None) -> list[Row]:
     """The rows of a task, one for each tier that it serves: who, what, how right and how fast.
+
+    ``timed_gap`` is that of the answers that were timed, and ``fault`` what is wrong with the way in which they came.
 
     ``periods`` is what the answer takes in sampling periods: the steps of a method that does one step a sample, else
     the median of update and solve over 125 µs. Percentiles are NaN where the sample cannot support them.
     """
-    verdict = judge(problem, task.scaling, outcome)
+    verdict = replace(judge(problem, task.scaling, outcome), timed_gap=timed_gap)
+    if fault is not None and not outcome.failure:
+        verdict = replace(verdict, status=fault[0], message=fault[1])
     solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
     steps = outcome.asked.get("steps")
     span_um = problem.validation.span_um if problem.validation is not None else NAN
@@ -69,15 +73,10 @@ def times_of(outcome: Outcome) -> dict[str, Nanoseconds]:
     return {"setup": outcome.setup_ns, "update": outcome.update_ns, "solve": outcome.solve_ns}
 
 
-def with_turns(row: Mapping[str, Any], turns: Outcome) -> Row:
+def with_turns(row: Mapping[str, Any], solve_ns: Nanoseconds) -> Row:
     """The row of a task with the figures of its turns."""
-    solve = turns.solve_ns / 1e3
+    solve = solve_ns / 1e3
     return {**row, "interleaved_us_p50": median(solve), "interleaved_us_p99": number(percentile(solve, 0.99).value)}
-
-
-def times_of_turns(turns: Outcome) -> dict[str, Nanoseconds]:
-    """Raw nanoseconds of turns."""
-    return {"interleaved_update": turns.update_ns, "interleaved_solve": turns.solve_ns}
 
 
 def key_of_all_repeats(task: Task) -> str:
@@ -128,7 +127,7 @@ def number(value: float | None) -> float:
 
 ONESHOT = Schema("rows.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "start", "settings", "status", "message",
-    "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap", "weight_error",
+    "cost_gap", "violation", "timed_gap", "primal_residual", "dual_residual", "duality_gap", "weight_error",
     "model_error_percent", "stage_excess", "model_error_um", "optimum_error_um", "noise_um",
     "setup_us", "update_us", "solve_us_p50", "solve_us_p50_low",
     "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples",

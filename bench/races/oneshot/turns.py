@@ -10,19 +10,18 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping, Sequence
 
-from qpsolvers import Problem
-
-from bench.passed.outcome import Outcome
 from bench.passed.task import Task
-from bench.problems.protocol import Vector
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild
-from bench.races.oneshot.worker import Collect, Prepare, Turn
-from bench.timing.clock import Effort
+from bench.races.oneshot.blocks import Tally, ask
+from bench.races.oneshot.worker import End, OneShot
 from solvers import Lane, Tier
 
 LONGEST_US = 3000.0
 """Tasks whose update and solve take longer than this hot have no turn: caches do not matter there, and time does."""
-WARM_UP = Effort(0.0, 3, 3)
+WARM_UP = 3
+"""Calls before the first turn."""
 
 
 IN_TURNS = (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT)
@@ -41,9 +40,9 @@ def _place(task: Task) -> int:
     return min((IN_TURNS.index(tier) for tier in task.tiers if tier in IN_TURNS), default=len(IN_TURNS))
 
 
-def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], SolverChild], problem: Problem,
-               warm_start: Vector | None, rounds: int, seed: str, c: float = 1.0) -> list[tuple[Task, Outcome]]:
-    """Times of the turns of each task; a task that fails on the way has none.
+def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], SolverChild], form: CertifiedForm, fresh: FreshData,
+               rounds: int, seed: str) -> list[tuple[Task, Tally]]:
+    """Times and answers of the turns of each task; a task that fails on the way has none.
 
     Parameters
     ----------
@@ -51,20 +50,25 @@ def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], Solver
         All on one problem in one scaling.
     children : mapping
         By name and lane.
-    problem, warm_start, c
-        What is solved, where warm tasks start, and the constant that ladders are made for.
+    form : CertifiedForm
+        What is set up.
+    fresh : FreshData
+        What is solved, one call a round.
     rounds : int
         Turns of each.
     seed : str
         The order in each round follows from it.
     """
-    keys = {task.key: children[task.solver, task.lane] for task in tasks}
-    asked = {task.key: Prepare.of(task, problem, WARM_UP, warm_start if task.start == "warm" else None, c) for task in tasks}
-    ready = [key for key, child in keys.items() if not child.ask(asked[key]).failure]
-    turns = {key: Turn(key) for key in ready}
-    chance = random.Random(seed)
+    tallies = {task.key: Tally() for task in tasks}
+    ready = [task for task in tasks if not children[task.solver, task.lane].ask(OneShot.of(task, form)).failure]
+    for task in list(ready):
+        if ask(children[task.solver, task.lane], task, *fresh.unseen(WARM_UP)).failure:
+            ready.remove(task)
+    begun, chance = list(ready), random.Random(seed)
     for _ in range(rounds):
         chance.shuffle(ready)
-        ready = [key for key in ready if not keys[key].ask(turns[key]).failure]
-    collected = {key: keys[key].ask(Collect(key)) for key in sorted(ready)} if rounds else {}
-    return [(task, collected[task.key]) for task in tasks if task.key in collected and not collected[task.key].failure]
+        data = fresh.unseen(1)
+        ready = [task for task in ready if not tallies[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure]
+    for task in begun:
+        children[task.solver, task.lane].ask(End(task.key))
+    return [(task, tallies[task.key]) for task in tasks if task in ready and rounds]

@@ -1,15 +1,15 @@
-"""The child's side of the one-shot race: solve one problem, time it again and again, and in turns with other solvers.
+"""The child's side of the one-shot race: solve one problem, then be timed on data that come block by block.
 
-*Hot*: update and solve of the same solver again and again, so that its code and data are in the caches. *Interleaved*: the
-solver is set up, and then asked for one update and solve at a time, between which other solvers have their turn on the
-same core. The clock is here in both; the parent only says whose turn it is.
+*Hot*: update and solve of the same solver again and again, so that its code is in the caches. *Interleaved*: one update and
+solve at a time, between which other solvers have their turn on the same core. The clock is here in both; the data of a block
+are not here before it, and its answers are handed back with its times. The parent holds both against clocks and proofs of its own.
 """
 
 from __future__ import annotations
 
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Self
 
@@ -21,26 +21,39 @@ from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.said import Said, real
 from bench.passed.task import Task
-from bench.timing.clock import Effort, time_call, time_kernel, time_pairs
+from bench.processes.worker import seen
+from bench.timing.clock import Timed, time_block, time_call, time_kernel
 from solvers.protocol import Nanoseconds, Solver
 
 Vector = NDArray[np.float64]
-Pairs = tuple[Nanoseconds, Nanoseconds]
+Matrix = NDArray[np.float64]
 
-ONE = Effort(0.0, 1, 1)
 QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
+
+
+@dataclass
+class Answered(Outcome):
+    """What came back of a block: the answers (n, d) that were timed; the parent adds what went by and what its process took of the processor."""
+
+    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
+    passed_ns: int = 0
+    used_ns: int = 0
+
+    @property
+    def calls_ns(self) -> Nanoseconds:
+        """Update and solve of each call."""
+        return self.update_ns + self.solve_ns
 
 
 @dataclass(frozen=True)
 class OneShot(Request):
-    """Solve one problem and time it.
+    """Set a solver up, solve one problem, and keep the solver for the blocks that follow.
 
     Attributes
     ----------
     task : Task
     fields : mapping
         The program by field.
-    effort : Effort
     warm_start : array (d,), optional
         What every solve starts from; None for cold solves.
     c : float
@@ -49,21 +62,61 @@ class OneShot(Request):
 
     task: Task
     fields: Mapping[str, Any]
-    effort: Effort
     warm_start: Vector | None = None
     c: float = 1.0
 
     @classmethod
-    def of(cls, task: Task, problem: Problem, effort: Effort, warm_start: Vector | None = None, c: float = 1.0) -> Self:
-        """The request for a program."""
-        return cls(task, {name: getattr(problem, name) for name in QP_FIELDS}, effort, warm_start, c)
+    def of(cls, task: Task, form: Any) -> Self:
+        """The request for a certified form, whose certificate and other windows stay with the parent."""
+        start = form.warm_start if task.start == "warm" else None
+        return cls(task, {name: getattr(form.qp, name) for name in QP_FIELDS}, start, form.unit)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
-        problem = Problem(**self.fields)
+        def another() -> Bench:
+            return Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start)
+
+        def work() -> Outcome:
+            bench = _benches[self.task.key] = another()
+            return bench.begin(another)
+
         if first:
-            run_task(cls, self.task, problem, self.c, ONE, self.warm_start)
-        return run_task(cls, self.task, problem, self.c, self.effort, self.warm_start)
+            attempt(work)
+        outcome = attempt(work)
+        if outcome.failure and (lost := _benches.pop(self.task.key, None)) is not None:
+            outcome.mutated, outcome.asked = lost.were_inputs_changed(), lost.asked
+        return outcome
+
+
+@dataclass(frozen=True)
+class Block(Request):
+    """Update and solve once for each P (n, d, d) and q (n, d), timed, by the solver that is kept for the task of this key."""
+
+    key: str
+    P: Matrix
+    q: Matrix
+    watch: bool
+
+    def answer(self, cls: type[Solver], first: bool) -> Outcome:
+        """Time them."""
+        return replace(attempt(lambda: _benches[self.key].block(self.P, self.q)), seen=seen() if self.watch else ())
+
+
+@dataclass(frozen=True)
+class End(Request):
+    """Solve the first problem once more, say how the solver behaved, and forget it."""
+
+    key: str
+    budget_s: float = 0.0
+
+    def answer(self, cls: type[Solver], first: bool) -> Outcome:
+        """Time some more set-ups, too, within the budget."""
+        bench = _benches.pop(self.key)
+        return replace(attempt(lambda: bench.end(self.budget_s)), seen=seen())
+
+
+_benches: dict[str, Bench] = {}
+"""Solvers of this process that wait for data, by task."""
 
 
 class Bench:
@@ -80,23 +133,50 @@ class Bench:
         # A solver that writes into one spoils neither the other nor ours.
         self._handed, self._updated = copied(problem), copied(problem)
         self._start = None if warm_start is None else warm_start.copy()
-        self._kernel = task.lane.times_itself
+        self._kernel = task.lane.times_itself and cls.__module__.startswith("solvers.")  # a file of a user's is timed from Python
         self.asked = task.asked(cls, c)
         self.solver = cls(**self.asked)
         P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
         self._update = partial(self.solver.update, P=P, q=self._updated.q)  # update takes dense data
-        self.solve: Callable[[], Vector] = (self.solver.solve if self._start is None else
-                                            partial(self.solver.solve, self._start))
+        self._solve: Callable[[], Any] = (self.solver.solve if self._start is None else
+                                          partial(self.solver.solve, self._start))
+        self._setups: list[int] = []
+        self._first: Vector = np.zeros(0)
+        self._spoiled = False
 
-    def setup(self) -> None:
-        """Set the solver up."""
-        self.solver.setup(self._handed)
+    def begin(self, another: Callable[[], Bench]) -> Outcome:
+        """Set up and solve the first problem, untimed but for the set-up."""
+        self._another = another
+        self._setups = [self.setup()]
+        found = self._solve()
+        self._first = real(found)
+        said = Said.of(self.solver.solution())
+        return Outcome(found=said.found, x=self._first, y=said.y, z=said.z, z_box=said.z_box, solver_status=said.status,
+                       reported_us=said.time_us, iterations=said.iterations, asked=self.asked,
+                       returned="" if type(found) is np.ndarray else type(found).__name__)
 
-    def pairs(self, effort: Effort) -> Pairs:
-        """Nanoseconds of updates and solves in turns."""
-        if self._kernel:
-            return time_kernel(self.solver, self._update, effort, self._start)
-        return time_pairs(self._update, self.solve, effort)
+    def setup(self) -> int:
+        """Nanoseconds of setting the solver up."""
+        return time_call(partial(self.solver.setup, self._handed))
+
+    def block(self, P: Matrix, q: Matrix) -> Outcome:
+        """Time a block; its data are as they were afterwards."""
+        sums, before = (P.sum(), q.sum()), preemptions()
+        timed: Timed = (time_kernel if self._kernel else time_block)(self.solver, P, q, self._start)
+        self._spoiled |= (P.sum(), q.sum()) != sums
+        return Answered(found=True, preemptions=preemptions() - before, update_ns=timed.updates, solve_ns=timed.solves,
+                        answers=timed.answers)
+
+    def end(self, budget_s: float) -> Outcome:
+        """Whether the first data give the first answer again, and whether inputs are as they were."""
+        self._update()
+        again = real(self._solve())
+        changed = self.were_inputs_changed()
+        for _ in range(2):
+            if sum(self._setups) < budget_s * 1e9:
+                self._setups.append(self._another().setup())
+        return Outcome(found=True, repeatable=bool(np.array_equal(self._first, again, equal_nan=True)), mutated=changed,
+                       setup_ns=np.array(self._setups, dtype=np.int64))
 
     def were_inputs_changed(self) -> bool:
         """Whether the solver wrote into what it was given."""
@@ -104,95 +184,12 @@ class Bench:
         pairs = [pair for taken in (self._handed, self._updated) for pair in
                  zip(arrays(problem), arrays(taken), strict=True)]
         pairs += [] if warm_start is None else [(warm_start, self._start)]
-        return any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs)
-
-
-def run_task(cls: type[Solver], task: Task, problem: Problem, c: float, effort: Effort, warm_start: Vector | None = None) -> Outcome:
-    """Solve one problem, then time setup, update and solve."""
-    made: list[Bench] = []
-
-    def work() -> Outcome:
-        made.append(Bench(cls, task, problem, c, warm_start))
-        return _solve_and_time(made[0], lambda: Bench(cls, task, problem, c, warm_start), effort)
-
-    outcome = attempt(work)
-    outcome.mutated = any(bench.were_inputs_changed() for bench in made)
-    outcome.asked = made[0].asked if made else {}
-    return outcome
-
-
-def _solve_and_time(bench: Bench, another: Callable[[], Bench], effort: Effort) -> Outcome:
-    setups = [time_call(bench.setup)]
-    first = real(bench.solve())
-    said = Said.of(bench.solver.solution())
-    before = preemptions()
-    updates, solves = bench.pairs(effort)
-    taken_off = preemptions() - before
-    again = real(bench.solve())
-    for _ in range(2):
-        if sum(setups) < effort.budget_s * 1e9:
-            setups.append(time_call(another().setup))
-    return Outcome(found=said.found, x=first, y=said.y, z=said.z, z_box=said.z_box, solver_status=said.status,
-                   reported_us=said.time_us, iterations=said.iterations,
-                   repeatable=bool(np.array_equal(first, again, equal_nan=True)), preemptions=taken_off,
-                   setup_ns=np.array(setups, dtype=np.int64), update_ns=updates, solve_ns=solves)
+        return self._spoiled or any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
 def preemptions() -> int:
     """How often this process was taken off its core so far."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
-
-
-_ready: dict[str, tuple[Bench, list[Pairs]]] = {}
-"""Solvers of this process that wait for their turns, by task, and the times so far."""
-
-
-@dataclass(frozen=True)
-class Prepare(OneShot):
-    """Set a solver up for its turns, and let it have one that does not count."""
-
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Keep the solver."""
-        def work() -> Outcome:
-            bench = Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start)
-            bench.setup()
-            bench.pairs(self.effort)
-            _ready[self.task.key] = bench, []
-            return Outcome()
-
-        return attempt(work)
-
-
-@dataclass(frozen=True)
-class Turn(Request):
-    """One update and solve of the solver that was prepared for the task of this key."""
-
-    key: str
-
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Time it."""
-        def work() -> Outcome:
-            bench, times = _ready[self.key]
-            times.append(bench.pairs(ONE))
-            return Outcome()
-
-        return attempt(work)
-
-
-@dataclass(frozen=True)
-class Collect(Request):
-    """Hand over the times of all turns and forget the solver."""
-
-    key: str
-
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Return an outcome with times only."""
-        def work() -> Outcome:
-            _, times = _ready.pop(self.key)
-            updates, solves = zip(*times, strict=True)
-            return Outcome(update_ns=np.concatenate(updates), solve_ns=np.concatenate(solves))
-
-        return attempt(work)
 
 
 def copied(problem: Problem) -> Problem:
