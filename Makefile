@@ -72,4 +72,4 @@ experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with 
 
 clean:                ## remove caches of compiled code and tools
 	find bench piezo_model solvers tests -name __pycache__ -type d -prune -exec rm -r {} +
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info solvers/core/_core_* piezo_model/core/_core_*
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build site *.egg-info solvers/core/_core_* piezo_model/core/_core_*
