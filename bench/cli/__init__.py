@@ -6,7 +6,7 @@ left to what is wrong with the program itself.
 
 from __future__ import annotations
 
-import gc
+import atexit
 import os
 import signal
 import sys
@@ -23,14 +23,21 @@ def main() -> None:
     needs nothing of theirs.
     """
     signal.signal(signal.SIGINT, _end)
+    status = 1  # of a traceback
+
+    def leave() -> None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+    atexit.register(leave)  # which comes last: to free all that the libraries have made takes a second
     try:
         from bench.cli.app import run
     except ModuleNotFoundError as error:
         print(f"piezobench: the command needs the package {error.name}: install piezobench[bench]", file=sys.stderr)
-        sys.exit(2)
-
-    status = run(sys.argv[1:])
-    gc.freeze()  # at exit the collector would look for a second through what the libraries have made
+        status = 2
+    else:
+        status = run(sys.argv[1:])
     sys.exit(status)
 
 
