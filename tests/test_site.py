@@ -17,7 +17,8 @@ import piezo_model
 import solvers
 
 ROOT = Path(__file__).parent.parent
-PAGES = {"index": "piezobench", "tutorial-telescope": "From one actuator to thousands", "api/piezo_model": "piezo_model"}
+PAGES = {"index": "piezobench", "tutorial-telescope": "From one actuator to thousands",
+         "mathematics": "The mathematics", "api/piezo_model": "piezo_model"}
 WIDE = """
 return [...document.querySelectorAll('main *')].filter(part => part.getBoundingClientRect().right > innerWidth + 1
   && !part.closest('pre, table, .md-typeset__scrollwrap, .formula')).map(part => part.outerHTML.slice(0, 80));
