@@ -48,7 +48,7 @@ nightly: core         ## run the tests that take minutes, too
 	$(BIN)/python -m pytest -n 2 -m nightly --timeout 0
 
 fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SECONDS
-	PYTHONPATH=. $(BIN)/python tests/bench/fuzz.py
+	PYTHONPATH=.:tests/piezo_model $(BIN)/python tests/bench/fuzz.py
 
 lint: core            ## style and types
 	$(BIN)/ruff check

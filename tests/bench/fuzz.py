@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import math
 import os
+import subprocess
 import sys
 import tempfile
 import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +25,22 @@ import pyarrow as pa
 from hostile_files import TOKENS, WHOLE, places, spoiled
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from program_files import draw, write_qps
 from pyarrow import parquet
+from random_models import Case, cases
+from test_recording_formats import FORMATS, made
 
+from bench.export.building import EXACT, WARNINGS, build, write_sources
+from bench.export.fmu import write_fmu
+from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.passed import columns
-from bench.problem_files import ProblemFileError
+from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
 from bench.races.oneshot.rows import ONESHOT
 from bench.races.registry import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
 from bench.store import Run, RunError
-from piezo_model import HysteresisCreepModel, ModelError, ModelStructure
+from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator, StructureError
 from piezo_model.json_file import convert, decoded, packed, unpacked
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.writer import write_table
@@ -126,6 +134,71 @@ def parquet_bytes() -> bytes:
     return bytes(sink.getvalue())
 
 
+def recording_in_a_child(given: tuple[str, bytes]) -> None:
+    """A binary file of any format, which a child process reads."""
+    name, data = given
+    path = FOLDER / ("stage.mat" if name == "MAT 4" else "stage.rec")
+    path.write_bytes(data)
+    refused(lambda: Recording.open(path).arrays(), path, RecordingError)
+
+
+@st.composite
+def binary_recordings(pick: Any) -> tuple[str, bytes]:
+    """A damaged file of one of the formats."""
+    name = pick(st.sampled_from([name for name in FORMATS if not name.startswith("GCS")]))
+    if name not in BINARY:
+        BINARY[name] = made(FOLDER, name).read_bytes()
+    return name, pick(damaged(BINARY[name]))
+
+
+BINARY: dict[str, bytes] = {}
+
+
+def program_qps(data: bytes) -> None:
+    """A program as text."""
+    path = FOLDER / "p.qps"
+    path.write_bytes(data)
+    refused(lambda: read(path), path, ProblemFileError)
+
+
+def learner_file(data: bytes) -> None:
+    """What a self-learning compensator has saved."""
+    path = FOLDER / "learner.json"
+    path.write_bytes(data)
+    refused(lambda: SelfLearningCompensator.load(path).step(0.0, 0.0), path, ModelError)
+
+
+def saved_learner() -> dict[str, Any]:
+    """A learner in the middle of its work."""
+    learner = SelfLearningCompensator(STRUCTURE, reset_s=0.01, build_s=0.05, learn_s=0.01)
+    learner.run(2.0 + np.sin(np.arange(90) / 9.0), lambda x: 0.4 * x)
+    learner.save(FOLDER / "good.json")
+    return dict(json.loads((FOLDER / "good.json").read_text()))
+
+
+def controller(given: tuple[Case, str, str, str, str | None]) -> None:
+    """A model with any text in it builds as C and as an FMU without a warning, or is refused."""
+    case, name, input_unit, output_unit, solver = given
+    with tempfile.TemporaryDirectory(dir=FOLDER) as folder:
+        try:
+            structure = replace(case.structure, input_unit=input_unit, output_unit=output_unit)
+            chosen = ExportSettings(name=name, **({"part": "learning", "solver": solver} if solver else {}))
+            model = replace(case.model, structure=structure, report={"headline": name})
+            write_sources(Path(folder), model, chosen)
+        except (StructureError, ExportError):
+            return  # a text that a terminal cannot show, or no name in C
+        if name == "piezo":
+            build(Path(folder), "replay", "gcc", (*WARNINGS, *EXACT, "-O0"))
+        else:
+            subprocess.run(["make", "-s", "example", f"CFLAGS={' '.join(WARNINGS)} -O0"], cwd=folder, check=True, capture_output=True)
+        if solver is None:
+            write_fmu(model, chosen, Path(folder) / "stage.fmu", 2 + len(input_unit) % 2)
+
+
+NAMES = st.one_of(st.sampled_from(("piezo", "left_axis", "core", "int", "main", "x", "sqrt", "real")), ANYTHING)
+CONTROLLERS = st.tuples(cases(), NAMES, ANYTHING, ANYTHING, st.sampled_from((None, *SOLVERS)))
+
+
 def rows_file(change: tuple[str, list[Any]]) -> None:
     """Rows of a run with another column in the place of one."""
     name, values = change
@@ -193,6 +266,8 @@ def memory_round_trip(value: Any) -> None:
         raise AssertionError(repr(again))
 
 
+SLOW = ("recording, binary", "controller, C and FMU")
+"""Kinds with a process for each input, of which a twentieth is tried."""
 POSITIVE = st.floats(1e-3, 1e3)
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     "model, JSON": (documents(MODEL.to_dict()), model_file),
@@ -201,6 +276,10 @@ PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     "program, NPZ": (damaged(PROBLEM), problem_file),
     "recording, text": (st.one_of(TABLES, damaged(GOOD_CSV.encode()).map(lambda data: data.decode("utf-8", "replace"))), recording_text),
     "recording, Parquet": (damaged(parquet_bytes()), recording_parquet),
+    "recording, binary": (binary_recordings(), recording_in_a_child),
+    "program, QPS": (damaged(write_qps(FOLDER / "good.qps", draw()).read_bytes()), program_qps),
+    "learner, JSON": (documents(saved_learner()), learner_file),
+    "controller, C and FMU": (CONTROLLERS, controller),
     "text": (ANYTHING, text_on_every_target),
     "model, there and back": (st.lists(st.floats(1e-3, 1e3), min_size=STRUCTURE.d, max_size=STRUCTURE.d), model_round_trip),
     "structure, there and back": (st.fixed_dictionaries({
@@ -226,6 +305,7 @@ def run(kind: str, examples: int, start: int | None = None) -> int:
             check(value)
 
     phases = (Phase.explicit, Phase.generate, Phase.shrink)
+    examples = max(examples // 20, 1) if kind in SLOW else examples
     chosen = settings(max_examples=examples, deadline=None, database=None, phases=phases, suppress_health_check=list(HealthCheck))
     test = chosen(given(strategy)(counted))
     (test if start is None else seed(start)(test))()
