@@ -7,12 +7,14 @@ takes seconds to import, and ``piezobench --help`` needs none of it. Of the othe
 from __future__ import annotations
 
 import ast
+import gc
 import io
 import signal
 import sys
 from collections.abc import Callable, Collection
 from importlib import import_module
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import typer
@@ -55,7 +57,7 @@ def run(words: list[str]) -> int:
         return _refuse(verb, f"{other[0]} is no text in UTF-8, in which names of files are stored")
     try:
         verbs = command_line(words[:1])
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _interrupt)
         return verbs(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -67,6 +69,15 @@ def run(words: list[str]) -> int:
     except OSError as error:
         reason = error.strerror or str(error)
         return _refuse(verb, f"{error.filename}: {reason}" if error.filename else reason)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, a moment later where it would be lost: in what a library does at a collection of garbage."""
+    if frame is not None and frame.f_code in [getattr(callback, "__code__", None) for callback in gc.callbacks]:
+        signal.signal(signal.SIGALRM, _interrupt)
+        signal.setitimer(signal.ITIMER_REAL, 0.001)
+    else:
+        raise KeyboardInterrupt
 
 
 def _function(verb: str) -> str:
