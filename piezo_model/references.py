@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import oaconvolve
 
 from piezo_model.signals import positive, scaled, share_between, times
 
@@ -20,6 +19,8 @@ def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
     if window.size < 2:
         return steps
     held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
+    from scipy.signal import oaconvolve  # which takes most of a second
+
     smooth: Vector = oaconvolve(held, window / window.sum(), "valid")
     return np.clip(smooth, steps.min(), steps.max())
 

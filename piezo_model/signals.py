@@ -16,7 +16,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 Vector = NDArray[np.float64]
 
@@ -221,6 +220,8 @@ def random_walk(*, duration_s: float, sample_time: float, low: float, high: floa
     path = _triangle(0.5 * (0.5 + np.cumsum(increments)))
     keep = math.exp(-2.0 * math.pi * bandwidth_Hz * sample_time)
     for _ in range(2):
+        from scipy.signal import lfilter  # which takes most of a second
+
         path, _state = lfilter([1.0 - keep], [1.0, -keep], path, zi=[keep * 0.5])
     return scaled(path, low, high)
 

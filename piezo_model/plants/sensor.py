@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 from piezo_model.plants.protocol import Memory, Plant, Vector, replace
 
@@ -126,6 +125,8 @@ class Sensor(Plant):
         at = (self._samples + np.arange(y.size)) % self.gap_period_samples
         self._samples += y.size
         if self._keep:
+            from scipy.signal import lfilter  # which takes most of a second
+
             drifted, state = lfilter([1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging)
             self._lagging = state / self._keep
         passing = np.concatenate([self._line, drifted])
