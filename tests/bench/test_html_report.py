@@ -78,7 +78,7 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
         browser: Browser, page: Path, width: str, dark: bool, tmp_path: Path) -> None:
     browser.open(page, width, dark)
     assert browser.console() == []
-    assert {address for address in browser.requests() if not address.startswith(("data:", "blob:"))} == {page.resolve().as_uri()}
+    assert {address for address in browser.requests() if not address.startswith(("data:", "blob:", "chrome:"))} == {page.resolve().as_uri()}
     plots = browser.plots()
     assert len(plots) >= 5
     for beside_table, plot in zip([width == "desktop", *[False] * len(plots)], plots, strict=False):
