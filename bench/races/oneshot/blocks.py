@@ -38,7 +38,7 @@ FAR = 100.0
 """How many times as far from the optimum is far."""
 AGAIN, ENOUGH = 5, 4
 """Blocks more, and how many of them must look wrong before a solver is said to do it, since a machine may, now and then."""
-SEEN, QUICKEST, SEEN_NS, SLOW_NS = 8, 5.0, 2_000, 10_000_000
+SEEN, QUICKEST, SEEN_NS, SLOW_NS = 8, 5.0, 2_000, 1_000_000
 """Calls whose data are shown again, how many times as fast they may be answered then, and how much faster; how long one may take."""
 
 
