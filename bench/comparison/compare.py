@@ -2,22 +2,30 @@
 
 Times are compared solver lane by solver lane, and row by row only in those that differ; see `lines`.
 
-Accuracy is exact, so it needs no statistics: a row is more or less accurate where its cost gap differs by more than a factor of
-GAP_FACTOR and the larger one is above LEAST_GAP.
+The accuracy of the first answer is exact, so it needs no statistics: a row is more or less accurate where its cost gap differs by
+more than a factor of GAP_FACTOR and the larger one is above LEAST_GAP. The answers that are timed belong to data that each run draws
+anew. Of n rows of a solver lane that missed their tier in one of the runs only, and only by these answers, k did in the second run;
+
+    K ~ Binomial(n, 1/2)
+
+is the exact test of Q. McNemar (Psychometrika 12 (1947) 153 to 157), and where it is not rejected these rows have not changed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
 import pandas as pd
+from scipy.stats import binomtest, false_discovery_control
 
 from bench.comparison.levels import FEWEST, NAMES, log_ratios, sentinel_level
-from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compare_times
+from bench.comparison.lines import CANNOT_TELL, CHANGES, LEVEL, WITNESSES, Times, compare_times
 from bench.races import null_solver
+from bench.races.metrics import reaches
 from bench.races.oneshot.rows import ONESHOT
 from bench.report.words import marked
 from bench.store import Run, RunError
@@ -156,7 +164,11 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
     warnings, notes = _conditions(a.settings, b.settings)
     times = compare_times(log_ratios(a, b), null_solver.ENTRY.name, smallest)
     rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT)).merge(times.rows, on="task", how="left")
-    records = cast(list[dict[str, Any]], rows.to_dict("records"))
+    drawn = _by_the_draw(rows)
+    if drawn.any():
+        notes = (*notes, f"Rows in which a timed answer misses its tier in one of the runs only: {drawn.sum()}. Each run draws the data "
+                 "of these answers anew, and so few cannot be distinguished from chance.")
+    records = cast(list[dict[str, Any]], rows.assign(status_b=rows.status_b.mask(drawn, rows.status_a)).to_dict("records"))
     changes = [_changes(row) for row in records]
     rows["changes"] = changes
     rows["regression"] = [bool(set(found) & set(WORSE)) or _broke(row) for found, row in zip(changes, records, strict=True)]
@@ -207,11 +219,30 @@ def _said(value: Any) -> str:
 
 def _matched(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
     """The rows of both runs side by side, with NaN where one has none; those for the picture are nobody's result."""
-    columns = ["task", *NAMES, "rung", "status", "cost_gap"]
-    both = a.loc[a.tier != Tier.RUNG, columns].merge(b.loc[b.tier != Tier.RUNG, columns], on=NAMES, how="outer",
-                                                     suffixes=("_a", "_b"), indicator="in_run")
+    columns = ["task", *NAMES, "rung", "status", "cost_gap", "missed_when_timed"]
+    raced = [_with_misses(run[run.tier != Tier.RUNG])[columns] for run in (a, b)]
+    both = raced[0].merge(raced[1], on=NAMES, how="outer", suffixes=("_a", "_b"), indicator="in_run")
     both = both.rename(columns={"cost_gap_a": "gap_a", "cost_gap_b": "gap_b"}).assign(task=both.task_a.fillna(both.task_b))
     return both.assign(in_run=both.in_run.astype(str), status_a=both.status_a.fillna(""), status_b=both.status_b.fillna(""))
+
+
+def _with_misses(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows with whether they miss their tier by nothing but answers that were timed."""
+    records = cast(list[dict[str, Any]], rows.to_dict("records"))
+    return rows.assign(missed_when_timed=[
+        row["status"] == Status.MISSED and reaches(Tier(row["tier"]), row["cost_gap"], row["violation"], partial(float, row["stage_excess"]))
+        for row in records])
+
+
+def _by_the_draw(rows: pd.DataFrame) -> pd.Series[bool]:
+    """Rows that miss their tier in one run only, by timed answers only, and whose solver lane does so no oftener than by chance."""
+    after, before = rows.missed_when_timed_b.eq(True), rows.missed_when_timed_a.eq(True)
+    drawn = after & (rows.status_a == Status.OK) | before & (rows.status_b == Status.OK)
+    lanes = after[drawn].groupby([rows.solver, rows.lane]).agg(["sum", "size"])
+    if lanes.empty:
+        return drawn
+    lanes["p"] = false_discovery_control([binomtest(k, n).pvalue for k, n in lanes.itertuples(index=False)])
+    return drawn & ~pd.MultiIndex.from_frame(rows[["solver", "lane"]]).isin(lanes.index[lanes.p <= LEVEL])
 
 
 def _changes(row: Mapping[str, Any]) -> tuple[str, ...]:

@@ -172,6 +172,23 @@ def test_what_is_less_accurate_changes_its_status_and_is_a_regression(wide_race:
     assert any("less accurate" in sentence for sentence in found.verdict)
 
 
+@pytest.mark.parametrize("most", [1, 100])
+def test_timed_answers_that_miss_their_tier_are_a_regression_only_where_there_are_too_many_for_chance(
+        most: int, wide_race: Race, tmp_path: Path) -> None:
+    right = of_solver(wide_race.rows) & (wide_race.rows.status == Status.OK)
+    those = wide_race.rows.index[right][:most]
+
+    def missed(folder: Path) -> None:
+        table = pd.read_parquet(folder / "rows.parquet")
+        table.loc[those, ["status", "timed_gap"]] = [str(Status.MISSED), 1.0]
+        table.to_parquet(folder / "rows.parquet")
+
+    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "missed", missed))
+    assert most == 1 or len(those) > 5
+    assert found.regressions == (0 if most == 1 else len(those))
+    assert any("in one of the runs only: 1." in note for note in found.notes) == (most == 1)
+
+
 def test_what_is_gone_is_a_regression_and_what_is_new_is_not(wide_race: Race, tmp_path: Path) -> None:
     fewer = copied(wide_race, tmp_path / "fewer", without)
     gone, new = compare_runs(wide_race.run, fewer), compare_runs(fewer, wide_race.run)
