@@ -2,56 +2,32 @@
 #include "bank.h"
 #include "face_model.h"
 
-static void take_bank(Arguments *a, Bank *b)
+TAKE_STATE(bank, Bank, BANK_KIND)
+
+FACE(bank_bytes)
 {
-    void *const memory = take_state(a, BANK_KIND);
-    memset(b, 0, sizeof *b);
-    if (memory != NULL) {
-        *b = bank_at(memory);
-    }
+    const Shape s = take_shape(a);
+    const int64_t tiles = take_integer(a, 0, 1 << 24);
+    return finish_integer(a, good(a) ? bank_bytes(s, tiles) : 0);
 }
 
-FACE(face_bank_bytes)
-{
-    Arguments a;
-    Shape s;
-    int64_t tiles;
-    (void)module;
-    take_arguments(&a, "bank_bytes(n, zones, rates, offset, tiles)", given, count, 5);
-    s = take_shape(&a);
-    tiles = take_integer(&a, 0, 1 << 24);
-    return finish_integer(&a, good(&a) ? bank_bytes(s, tiles) : 0);
-}
-
-FACE(face_bank_room_bytes)
-{
-    (void)module;
-    return size_for(bank_room_bytes, "bank_room_bytes(n, zones, rates, offset)", given, count);
-}
+FACE(bank_room_bytes) { return size_for(bank_room_bytes, a); }
 
 /* Where the settings and the parts of the first tile stand; "tile" is that tile as a whole. */
-FACE(face_bank_setup)
+FACE(bank_setup)
 {
-    Arguments a;
-    Bank b;
-    Tile t;
-    Shape s;
-    void *memory;
-    int64_t tiles;
-    (void)module;
-    take_arguments(&a, "bank_setup(state, n, zones, rates, offset, tiles)", given, count, 6);
-    memory = take_state(&a, 0);
-    s = take_shape(&a);
-    tiles = take_integer(&a, 1, 1 << 24);
-    if (good(&a)) {
-        need_bytes(&a, 0, bank_bytes(s, tiles));
+    void *const memory = take_state(a, 0);
+    const Shape s = take_shape(a);
+    const int64_t tiles = take_integer(a, 1, 1 << 24);
+    if (good(a)) {
+        need_bytes(a, 0, bank_bytes(s, tiles));
     }
-    if (!good(&a)) {
-        return finish(&a, NULL);
+    if (!good(a)) {
+        return finish(a, NULL);
     }
     bank_setup(memory, s, tiles);
-    b = bank_at(memory);
-    t = tile_at(&b, 0);
+    Bank b = bank_at(memory);
+    const Tile t = tile_at(&b, 0);
     const Py_ssize_t operators = s.n + 1, creep = s.rates * operators, entries = triangle(b.d + 1);
     const Part parts[] = {
         {"settings", b.settings, sizeof *b.settings / sizeof(real)}, {"r", b.r, operators}, {"a", b.a, s.rates},
@@ -64,55 +40,40 @@ FACE(face_bank_setup)
         {"old_play", t.old_play, operators * LANES}, {"old_creep", t.old_creep, creep * LANES},
         {"memory", t.memory, MEMORY_LENGTH * LANES}, {"in_use", t.in_use, b.d * LANES}, {"candidate", t.candidate, b.d * LANES},
         {"side", t.side, b.d * LANES}, {"gram", t.gram, entries * LANES}};
-    return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
+    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
 /* Make the lanes of a tile where `which` is 1 begin anew with the weights that stand in it. */
-FACE(face_bank_begin)
+FACE(bank_begin)
 {
-    Arguments a;
-    Bank b;
-    const double *which;
-    int64_t tile;
-    (void)module;
-    take_arguments(&a, "bank_begin(state, tile, which)", given, count, 3);
-    take_bank(&a, &b);
-    tile = take_integer(&a, 0, good(&a) ? b.head->tiles - 1 : 0);
-    which = take_array(&a, VECTOR, LANES);
-    if (good(&a)) {
+    Bank b = take_bank(a);
+    const int64_t tile = take_integer(a, 0, good(a) ? b.head->tiles - 1 : 0);
+    const double *const which = take_array(a, VECTOR, LANES);
+    if (good(a)) {
         const Tile t = tile_at(&b, tile);
         tile_invert(&b, &t);
         tile_begin_anew(&b, &t, load(which), zeros());
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }
 
 /* Drives (N, 8 tiles) for references, from tile `first` up to `last`; y are the outputs of the drives before. */
-FACE(face_bank_run)
+FACE(bank_run)
 {
-    Arguments a;
-    Bank b;
-    const double *y_ref, *y;
-    double *x;
-    void *room;
-    int64_t first, last;
-    int width, samples;
-    (void)module;
-    take_arguments(&a, "bank_run(state, y_ref, y, x, room, first, last)", given, count, 7);
-    take_bank(&a, &b);
-    width = good(&a) ? (int)b.head->tiles * LANES : 0;
-    y_ref = take_array(&a, ANY_LENGTH, width);
-    samples = (int)taken_length(&a);
-    y = take_array(&a, samples, width);
-    x = take_output(&a, samples, width);
-    room = take_state(&a, 0);
-    if (good(&a)) {
-        need_bytes(&a, 4, bank_room_bytes(b.shape));
+    Bank b = take_bank(a);
+    const int width = good(a) ? (int)b.head->tiles * LANES : 0;
+    const double *const y_ref = take_array(a, ANY_LENGTH, width);
+    const int samples = (int)taken_length(a);
+    const double *const y = take_array(a, samples, width);
+    double *const x = take_output(a, samples, width);
+    void *const room = take_state(a, 0);
+    if (good(a)) {
+        need_bytes(a, 4, bank_room_bytes(b.shape));
     }
-    first = take_integer(&a, 0, good(&a) ? b.head->tiles : 0);
-    last = take_integer(&a, first, good(&a) ? b.head->tiles : 0);
-    if (good(&a)) {
-        begin_long_if(&a, samples * (last - first) > 8);
+    const int64_t first = take_integer(a, 0, good(a) ? b.head->tiles : 0);
+    const int64_t last = take_integer(a, first, good(a) ? b.head->tiles : 0);
+    if (good(a)) {
+        begin_long_if(a, samples * (last - first) > 8);
         for (int64_t i = first; i < last; ++i) {
             const Tile t = tile_at(&b, i);
             for (int64_t k = 0; k < samples; ++k) {
@@ -121,5 +82,5 @@ FACE(face_bank_run)
             }
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

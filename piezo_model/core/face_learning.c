@@ -48,8 +48,8 @@ static PyObject *learn(Arguments *a, Learner l, Compensator *compensator, int dr
 {
     const double *const y = take_array(a, VECTOR, ANY_LENGTH);
     const Py_ssize_t samples = taken_length(a);
-    const double *const x = take_array(a, VECTOR, (int)samples), *const y_ref = driving ? x : NULL;
-    double *const driven = driving ? take_output(a, VECTOR, (int)samples) : NULL;
+    const double *const x = take_array(a, VECTOR, samples), *const y_ref = driving ? x : NULL;
+    double *const driven = driving ? take_output(a, VECTOR, samples) : NULL;
     Py_ssize_t k = (Py_ssize_t)take_integer(a, 0, samples);
     int brought = 0;
     if (!good(a)) {
@@ -66,86 +66,50 @@ static PyObject *learn(Arguments *a, Learner l, Compensator *compensator, int dr
     return finish(a, Py_BuildValue("(nn)", k, (Py_ssize_t)brought));
 }
 
-static PyObject *learn_cyclic(const char *signature, PyObject *const *given, Py_ssize_t count, int driving)
+static PyObject *learn_cyclic(Arguments *a, int driving)
 {
-    Arguments a;
     Compensator compensator;
     Cyclic c;
-    Learner l = {&c, NULL};
-    void *memory;
-    take_arguments(&a, signature, given, count, driving ? 6 : 5);
-    memory = take_learner(&a, CYCLIC_KIND, &compensator);
-    if (good(&a)) {
+    void *const memory = take_learner(a, CYCLIC_KIND, &compensator);
+    if (good(a)) {
         c = cyclic_at(memory);
     }
-    return learn(&a, l, &compensator, driving);
+    return learn(a, (Learner){&c, NULL}, &compensator, driving);
 }
 
-static PyObject *learn_continuous(const char *signature, PyObject *const *given, Py_ssize_t count, int driving)
+static PyObject *learn_continuous(Arguments *a, int driving)
 {
-    Arguments a;
     Compensator compensator;
     Continuous c;
-    Learner l = {NULL, &c};
-    void *memory;
-    take_arguments(&a, signature, given, count, driving ? 6 : 5);
-    memory = take_learner(&a, CONTINUOUS_KIND, &compensator);
-    if (good(&a)) {
+    void *const memory = take_learner(a, CONTINUOUS_KIND, &compensator);
+    if (good(a)) {
         c = continuous_at(memory);
     }
-    return learn(&a, l, &compensator, driving);
+    return learn(a, (Learner){NULL, &c}, &compensator, driving);
 }
 
-FACE(face_cyclic_observe)
-{
-    (void)module;
-    return learn_cyclic("cyclic_observe(state, compensator, y, x, first)", given, count, 0);
-}
+FACE(cyclic_observe) { return learn_cyclic(a, 0); }
+FACE(cyclic_drive) { return learn_cyclic(a, 1); }
+FACE(continuous_observe) { return learn_continuous(a, 0); }
+FACE(continuous_drive) { return learn_continuous(a, 1); }
 
-FACE(face_cyclic_drive)
-{
-    (void)module;
-    return learn_cyclic("cyclic_drive(state, compensator, y, y_ref, x, first)", given, count, 1);
-}
+TAKE_STATE(cyclic, Cyclic, CYCLIC_KIND)
+TAKE_STATE(continuous, Continuous, CONTINUOUS_KIND)
 
-FACE(face_continuous_observe)
-{
-    (void)module;
-    return learn_continuous("continuous_observe(state, compensator, y, x, first)", given, count, 0);
-}
+FACE(cyclic_bytes) { return size_for(cyclic_bytes, a); }
 
-FACE(face_continuous_drive)
+FACE(cyclic_setup)
 {
-    (void)module;
-    return learn_continuous("continuous_drive(state, compensator, y, y_ref, x, first)", given, count, 1);
-}
-
-FACE(face_cyclic_bytes)
-{
-    (void)module;
-    return size_for(cyclic_bytes, "cyclic_bytes(n, zones, rates, offset)", given, count);
-}
-
-FACE(face_cyclic_setup)
-{
-    Arguments a;
-    Cyclic c;
-    CyclicMemory *m;
-    Shape s;
-    void *memory;
-    int middle;
-    (void)module;
-    take_arguments(&a, "cyclic_setup(state, n, zones, rates, offset, middle)", given, count, 6);
-    memory = take_state(&a, 0);
-    s = take_shape(&a);
-    middle = (int)take_integer(&a, 0, s.zones - 1);
-    need_bytes(&a, 0, cyclic_bytes(s));
-    if (!good(&a)) {
-        return finish(&a, NULL);
+    void *const memory = take_state(a, 0);
+    const Shape s = take_shape(a);
+    const int middle = (int)take_integer(a, 0, s.zones - 1);
+    need_bytes(a, 0, cyclic_bytes(s));
+    if (!good(a)) {
+        return finish(a, NULL);
     }
     cyclic_setup(memory, s, middle);
-    c = cyclic_at(memory);
-    m = c.memory;
+    const Cyclic c = cyclic_at(memory);
+    CyclicMemory *const m = c.memory;
     const Part parts[] = {
         COUNTS(&m->counts), REGRESSORS(c.basis.regressors, s), {"reset_lasts", &m->settings.reset_lasts, 1},
         {"build_lasts", &m->settings.build_lasts, 1}, {"learn_lasts", &m->settings.learn_lasts, 1}, {"steps", &m->settings.steps, 1},
@@ -156,57 +120,37 @@ FACE(face_cyclic_setup)
         {"P", c.P, c.d * c.d}, {"q", c.q, c.d}, {"lower", c.lower, c.d}, {"start", c.start, c.d}, {"answer", c.answer, c.d},
         {"play", c.basis.play, lanes(s)}, {"creep", c.basis.creep, creep_lanes(s)}, {"start_play", c.basis.start_play, lanes(s)},
         {"start_creep", c.basis.start_creep, creep_lanes(s)}};
-    return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
+    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
-FACE(face_cyclic_enter)
+FACE(cyclic_enter)
 {
-    Arguments a;
-    Cyclic c;
-    void *memory;
-    int phase;
-    (void)module;
-    take_arguments(&a, "cyclic_enter(state, phase)", given, count, 2);
-    memory = take_state(&a, CYCLIC_KIND);
-    phase = (int)take_integer(&a, RESET, LEARN);
-    if (good(&a)) {
-        c = cyclic_at(memory);
+    Cyclic c = take_cyclic(a);
+    const int phase = (int)take_integer(a, RESET, LEARN);
+    if (good(a)) {
         cyclic_enter(&c, phase);
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }
 
-FACE(face_continuous_bytes)
-{
-    (void)module;
-    return size_for(continuous_bytes, "continuous_bytes(n, zones, rates, offset)", given, count);
-}
+FACE(continuous_bytes) { return size_for(continuous_bytes, a); }
 
-FACE(face_continuous_setup)
+FACE(continuous_setup)
 {
-    Arguments a;
-    Continuous c;
-    ContinuousMemory *m;
-    Shape s;
-    void *memory;
-    double min_slope, forgetting, proximal;
-    int middle, most_exchanges;
-    (void)module;
-    take_arguments(&a, "continuous_setup(state, n, zones, rates, offset, middle, min_slope, forgetting, proximal, most_exchanges)", given, count, 10);
-    memory = take_state(&a, 0);
-    s = take_shape(&a);
-    middle = (int)take_integer(&a, 0, s.zones - 1);
-    min_slope = take_number(&a);
-    forgetting = take_number(&a);
-    proximal = take_number(&a);
-    most_exchanges = (int)take_integer(&a, 0, INT32_MAX);
-    need_bytes(&a, 0, continuous_bytes(s));
-    if (!good(&a)) {
-        return finish(&a, NULL);
+    void *const memory = take_state(a, 0);
+    const Shape s = take_shape(a);
+    const int middle = (int)take_integer(a, 0, s.zones - 1);
+    const double min_slope = take_number(a);
+    const double forgetting = take_number(a);
+    const double proximal = take_number(a);
+    const int most_exchanges = (int)take_integer(a, 0, INT32_MAX);
+    need_bytes(a, 0, continuous_bytes(s));
+    if (!good(a)) {
+        return finish(a, NULL);
     }
     continuous_setup(memory, s, middle, min_slope, forgetting, proximal, most_exchanges);
-    c = continuous_at(memory);
-    m = c.memory;
+    const Continuous c = continuous_at(memory);
+    ContinuousMemory *const m = c.memory;
     const Part parts[] = {
         COUNTS(&m->counts), REGRESSORS(c.regressors, s), {"reset_lasts", &m->settings.reset_lasts, 1},
         {"interval", &m->settings.interval, 1}, {"checkpoint", &m->settings.checkpoint, 1},
@@ -214,50 +158,33 @@ FACE(face_continuous_setup)
         {"guard", &m->guard, 5}, {"revert", &m->revert, 1}, {"has_fallback", &m->has_fallback, 1}, {"level", &m->level, 1},
         {"in_use", c.in_use + 1, c.d}, {"candidate", c.candidate + 1, c.d}, {"span", c.span, 4}, {"play", c.play, lanes(s)},
         {"creep", c.creep, creep_lanes(s)}};
-    return finish_parts(&a, memory, parts, (int)(sizeof parts / sizeof *parts));
+    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
-FACE(face_continuous_begin_anew)
+FACE(continuous_begin_anew)
 {
-    Arguments a;
-    Continuous c;
-    void *memory;
-    double level;
-    (void)module;
-    take_arguments(&a, "continuous_begin_anew(state, level)", given, count, 2);
-    memory = take_state(&a, CONTINUOUS_KIND);
-    level = take_number(&a);
-    if (good(&a)) {
-        c = continuous_at(memory);
+    Continuous c = take_continuous(a);
+    const double level = take_number(a);
+    if (good(a)) {
         continuous_begin_anew(&c, level);
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }
 
-FACE(face_guard_judge)
+FACE(guard_judge)
 {
-    Arguments a;
     SensorGuard guard;
-    double *memory;
-    const double *x, *y;
-    int64_t *verdicts;
-    Py_ssize_t samples, length = 0;
-    (void)module;
-    take_arguments(&a, "guard_judge(memory, x, y, verdicts)", given, count, 4);
-    memory = take_output(&a, VECTOR, (int)(sizeof guard / sizeof(real)));
-    x = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    y = take_array(&a, VECTOR, (int)samples);
-    verdicts = take_integers(&a, &length);
-    if (length != samples) {
-        refuse(&a, "there is a verdict for each sample");
-    }
-    if (good(&a)) {
+    double *const memory = take_output(a, VECTOR, sizeof guard / sizeof(real));
+    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
+    const double *const y = take_array(a, VECTOR, samples);
+    int64_t *const verdicts = take_integers(a, samples);
+    if (good(a)) {
         memcpy(&guard, memory, sizeof guard);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             verdicts[k] = guard_judge(&guard, x[k], y[k]);
         }
         memcpy(memory, &guard, sizeof guard);
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

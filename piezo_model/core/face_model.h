@@ -5,58 +5,57 @@
 #include "face.h"
 #include "shape.h"
 
-#define FACE(name) PyObject *name(PyObject *module, PyObject *const *given, Py_ssize_t count)
-
-FACE(face_play);
-FACE(face_creep);
-FACE(face_dead_zone);
-FACE(face_model_bytes);
-FACE(face_model_setup);
-FACE(face_model_simulate);
-FACE(face_basis_bytes);
-FACE(face_basis_setup);
-FACE(face_basis_clear);
-FACE(face_basis_update);
-FACE(face_basis_advance);
-FACE(face_basis_gram);
-FACE(face_basis_rows);
-FACE(face_compensator_bytes);
-FACE(face_compensator_setup);
-FACE(face_compensator_take);
-FACE(face_compensator_hand_over);
-FACE(face_compensator_now);
-FACE(face_compensator_correct);
-FACE(face_compensator_step);
-FACE(face_compensator_run);
-FACE(face_cyclic_bytes);
-FACE(face_cyclic_setup);
-FACE(face_cyclic_enter);
-FACE(face_cyclic_observe);
-FACE(face_cyclic_drive);
-FACE(face_continuous_bytes);
-FACE(face_continuous_setup);
-FACE(face_continuous_begin_anew);
-FACE(face_continuous_observe);
-FACE(face_continuous_drive);
-FACE(face_guard_judge);
-FACE(face_bank_bytes);
-FACE(face_bank_room_bytes);
-FACE(face_bank_setup);
-FACE(face_bank_begin);
-FACE(face_bank_run);
-/* Simulated actuators and stages, each beside its Python file. */
-FACE(face_log_creep);
-FACE(face_bouc_wen);
-FACE(face_plays_and_creep);
-FACE(face_relay_lines);
-FACE(face_charge);
-FACE(face_deviation);
-FACE(face_structure_response);
+#define FACES(F) \
+    F(play, 4, "x, r, z, out", "play operators over samples; z moves on.") \
+    F(creep, 5, "x, r, a, z, out", "creep operators over samples; z moves on.") \
+    F(dead_zone, 4, "u, low, high, out", "dead zones over samples.") \
+    F(model_bytes, 4, "n, zones, rates, offset", "size of a model.") \
+    F(model_setup, 6, "state, n, zones, rates, offset, constant", "make a block a model; where its vectors stand.") \
+    F(model_simulate, 5, "state, play, creep, x, y", "outputs for inputs; the states move on.") \
+    F(basis_bytes, 4, "n, zones, rates, offset", "size of a data basis.") \
+    F(basis_setup, 6, "state, n, zones, rates, offset, forgetting", "make a block a data basis; where its vectors stand.") \
+    F(basis_clear, 1, "state", "forget the rows.") \
+    F(basis_update, 3, "state, x, y", "count samples.") \
+    F(basis_advance, 2, "state, x", "move the states on and count nothing.") \
+    F(basis_gram, 3, "state, rows, gram", "the Gram matrix with the rows that wait; rows is room.") \
+    F(basis_rows, 4, "state, x, y, rows", "the rows of samples; the states move on.") \
+    F(compensator_bytes, 4, "n, zones, rates, offset", "size of a compensator.") \
+    F(compensator_setup, 5, "state, n, zones, rates, offset", "make a block a compensator; where its vectors stand.") \
+    F(compensator_take, 2, "state, weights", "invert the model of these weights.") \
+    F(compensator_hand_over, 2, "state, weights", "the same without a bump.") \
+    F(compensator_now, 1, "state", "the unit drive for the last reference at this moment.") \
+    F(compensator_correct, 2, "state, y", "integral action on the output that the last drive produced.") \
+    F(compensator_step, 2, "state, y_ref", "the drive for one reference.") \
+    F(compensator_run, 3, "state, y_ref, x", "drives for references.") \
+    F(cyclic_bytes, 4, "n, zones, rates, offset", "size of a learner in cycles.") \
+    F(cyclic_setup, 6, "state, n, zones, rates, offset, middle", "make a block a learner; where its parts stand.") \
+    F(cyclic_enter, 2, "state, phase", "begin a phase, 0 reset, 1 build, 2 learn.") \
+    F(cyclic_observe, 5, "state, compensator, y, x, first", "learn; (samples done, what there is to tell).") \
+    F(cyclic_drive, 6, "state, compensator, y, y_ref, x, first", "drive and learn; the same.") \
+    F(continuous_bytes, 4, "n, zones, rates, offset", "size of a learner without cycles.") \
+    F(continuous_setup, 10, "state, n, zones, rates, offset, middle, min_slope, forgetting, proximal, most_exchanges", "as cyclic_setup.") \
+    F(continuous_begin_anew, 2, "state, level", "forget all but the weights in use.") \
+    F(continuous_observe, 5, "state, compensator, y, x, first", "learn; (samples done, what there is to tell).") \
+    F(continuous_drive, 6, "state, compensator, y, y_ref, x, first", "drive and learn; the same.") \
+    F(guard_judge, 4, "memory, x, y, verdicts", "which samples can be learned from.") \
+    F(bank_bytes, 5, "n, zones, rates, offset, tiles", "size of a bank.") \
+    F(bank_room_bytes, 4, "n, zones, rates, offset", "size of the room that each thread needs.") \
+    F(bank_setup, 6, "state, n, zones, rates, offset, tiles", "make a block a bank; where its parts stand.") \
+    F(bank_begin, 3, "state, tile, which", "take the weights that stand in a tile and learn anew.") \
+    F(bank_run, 7, "state, y_ref, y, x, room, first, last", "drives for references, learning from outputs.") \
+    F(log_creep, 5, "u, a, z, u_previous, K", "creep of an actuator.") \
+    F(bouc_wen, 8, "u, A, beta, gamma, n, h, u_before, path", "h along u.") \
+    F(plays_and_creep, 9, "u, r, w_H, w_K, a, z_play, z_creep, u_previous, total", "their weighted sum along u.") \
+    F(relay_lines, 8, "u, r, c, sigma, gain, shift, z, total", "sum over lines of relays along u.") \
+    F(charge, 8, "u, spring, k, f, force, q, u_before, path", "charge along u.") \
+    F(deviation, 6, "u, alpha, b, e, u_before, path", "deviation along u.") \
+    F(structure_response, 4, "f, F, s, z", "positions while forces are held.")
+FACES(DECLARE_FACE)
 
 /* n, zones, rates and offset, four arguments. */
 Shape take_shape(Arguments *a);
 /* The size of a state of the shape that is given, as Python asks for it. */
-PyObject *size_for(int64_t (*bytes)(Shape), const char *signature, PyObject *const *given, Py_ssize_t count);
+PyObject *size_for(int64_t (*bytes)(Shape), Arguments *a);
 enum { MOST_OPERATORS = 10000 };
 
 #endif

@@ -2,23 +2,17 @@
 #include "face_model.h"
 #include "operators.h"
 
-FACE(face_log_creep)
+FACE(log_creep)
 {
-    Arguments a;
-    const double *u, *gain;
-    double *z, *before, *K;
-    Py_ssize_t samples, states;
-    (void)module;
-    take_arguments(&a, "log_creep(u, a, z, u_previous, K)", given, count, 5);
-    u = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    gain = take_array(&a, VECTOR, ANY_LENGTH);
-    states = taken_length(&a);
-    z = take_output(&a, VECTOR, (int)states);
-    before = take_output(&a, VECTOR, 1);
-    K = take_output(&a, VECTOR, (int)samples);
-    if (good(&a)) {
-        begin_long_if(&a, samples > 100);
+    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
+    const double *const gain = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t states = taken_length(a);
+    double *const z = take_output(a, VECTOR, states);
+    double *const before = take_output(a, VECTOR, 1);
+    double *const K = take_output(a, VECTOR, samples);
+    if (good(a)) {
+        begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             double total = 0;
             for (Py_ssize_t j = 0; j < states; ++j) {
@@ -29,5 +23,5 @@ FACE(face_log_creep)
             *before = u[k];
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

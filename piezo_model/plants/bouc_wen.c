@@ -26,26 +26,20 @@ static double moved(const BoucWen *p, double h, double move)
     return h;
 }
 
-FACE(face_bouc_wen)
+FACE(bouc_wen)
 {
-    Arguments a;
+    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
     BoucWen p;
-    const double *u;
-    double *h, *before, *path;
-    Py_ssize_t samples;
-    (void)module;
-    take_arguments(&a, "bouc_wen(u, A, beta, gamma, n, h, u_before, path)", given, count, 8);
-    u = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    p.A = take_number(&a);
-    p.beta = take_number(&a);
-    p.gamma = take_number(&a);
-    p.n = take_number(&a);
-    h = take_output(&a, VECTOR, 1);
-    before = take_output(&a, VECTOR, 1);
-    path = take_output(&a, VECTOR, (int)samples);
-    if (good(&a)) {
-        begin_long_if(&a, samples > 100);
+    p.A = take_number(a);
+    p.beta = take_number(a);
+    p.gamma = take_number(a);
+    p.n = take_number(a);
+    double *const h = take_output(a, VECTOR, 1);
+    double *const before = take_output(a, VECTOR, 1);
+    double *const path = take_output(a, VECTOR, samples);
+    if (good(a)) {
+        begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             const double move = u[k] - *before;
             *h = move > 0 || move < 0 ? moved(&p, *h, move) : *h;
@@ -53,5 +47,5 @@ FACE(face_bouc_wen)
             path[k] = *h;
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

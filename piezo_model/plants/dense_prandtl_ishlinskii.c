@@ -2,28 +2,22 @@
 #include "face_model.h"
 #include "operators.h"
 
-FACE(face_plays_and_creep)
+FACE(plays_and_creep)
 {
-    Arguments a;
-    const double *u, *r, *w_H, *w_K, *gain;
-    double *z_play, *z_creep, *before, *total;
-    Py_ssize_t samples, n, rates;
-    (void)module;
-    take_arguments(&a, "plays_and_creep(u, r, w_H, w_K, a, z_play, z_creep, u_previous, total)", given, count, 9);
-    u = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    r = take_array(&a, VECTOR, ANY_LENGTH);
-    n = taken_length(&a);
-    w_H = take_array(&a, VECTOR, (int)n);
-    w_K = take_array(&a, VECTOR, (int)n);
-    gain = take_array(&a, VECTOR, ANY_LENGTH);
-    rates = taken_length(&a);
-    z_play = take_output(&a, VECTOR, (int)n);
-    z_creep = take_output(&a, (int)n, (int)rates);
-    before = take_output(&a, VECTOR, 1);
-    total = take_output(&a, VECTOR, (int)samples);
-    if (good(&a)) {
-        begin_long_if(&a, samples > 100);
+    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
+    const double *const r = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t n = taken_length(a);
+    const double *const w_H = take_array(a, VECTOR, n);
+    const double *const w_K = take_array(a, VECTOR, n);
+    const double *const gain = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t rates = taken_length(a);
+    double *const z_play = take_output(a, VECTOR, n);
+    double *const z_creep = take_output(a, n, rates);
+    double *const before = take_output(a, VECTOR, 1);
+    double *const total = take_output(a, VECTOR, samples);
+    if (good(a)) {
+        begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             total[k] = 0;
             for (Py_ssize_t i = 0; i < n; ++i) {
@@ -39,5 +33,5 @@ FACE(face_plays_and_creep)
             *before = u[k];
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

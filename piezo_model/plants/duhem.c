@@ -3,23 +3,17 @@
 
 #include <math.h>
 
-FACE(face_deviation)
+FACE(deviation)
 {
-    Arguments a;
-    const double *u;
-    double alpha, b, *e, *before, *path;
-    Py_ssize_t samples;
-    (void)module;
-    take_arguments(&a, "deviation(u, alpha, b, e, u_before, path)", given, count, 6);
-    u = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    alpha = take_number(&a);
-    b = take_number(&a);
-    e = take_output(&a, VECTOR, 1);
-    before = take_output(&a, VECTOR, 1);
-    path = take_output(&a, VECTOR, (int)samples);
-    if (good(&a)) {
-        begin_long_if(&a, samples > 100);
+    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
+    const double alpha = take_number(a);
+    const double b = take_number(a);
+    double *const e = take_output(a, VECTOR, 1);
+    double *const before = take_output(a, VECTOR, 1);
+    double *const path = take_output(a, VECTOR, samples);
+    if (good(a)) {
+        begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             const double move = u[k] - *before, goal = -copysign(1 - b, move) / alpha;
             *e = goal + (*e - goal) * exp(-alpha * fabs(move));
@@ -27,5 +21,5 @@ FACE(face_deviation)
             path[k] = *e;
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

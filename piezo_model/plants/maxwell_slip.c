@@ -46,32 +46,26 @@ static double moved(const Chain *p, double q, double move)
     return q;
 }
 
-FACE(face_charge)
+FACE(charge)
 {
-    Arguments a;
+    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
     Chain p;
-    const double *u;
-    double *q, *before, *path;
-    Py_ssize_t samples;
-    (void)module;
-    take_arguments(&a, "charge(u, spring, k, f, force, q, u_before, path)", given, count, 8);
-    u = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    p.spring = take_number(&a);
-    p.k = take_array(&a, VECTOR, ANY_LENGTH);
-    p.sliders = (int)taken_length(&a);
-    p.f = take_array(&a, VECTOR, p.sliders);
-    p.force = take_output(&a, VECTOR, p.sliders);
-    q = take_output(&a, VECTOR, 1);
-    before = take_output(&a, VECTOR, 1);
-    path = take_output(&a, VECTOR, (int)samples);
-    if (good(&a)) {
-        begin_long_if(&a, samples > 100);
+    p.spring = take_number(a);
+    p.k = take_array(a, VECTOR, ANY_LENGTH);
+    p.sliders = (int)taken_length(a);
+    p.f = take_array(a, VECTOR, p.sliders);
+    p.force = take_output(a, VECTOR, p.sliders);
+    double *const q = take_output(a, VECTOR, 1);
+    double *const before = take_output(a, VECTOR, 1);
+    double *const path = take_output(a, VECTOR, samples);
+    if (good(a)) {
+        begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             *q = moved(&p, *q, u[k] - *before);
             *before = u[k];
             path[k] = *q;
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

@@ -2,27 +2,20 @@
 #include "face_model.h"
 #include "operators.h"
 
-FACE(face_relay_lines)
+FACE(relay_lines)
 {
-    Arguments a;
-    const double *u, *r, *c, *sigma, *gain;
-    double shift, *z, *total;
-    Py_ssize_t samples;
-    int n;
-    (void)module;
-    take_arguments(&a, "relay_lines(u, r, c, sigma, gain, shift, z, total)", given, count, 8);
-    u = take_array(&a, VECTOR, ANY_LENGTH);
-    samples = taken_length(&a);
-    r = take_array(&a, VECTOR, ANY_LENGTH);
-    n = (int)taken_length(&a);
-    c = take_array(&a, VECTOR, n);
-    sigma = take_array(&a, VECTOR, n);
-    gain = take_array(&a, VECTOR, n);
-    shift = take_number(&a);
-    z = take_output(&a, VECTOR, n);
-    total = take_output(&a, VECTOR, (int)samples);
-    if (good(&a)) {
-        begin_long_if(&a, samples > 100);
+    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
+    const Py_ssize_t samples = taken_length(a);
+    const double *const r = take_array(a, VECTOR, ANY_LENGTH);
+    const int n = (int)taken_length(a);
+    const double *const c = take_array(a, VECTOR, n);
+    const double *const sigma = take_array(a, VECTOR, n);
+    const double *const gain = take_array(a, VECTOR, n);
+    const double shift = take_number(a);
+    double *const z = take_output(a, VECTOR, n);
+    double *const total = take_output(a, VECTOR, samples);
+    if (good(a)) {
+        begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
             total[k] = -shift;
             for (int i = 0; i < n; ++i) {
@@ -33,5 +26,5 @@ FACE(face_relay_lines)
             }
         }
     }
-    return finish_integer(&a, 0);
+    return finish_integer(a, 0);
 }

@@ -72,9 +72,9 @@ static const Py_buffer *take_buffer(Arguments *a, int flags, const char *types, 
     return view;
 }
 
-static double *take_doubles(Arguments *a, int flags, int rows, int columns)
+static void *take_numbers(Arguments *a, int flags, const char *types, size_t itemsize, Py_ssize_t rows, Py_ssize_t columns)
 {
-    const Py_buffer *view = take_buffer(a, flags, "d", (Py_ssize_t)sizeof(double));
+    const Py_buffer *view = take_buffer(a, flags, types, (Py_ssize_t)itemsize);
     const int dimensions = rows == VECTOR ? 1 : 2;
     if (view == NULL) {
         return NULL;
@@ -88,37 +88,30 @@ static double *take_doubles(Arguments *a, int flags, int rows, int columns)
     return view->buf;
 }
 
-const double *take_array(Arguments *a, int rows, int columns) { return take_doubles(a, 0, rows, columns); }
+const double *take_array(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
+{
+    return take_numbers(a, 0, "d", sizeof(double), rows, columns);
+}
 
-double *take_output(Arguments *a, int rows, int columns) { return take_doubles(a, PyBUF_WRITABLE, rows, columns); }
+double *take_output(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
+{
+    return take_numbers(a, PyBUF_WRITABLE, "d", sizeof(double), rows, columns);
+}
 
-const double *take_optional(Arguments *a, int rows, int columns)
+int64_t *take_integers(Arguments *a, Py_ssize_t length)
+{
+    return take_numbers(a, PyBUF_WRITABLE, "lq", sizeof(int64_t), VECTOR, length);
+}
+
+int *take_ints(Arguments *a, Py_ssize_t length) { return take_numbers(a, PyBUF_WRITABLE, "i", sizeof(int), VECTOR, length); }
+
+const double *take_optional(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
 {
     if (!a->failed && a->given[a->next] == &_Py_NoneStruct) {
         ++a->next;
         return NULL;
     }
     return take_array(a, rows, columns);
-}
-
-int64_t *take_integers(Arguments *a, Py_ssize_t *length)
-{
-    const Py_buffer *view = take_buffer(a, PyBUF_WRITABLE, "lq", (Py_ssize_t)sizeof(int64_t));
-    if (view == NULL) {
-        return NULL;
-    }
-    *length = view->len / (Py_ssize_t)sizeof(int64_t);
-    return view->buf;
-}
-
-int *take_ints(Arguments *a, Py_ssize_t *length)
-{
-    const Py_buffer *view = take_buffer(a, PyBUF_WRITABLE, "i", (Py_ssize_t)sizeof(int));
-    if (view == NULL) {
-        return NULL;
-    }
-    *length = view->len / (Py_ssize_t)sizeof(int);
-    return view->buf;
 }
 
 void refuse(Arguments *a, const char *why)
@@ -203,10 +196,10 @@ PyObject *finish_number(Arguments *a, double result)
     return a->failed ? NULL : PyFloat_FromDouble(result);
 }
 
-PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, int count)
+PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, size_t count)
 {
     PyObject *const all = a->failed ? NULL : PyDict_New();
-    for (int i = 0; all != NULL && i < count; ++i) {
+    for (size_t i = 0; all != NULL && i < count; ++i) {
         const Py_ssize_t at = (const char *)parts[i].first - (const char *)state;
         PyObject *const place = Py_BuildValue("(nn)", at, parts[i].length);
         a->failed = a->failed || place == NULL || PyDict_SetItemString(all, parts[i].name, place) != 0;

@@ -1,9 +1,4 @@
-/* Arguments of a function that Python calls: taken in order, checked, and given back together.
- *
- *     static PyObject *scale(PyObject *module, PyObject *const *given, Py_ssize_t count)
- *     {
- *         Arguments a = arguments("scale(x, factor)", given, count, 2);
- *         const double *x = ...
+/* A function that Python calls and its arguments: taken in order, checked, and given back together.
  *
  * The first argument that does not fit sets Python's error; the takers after it do nothing and return NULL or 0, so that one
  * look at `good(&a)` suffices. Arrays come through the buffer protocol and nothing else: contiguous in C order, of the type that
@@ -31,6 +26,20 @@ typedef struct {
     int64_t bytes;
 } StateHead;
 
+/* A header lists the functions of a package as FACES(F), each as F(name, how many arguments it takes, their names, what help() says
+ * of it); a face_*.c has their bodies, FACE(name) { ... }, and module.c the table. */
+#define FACE(name) PyObject *face_##name(Arguments *a)
+#define DECLARE_FACE(name, wanted, arguments, text) FACE(name);
+
+/* take_name(a): the argument as a state of this kind, as name_at makes it; all zero for an error. */
+#define TAKE_STATE(name, type, kind) \
+    static type take_##name(Arguments *a) \
+    { \
+        static const type none; \
+        void *const memory = take_state(a, kind); \
+        return memory != NULL ? name##_at(memory) : none; \
+    }
+
 void take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count, Py_ssize_t wanted);
 int good(const Arguments *a);
 
@@ -38,14 +47,13 @@ int good(const Arguments *a);
 long long take_integer(Arguments *a, long long least, long long most);
 double take_number(Arguments *a);
 /* A float64 array (rows, columns), (columns,) where rows is VECTOR, any number of either where it is ANY_LENGTH; NULL for an error. */
-const double *take_array(Arguments *a, int rows, int columns);
-double *take_output(Arguments *a, int rows, int columns);
+const double *take_array(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
+double *take_output(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
 /* The same, or NULL without an error where the argument is None. */
-const double *take_optional(Arguments *a, int rows, int columns);
-/* An int64 array (N,) to write to; its length goes to `length`. */
-int64_t *take_integers(Arguments *a, Py_ssize_t *length);
-/* The same of a C int. */
-int *take_ints(Arguments *a, Py_ssize_t *length);
+const double *take_optional(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
+/* An array (length,) of int64 to write to, and of C's int. */
+int64_t *take_integers(Arguments *a, Py_ssize_t length);
+int *take_ints(Arguments *a, Py_ssize_t length);
 /* A state of the given kind; with kind 0 any block, to be made one once `need_bytes` has found it large enough. */
 void *take_state(Arguments *a, int32_t kind);
 /* The same, or NULL without an error for None. */
@@ -73,6 +81,6 @@ typedef struct {
 } Part;
 
 /* The same with a dictionary of where each part of a state stands, in bytes from its beginning, and its length. */
-PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, int count);
+PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, size_t count);
 
 #endif

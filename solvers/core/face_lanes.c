@@ -27,14 +27,10 @@ static Workspace workspace_at(void *memory, int d)
     return w;
 }
 
-FACE(face_box_many_bytes)
+FACE(box_many_bytes)
 {
-    Arguments a;
-    int d;
-    (void)module;
-    take_arguments(&a, "box_many_bytes(d)", given, count, 1);
-    d = (int)take_integer(&a, 1, 1000);
-    return finish_integer(&a, good(&a) ? workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d) : 0);
+    const int d = (int)take_integer(a, 1, 1000);
+    return finish_integer(a, good(a) ? workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d) : 0);
 }
 
 /* Put program b into lane l; a lane beyond the last program repeats it. */
@@ -67,40 +63,29 @@ static int solve_alone(void *memory, int d, const double *P, const double *q, co
 }
 
 /* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were left to the exact solver. */
-FACE(face_box_many)
+FACE(box_many)
 {
-    Arguments a;
-    Workspace w;
-    const double *P, *q, *lb, *ub;
-    double *x;
-    int *statuses, d, programs, first, last, alone = 0;
-    Py_ssize_t length = 0;
-    void *room;
-    (void)module;
-    take_arguments(&a, "box_many(P, q, lb, ub, x, statuses, room, first, last)", given, count, 9);
-    P = take_array(&a, ANY_LENGTH, ANY_LENGTH);
-    programs = (int)taken_length(&a);
-    q = take_array(&a, programs, ANY_LENGTH);
-    d = good(&a) ? (int)a.views[1].shape[1] : 1;
-    if (good(&a) && a.views[0].shape[1] != (Py_ssize_t)d * d) {
-        refuse(&a, "P has d times d numbers a program");
+    const double *const P = take_array(a, ANY_LENGTH, ANY_LENGTH);
+    const int programs = (int)taken_length(a);
+    const double *const q = take_array(a, programs, ANY_LENGTH);
+    const int d = good(a) ? (int)a->views[1].shape[1] : 1;
+    if (good(a) && a->views[0].shape[1] != (Py_ssize_t)d * d) {
+        refuse(a, "P has d times d numbers a program");
     }
-    lb = take_array(&a, programs, d);
-    ub = take_array(&a, programs, d);
-    x = take_output(&a, programs, d);
-    statuses = take_ints(&a, &length);
-    room = take_state(&a, 0);
-    need_bytes(&a, 6, workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d));
-    first = (int)take_integer(&a, 0, programs);
-    last = (int)take_integer(&a, first, programs);
-    if (length != programs) {
-        refuse(&a, "there is a status for each program");
+    const double *const lb = take_array(a, programs, d);
+    const double *const ub = take_array(a, programs, d);
+    double *const x = take_output(a, programs, d);
+    int *const statuses = take_ints(a, programs);
+    void *const room = take_state(a, 0);
+    need_bytes(a, 6, workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d));
+    const int first = (int)take_integer(a, 0, programs);
+    const int last = (int)take_integer(a, first, programs);
+    int alone = 0;
+    if (!good(a)) {
+        return finish(a, NULL);
     }
-    if (!good(&a)) {
-        return finish(&a, NULL);
-    }
-    w = workspace_at(room, d);
-    begin_long_if(&a, 1);
+    Workspace w = workspace_at(room, d);
+    begin_long_if(a, 1);
     for (int b = first; b < last; b += LANES) {
         for (int l = 0; l < LANES; ++l) {
             const size_t at = (size_t)(b + l < last ? b + l : last - 1), vector = at * (size_t)d;
@@ -120,5 +105,5 @@ FACE(face_box_many)
             }
         }
     }
-    return finish_integer(&a, alone);
+    return finish_integer(a, alone);
 }

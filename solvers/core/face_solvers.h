@@ -4,47 +4,48 @@
 
 #include "face.h"
 
-#define FACE(name) PyObject *name(PyObject *module, PyObject *const *given, Py_ssize_t count)
-
-FACE(face_box_bytes);
-FACE(face_box_places);
-FACE(face_box_setup);
-FACE(face_box_take);
-FACE(face_box_start);
-FACE(face_box_solve);
-FACE(face_box_solve_factorised);
-FACE(face_box_dual_from);
-FACE(face_time_box);
-FACE(face_box_follow);
-FACE(face_box_many_bytes);
-FACE(face_box_many);
-FACE(face_projected_follow);
-FACE(face_cone_bytes);
-FACE(face_cone_setup);
-FACE(face_cone_project);
-FACE(face_cone_multipliers);
-FACE(face_swept_bytes);
-FACE(face_swept_places);
-FACE(face_swept_setup);
-FACE(face_swept_begin);
-FACE(face_swept_take);
-FACE(face_swept_take_rows);
-FACE(face_swept_recover);
-FACE(face_swept_refresh);
-FACE(face_swept_error);
-FACE(face_time_swept);
-FACE(face_absorb);
-FACE(face_touched);
-FACE(face_time_nothing);
-FACE(face_descent_bytes);
-FACE(face_descent_places);
-FACE(face_descent_setup);
-FACE(face_descent_take);
-FACE(face_descent_start);
-FACE(face_descent_answer);
-FACE(face_projected_steps);
-FACE(face_accelerated_steps);
-FACE(face_time_projected);
-FACE(face_time_accelerated);
+#define FACES(F) \
+    F(processor_level, 0, "", "level of the x86-64 instruction set here, 2 to 4; 0 on other processors.") \
+    F(box_bytes, 1, "d", "size of the state of the exact solver.") \
+    F(box_places, 1, "state", "where its vectors begin, in numbers.") \
+    F(box_setup, 3, "state, lb, ub", "make a block a state; a status.") \
+    F(box_take, 3, "state, P, q", "new data, None for what stays; a status.") \
+    F(box_start, 2, "state, x", "begin a warm solve at x; a status.") \
+    F(box_solve, 2, "state, warm", "solve; a status.") \
+    F(box_solve_factorised, 2, "state, warm", "solve without the inverse; a status.") \
+    F(box_dual_from, 2, "state, sides", "solve by the dual method alone; a status.") \
+    F(time_box, 7, "state, P, q, warm, x, updates, solves", "time both again and again; a status.") \
+    F(box_follow, 7, "state, P, q, rows, forgetting, answers, nanoseconds", "solve after each row; a status.") \
+    F(box_many_bytes, 1, "d", "size of the room that box_many needs.") \
+    F(box_many, 9, "P, q, lb, ub, x, statuses, room, first, last", "eight programs at a time; how many were left to the exact solver.") \
+    F(projected_follow, 10, "state, cone, P, q, rows, forgetting, ratio, steps, answers, nanoseconds", "a status.") \
+    F(cone_bytes, 2, "rows, coupled", "size of the state of a projection.") \
+    F(cone_setup, 4, "state, A, b, index", "make a block a state; a status.") \
+    F(cone_project, 2, "x, cone", "project in place; a status.") \
+    F(cone_multipliers, 2, "cone, multipliers", "of the last projection.") \
+    F(swept_bytes, 1, "d", "size of the state of the solver that takes rows.") \
+    F(swept_places, 1, "state", "where its vectors begin, in numbers.") \
+    F(swept_setup, 6, "state, lb, ub, forgetting, row_weight, proximal", "make a block a state; a status.") \
+    F(swept_begin, 3, "state, P, q", "start from these data; a status.") \
+    F(swept_take, 2, "state, row", "take a row (xi, x) and answer; a status.") \
+    F(swept_take_rows, 4, "state, rows, answers, nanoseconds", "take rows and recover where it must be; a status.") \
+    F(swept_recover, 1, "state", "begin anew from the data so far; a status.") \
+    F(swept_refresh, 1, "state", "make the swept matrix anew; a status.") \
+    F(swept_error, 1, "state", "largest violation of the optimality conditions.") \
+    F(time_swept, 4, "state, P, q, nanoseconds", "time starts; a status.") \
+    F(absorb, 5, "P, q, c, rows, forgetting", "take rows into P, q and c.") \
+    F(touched, 7, "R, l, u, x, tolerance, cold, sense", "which rows x touches, as DAQP has it: 1 above, 3 below.") \
+    F(time_nothing, 2, "lasting, nanoseconds", "time steps that wait so many nanoseconds and do nothing else.") \
+    F(descent_bytes, 1, "d", "size of the state of a gradient method.") \
+    F(descent_places, 1, "state", "where its vectors begin, in numbers.") \
+    F(descent_setup, 3, "state, lb, ub", "make a block a state; a status.") \
+    F(descent_take, 5, "state, P, q, ratio, scaled", "new data, None for what stays; a status.") \
+    F(descent_start, 3, "state, cone, x", "begin at x, at 0 for None.") \
+    F(descent_answer, 1, "state", "write the answer.") \
+    F(projected_steps, 4, "state, cone, steps, threshold", "how many were taken.") \
+    F(accelerated_steps, 4, "state, None, steps, tolerance", "how many were taken.") \
+    F(time_projected, 6, "state, cone, x, steps, threshold, nanoseconds", "time runs from x.") \
+    F(time_accelerated, 6, "state, None, x, steps, tolerance, nanoseconds", "time runs from x.")
+FACES(DECLARE_FACE)
 
 #endif
