@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
+from select import select
 from typing import Any, Protocol, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
@@ -149,20 +151,35 @@ _lock = threading.Lock()
 
 def work(part: P, entries: tuple[Entry, ...], limits: Limits, parent: int | None) -> P:
     """Do one part with the line-up that waits here, or with a new one on a free core."""
-    def stop_with_parent(task: Any) -> None:
-        if parent is not None and os.getppid() != parent:  # it was killed, and nobody is to time on after that
-            os._exit(1)
-
+    if parent is not None:
+        _end_with(parent)
     line_up, core = _taken(entries, limits, part.folders)
     try:
         with core.pinned():
-            part.do(line_up, stop_with_parent)
+            part.do(line_up, lambda task: None)
     except BaseException:
         _close([(line_up, core)])
         raise
     with _lock:
         _waiting.append((line_up, core))
     return part
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Have this process end at once when its parent does: joblib's would wait for ever with a result that nobody reads any more."""
+    try:
+        handle = os.pidfd_open(parent)
+    except ProcessLookupError:
+        os._exit(1)
+    if os.getppid() != parent:
+        os._exit(1)
+
+    def wait() -> None:
+        select([handle], [], [])
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _taken(entries: tuple[Entry, ...], limits: Limits, folders: Sequence[str]) -> tuple[LineUp, cores.Core]:

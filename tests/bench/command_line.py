@@ -76,15 +76,20 @@ class Call:
 
     def running(self) -> list[int]:
         """Processes of its session that are there, itself and children of its race."""
-        found = []
-        for stat in Path("/proc").glob("[0-9]*/stat"):
-            try:
-                fields = stat.read_text().rpartition(")")[2].split()
-            except (FileNotFoundError, ProcessLookupError):  # ended meanwhile
-                continue
-            if int(fields[3]) == self.pid and fields[0] != "Z":
-                found.append(int(stat.parent.name))
-        return found
+        return of_session(self.pid)
+
+
+def of_session(leader: int) -> list[int]:
+    """Processes of a session that are there."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):  # ended meanwhile
+            continue
+        if int(fields[3]) == leader and fields[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
 
 
 class CommandLine:
@@ -134,10 +139,10 @@ class CommandLine:
         self.log.close()
 
 
-def wait_until_gone(call: Call) -> None:
-    """Wait for every process of a call to end; one that never does fails the test."""
+def wait_until_gone(leader: int) -> None:
+    """Wait for every process of a session to end; one that never does fails the test."""
     for _ in range(600):
-        if not call.running():
+        if not of_session(leader):
             return
         time.sleep(0.1)
-    raise AssertionError(f"processes {call.running()} outlive the race that started them")
+    raise AssertionError(f"processes {of_session(leader)} outlive the race that started them")

@@ -263,7 +263,7 @@ def test_a_race_that_is_killed_is_resumed_and_keeps_what_was_done(piezobench: Co
         time.sleep(0.002)
     call.kill()
     call.wait()
-    wait_until_gone(call)
+    wait_until_gone(call.pid)
     kept = {}
     for path in (run.path / "tasks").glob("[!.]*.npz"):
         with np.load(path) as data:

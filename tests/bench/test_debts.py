@@ -75,7 +75,7 @@ def test_a_killed_race_leaves_nothing_in_the_folder_for_temporary_files(piezoben
         time.sleep(0.01)
     call.kill()
     call.wait()
-    wait_until_gone(call)
+    wait_until_gone(call.pid)
     assert left() == before
 
 

@@ -49,9 +49,37 @@ def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(piezobench: 
         time.sleep(0.01)
     call.kill()
     call.wait()
-    wait_until_gone(call)
+    wait_until_gone(call.pid)
     assert piezobench("resume", run.path).status == 0
     same_but_for_times(run, clean_race)
+
+
+LONG = """
+import time
+from pathlib import Path
+from bench.processes import engine
+from bench.processes.line_up import Limits
+
+class Part:
+    folders = ()
+    result = bytes(1_000_000)  # does not fit into a pipe
+
+    def do(self, line_up, tell):
+        Path({mark!r}).touch()
+        time.sleep(0.5)
+
+list(engine.spread([Part(), Part()], [], Limits(60.0, 1024), engine.Workers(2)))
+"""
+
+
+@TWO_CORES
+def test_a_worker_with_a_long_result_ends_with_the_race_that_was_killed(tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    with subprocess.Popen([sys.executable, "-c", LONG.format(mark=str(mark))], start_new_session=True) as race:
+        while not mark.exists():
+            time.sleep(0.01)
+        race.kill()
+    wait_until_gone(race.pid)
 
 
 def test_more_workers_than_cores_are_refused(piezobench: CommandLine, tmp_path: Path) -> None:

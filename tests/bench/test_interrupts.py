@@ -79,7 +79,7 @@ def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_proc
             time.sleep(chance.uniform(0.0, took))
             os.kill(call.pid, (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)[number % 3])
         ended = call.wait()
-        wait_until_gone(call)
+        wait_until_gone(call.pid)
         if number <= 2:
             assert ended.status == 0, ended.stderr
             whole, took = tree(folder), time.monotonic() - begin

@@ -107,7 +107,7 @@ def test_a_solver_that_hangs_does_not_outlive_a_killed_race(piezobench: CommandL
         time.sleep(0.02)
     call.kill()
     call.wait()
-    wait_until_gone(call)
+    wait_until_gone(call.pid)
 
 
 def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
@@ -126,7 +126,7 @@ def test_processes_that_a_solver_started_do_not_outlive_a_killed_race(piezobench
         time.sleep(0.02)
     call.kill()
     call.wait()
-    wait_until_gone(call)  # the started one among them
+    wait_until_gone(call.pid)  # the started one among them
 
 
 LOADED = {

@@ -48,7 +48,7 @@ def test_a_race_killed_at_random_moments_ends_as_an_unbroken_one(piezobench: Com
         time.sleep(chance.choice([0.0, chance.uniform(0.0, 0.05), chance.uniform(0.0, 1.0)]))
         call.kill()
         call.wait()
-        wait_until_gone(call)
+        wait_until_gone(call.pid)
     last = piezobench("resume", run.path)
     assert last.status == 0, last.stderr
     assert_same(run.rows(ONESHOT), clean_race)

@@ -603,7 +603,7 @@ def test_a_stream_that_is_killed_is_resumed_and_keeps_what_was_done(piezobench: 
         time.sleep(0.005)
     call.kill()
     call.wait()
-    wait_until_gone(call)
+    wait_until_gone(call.pid)
     assert not run.is_finished(STREAM)
     kept = {}
     for path in (run.path / "tasks").glob("[!.]*.npz"):
