@@ -1,13 +1,14 @@
 """Which rung of its ladder a solver needs to reach an accuracy, found out on problems that are not raced.
 
     Per solver, lane, scaling, set and target, the setting is the loosest of at most eight fixed rungs whose judged gap and
-    violation meet the target on all calibration problems: the same set, each problem under one of three other seeds.
+    violation are at most 1/MARGIN of the target on all calibration problems: the same set, each problem under one of three
+    other seeds.
 
-It is chosen by accuracy, never by the clock, and frozen for the race. Rungs are tried from the loosest on, and one ends at its
-first miss: those that are too loose cost a solve or two, and only those that are found a pass over all problems. Where no rung
-meets a target, the one that got furthest is raced, the
-tightest of several, and misses. What takes more than WORK_S of processor time in a scaling
-of a set is not raced at the targets that are open by then.
+The margin is for the data of the race, which are others; where no rung has it, the loosest that meets the target itself is
+raced, and where none does, the one that got furthest, the tightest of several, which misses. A setting is chosen by accuracy,
+never by the clock, and frozen for the race. Rungs are tried from the loosest on, and one ends at its first miss: those that are
+too loose cost a solve or two, and only those that are found a pass over all problems. What takes more than WORK_S of processor
+time in a scaling of a set is not raced at the targets that are open by then.
 
 Only the lanes direct and kernel are searched. What calls a library in another way takes the rung of its direct lane. Sets that
 are made from files have no other seeds and are calibrated on another set.
@@ -39,6 +40,7 @@ TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
 SEARCHED = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 IN_DEPTH = (Lane.KERNEL, Lane.DIRECT)
 WORK_S = 2.0
+MARGIN = 10.0
 CHUNKS = (1, 4, 16)
 """Problems of the first requests for a rung; the next one is for all that are left."""
 IN_LANE_DIRECT = {"highs": "highspy", "proxqp": "proxsuite"}
@@ -65,9 +67,9 @@ class Judged:
         self.is_one = answer.found and x is not None and x.shape == self._form.qp.q.shape and bool(np.isfinite(x).all())
         self._x: Vector = x if self.is_one and x is not None else np.zeros(0)
 
-    def reaches(self, target: Tier) -> bool:
-        """Whether the answer is as exact as the target asks."""
-        return self.is_one and reaches(target, *self._gap, lambda: self._excess)
+    def reaches(self, target: Tier, margin: float = 1.0) -> bool:
+        """Whether the answer is so many times as exact as the target asks."""
+        return self.is_one and reaches(target, margin * self._gap[0], margin * self._gap[1], lambda: self._excess)
 
     @cached_property
     def _gap(self) -> tuple[float, float]:
@@ -97,26 +99,28 @@ class Search:
         self._spent_s = 0.0
 
     def find(self, target: Tier) -> Found:
-        """The loosest rung that meets the target everywhere, else the one that got furthest."""
+        """The loosest rung that meets the target everywhere, with a margin if one does, else the one that got furthest."""
         if target is Tier.STAGE and not all(problem.has_noise for problem in self._problems):
             return Found(None, False)
-        for rung in range(self._rungs):
-            if self._meets(rung, target):
-                return Found(rung, True)
-            if self._spent_s > WORK_S:
-                return Found(None, False)
+        for margin in (MARGIN, 1.0):
+            for rung in range(self._rungs):
+                if self._meets(rung, target, margin):
+                    return Found(rung, True)
+        if self._spent_s > WORK_S:
+            return Found(None, False)
         return Found(max(range(self._rungs), key=lambda rung: (*self._count(rung, target), rung)), False)
 
-    def _meets(self, rung: int, target: Tier) -> bool:
+    def _meets(self, rung: int, target: Tier, margin: float) -> bool:
         left, chunks = list(self._order), iter(CHUNKS)
         while left:
-            if self._spent_s > WORK_S:
-                return False
             size = next(chunks, len(left))
             now, left = left[:size], left[size:]
-            self._answer(rung, [i for i in now if (rung, i) not in self._answers])
+            unanswered = [i for i in now if (rung, i) not in self._answers]
+            if unanswered and self._spent_s > WORK_S:
+                return False
+            self._answer(rung, unanswered)
             for i in now:
-                if not self._answers[rung, i].reaches(target):
+                if not self._answers[rung, i].reaches(target, margin):
                     self._order.remove(i)
                     self._order.insert(0, i)  # what one rung misses, the next may miss, too
                     return False
