@@ -85,8 +85,8 @@ class CompensatorBank:
         self.structure, self.threads = structure, threads
         self.rate_limit = rate_limit
         self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s}
-        blocks = -(-self._samples(hand_over_s) // BLOCK)
-        self.block = self._samples(hand_over_s) // blocks
+        blocks = -(-structure.samples(hand_over_s) // BLOCK)
+        self.block = structure.samples(hand_over_s) // blocks
         """Samples of a block."""
         self.interval = self.block * blocks
         """Samples from one optimum of an actuator to the next."""
@@ -97,9 +97,6 @@ class CompensatorBank:
         self._allocate(-(-count // LANES))
         self.add(count, x_limits, learn)
 
-    def _samples(self, seconds: float) -> int:
-        return max(1, round(seconds / self.structure.sample_time))
-
     def _allocate(self, tiles: int) -> None:
         """Make room for so many tiles, the first of them as they are."""
         s, shape, before, tiles_before = self.structure, self.structure.shape, self._table, self._tiles
@@ -108,10 +105,10 @@ class CompensatorBank:
         self._core = core
         o, limits, arrays = self.options, DriveLimits.of(s, None, self.rate_limit), RegressorArrays.of(s, "slope")
         whole = core["settings"].view(np.int64)
-        checkpoint = self.interval * max(1, self._samples(CHECKPOINT_S) // self.interval)
-        whole[:6] = self.block, self.interval, checkpoint, self._samples(o["reset_s"]), self._samples(o["memory_s"]), s.middle
+        checkpoint = self.interval * max(1, s.samples(CHECKPOINT_S) // self.interval)
+        whole[:6] = self.block, self.interval, checkpoint, s.samples(o["reset_s"]), s.samples(o["memory_s"]), s.middle
         core["settings"][6:] = (math.exp(-s.sample_time / o["memory_s"]), PROXIMAL, math.exp(-s.sample_time / o["fade_s"]),
-                                1.0 / self._samples(1.0), MIN_SLOPE, limits.max_step, s.x_centre, s.x_scale, s.y_centre, s.y_scale)
+                                1.0 / s.samples(1.0), MIN_SLOPE, limits.max_step, s.x_centre, s.x_scale, s.y_centre, s.y_scale)
         core["r"][1:] = s.play_thresholds
         core["a"][:] = creep_gain(s.creep_rates, s.sample_time)
         for name, values in (("zone_low", arrays.dead_zones.low), ("zone_high", arrays.dead_zones.high),
@@ -173,7 +170,7 @@ class CompensatorBank:
         self._set("fade", new, np.array([0.0, s.y_centre]))
         memory = np.zeros(len(MEMORY))
         memory[[MEMORY.index(name) for name in ("last_x", "last_y", "x_lowest", "x_highest")]] = math.nan
-        memory[MEMORY.index("left")] = self._samples(self.options["reset_s"])
+        memory[MEMORY.index("left")] = s.samples(self.options["reset_s"])
         self._set("memory", new, memory)
         straight = HysteresisCreepModel.from_weights(s, s.straight_line)
         self._take(new, [straight] * count)

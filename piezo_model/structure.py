@@ -109,6 +109,10 @@ class ModelStructure:
         if len(set(self.creep_rates)) != len(self.creep_rates):
             raise StructureError(f"creep_rates must differ from each other, not {self.creep_rates}")
 
+    def samples(self, seconds: float) -> int:
+        """The samples of a time, at least one."""
+        return max(1, round(seconds / self.sample_time))
+
     @classmethod
     def equidistant(cls, n: int, m: int, x_range: tuple[float, float], y_range: tuple[float, float],
                     creep_rates: Sequence[float], sample_time: float, *, offset: bool = False,

@@ -19,7 +19,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from solvers.protocol import Solver
+from solvers.protocol import Lane, Matrix, Solver, Vector
+from solvers.rows import Program
 
 Tolerance = Callable[[float, int], float]
 """A tolerance from the constant c and the exponent k of a rung."""
@@ -99,9 +100,11 @@ class Backend:
 
 
 class LibrarySolver(Solver):
-    """A solver of somebody's library, described by one entry."""
+    """A solver of somebody's library, described by one entry; by default one that reads its program at each solve."""
 
+    lane = Lane.DIRECT
     library: ClassVar[Backend]
+    program: Program
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -114,6 +117,10 @@ class LibrarySolver(Solver):
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
         """The rungs of the library's entry."""
         return cls.library.ladder(c)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        """Take P (d, d) and q (d,) into the program."""
+        self.program.take(P, q)
 
 
 def between(low: float, high: float, tolerance: Tolerance) -> Tolerance:

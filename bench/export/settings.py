@@ -106,22 +106,19 @@ class ExportSettings:
 
     def numbers(self, s: ModelStructure) -> dict[str, float]:
         """What the parameter file needs, in samples and unit amplitudes where the C has those."""
-        def samples(seconds: float) -> int:
-            return max(1, round(seconds / s.sample_time))
-
         try:
             gain = integral_share(self.integral_gain, s.sample_time)
         except ValueError as error:
             raise ExportError(str(error)) from None
         low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
-        forgetting, interval = math.exp(-s.sample_time / self.memory_s), samples(self.hand_over_s)
+        forgetting, interval = math.exp(-s.sample_time / self.memory_s), s.samples(self.hand_over_s)
         return {
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
-            "steps": 100_000, "tolerance": AcceleratedProjection.always["tolerance"], "smoothing": 1.0 / samples(1.0),
-            "reset_samples": samples(self.reset_s), "build_samples": samples(self.build_s),
-            "learn_samples": samples(self.learn_s), "forgetting": forgetting, "most_exchanges": MOST_EXCHANGES,
-            "interval": interval, "checkpoint": interval * max(1, samples(CHECKPOINT_S) // interval),
-            "half_window": samples(self.memory_s),
+            "steps": 100_000, "tolerance": AcceleratedProjection.always["tolerance"], "smoothing": 1.0 / s.samples(1.0),
+            "reset_samples": s.samples(self.reset_s), "build_samples": s.samples(self.build_s),
+            "learn_samples": s.samples(self.learn_s), "forgetting": forgetting, "most_exchanges": MOST_EXCHANGES,
+            "interval": interval, "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval),
+            "half_window": s.samples(self.memory_s),
         }

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
+from piezo_model.references import smoothed
 from piezo_model.signals import decaying_triangle, random_walk, staircase
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
@@ -133,7 +133,7 @@ class Rig:
         count = self.samples or self.cycles * self.cycle
         steps = staircase(duration_s=(count + quarter) * self.sample_time, sample_time=self.sample_time,
                           low=-AMPLITUDE_UM, high=AMPLITUDE_UM, levels=LEVELS, hold_s=self.hold_s)
-        return np.column_stack([self._smooth(steps[:count]), self._smooth(steps[quarter:quarter + count])])
+        return np.column_stack([smoothed(part, self.step_s, self.sample_time) for part in (steps[:count], steps[quarter:quarter + count])])
 
     @cached_property
     def loop_ref(self) -> Matrix:
@@ -142,14 +142,8 @@ class Rig:
         for i, cycles in enumerate((3.5, 4.5)):
             triangle = decaying_triangle(duration_s=self.loops_s, sample_time=self.sample_time, low=-AMPLITUDE_UM,
                                          high=AMPLITUDE_UM, cycles=cycles, final_share=0.1)
-            loops.append(self._smooth(np.concatenate([self.y_ref[-1:, i], triangle]))[1:])
+            loops.append(smoothed(np.concatenate([self.y_ref[-1:, i], triangle]), self.step_s, self.sample_time)[1:])
         return np.column_stack(loops)
-
-    def _smooth(self, steps: Vector) -> Vector:
-        """Let every step take ``step_s``."""
-        window = np.hanning(round(self.step_s / self.sample_time) + 2)[1:-1]
-        held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
-        return np.clip(oaconvolve(held, window / window.sum(), "valid"), -AMPLITUDE_UM, AMPLITUDE_UM)
 
 
 @cache

@@ -44,16 +44,12 @@ class ContinuousLearning(Learner):
                      lambda block: face.continuous_setup(block, *s.shape, s.middle, MIN_SLOPE, forgetting, PROXIMAL, MOST_EXCHANGES))
         super().__init__(compensator, settings, log, core, face.continuous_observe, face.continuous_drive,
                          DrivenRange(round(PIECE_S / CHECKPOINT_S)))
-
-        def samples(seconds: float) -> int:
-            return max(1, round(seconds / s.sample_time))
-
-        interval = samples(settings.hand_over_s)
-        for name, value in (("reset_lasts", samples(settings.reset_s)), ("left", samples(settings.reset_s)), ("interval", interval),
-                            ("checkpoint", interval * max(1, samples(CHECKPOINT_S) // interval)), ("phase", RESET),
-                            ("half_window", samples(settings.memory_s))):
+        interval = s.samples(settings.hand_over_s)
+        for name, value in (("reset_lasts", s.samples(settings.reset_s)), ("left", s.samples(settings.reset_s)), ("interval", interval),
+                            ("checkpoint", interval * max(1, s.samples(CHECKPOINT_S) // interval)), ("phase", RESET),
+                            ("half_window", s.samples(settings.memory_s))):
             core.whole(name)[:] = value
-        core["smoothing"][:] = 1.0 / samples(1.0)
+        core["smoothing"][:] = 1.0 / s.samples(1.0)
         compensator.fade_over(settings.fade_s)
         face.continuous_begin_anew(core.block, 0.0)
 

@@ -42,7 +42,7 @@ class CyclicLearning(Learner):
         core = State(face.cyclic_bytes(*s.shape), lambda block: face.cyclic_setup(block, *s.shape, s.middle))
         super().__init__(compensator, settings, log, core, face.cyclic_observe, face.cyclic_drive, DrivenRange())
         for name in ("reset", "build", "learn"):
-            core.whole(f"{name}_lasts")[:] = max(1, round(getattr(settings, f"{name}_s") / s.sample_time))
+            core.whole(f"{name}_lasts")[:] = s.samples(getattr(settings, f"{name}_s"))
         self._stepped = settings.solver == STEPPED
         core.whole("steps")[:] = self._stepped
         core["step_ratio"][:] = step_ratio(settings.solver_options) if self._stepped else 0.5

@@ -14,7 +14,7 @@ import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.backend import LibrarySolver
-from solvers.protocol import Matrix, Unsupported, Vector, box_solution, only_box
+from solvers.protocol import Unsupported, Vector, box_solution, only_box
 from solvers.rows import Program
 
 
@@ -40,9 +40,6 @@ class BoxMinimiser(LibrarySolver):
         self.lb, self.ub = only_box(problem, self.name)
         self.program = Program(problem)
         self.empty = bool(np.any(self.lb > self.ub))
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
 
     @abstractmethod
     def minimise(self, start: Vector | None) -> Outcome:

@@ -23,14 +23,13 @@ from qpsolvers import Problem, Solution
 
 from solvers.backend import LibrarySolver
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Vector
 from solvers.rows import Program
 
 
 class Conic(LibrarySolver):
     """A ``casadi.conic`` function of dense h and a."""
 
-    lane = Lane.DIRECT
     plugin: ClassVar[str]
     quiet: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     """Options that stop the plugin from printing."""
@@ -62,9 +61,6 @@ class Conic(LibrarySolver):
         for key, array in {"x": self._x, "lam_x": self._w[p.bounds], "lam_a": self._w[p.general]}.items():
             if array.size:
                 self._buffer.set_res(self._function.index_out(key), array.data)
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         self._call()

@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from solvers.direct._box import BoxMinimiser, Outcome
-from solvers.protocol import Lane, Matrix, Unsupported, Vector
+from solvers.protocol import Matrix, Unsupported, Vector
 
 
 def cholesky(P: Matrix, name: str) -> Matrix:
@@ -31,7 +31,6 @@ def cholesky(P: Matrix, name: str) -> Matrix:
 class LeastSquares(BoxMinimiser):
     """A solver of minimise ‖Lᵀx − right‖ with bounds."""
 
-    lane = Lane.DIRECT
 
     def setup(self, problem: Problem) -> None:
         super().setup(problem)

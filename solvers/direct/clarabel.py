@@ -20,7 +20,7 @@ from scipy.sparse import csc_matrix
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
@@ -28,7 +28,6 @@ class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
     name = "clarabel"
-    lane = Lane.DIRECT
     library = known.CLARABEL
     iteration_setting = "max_iter"
 

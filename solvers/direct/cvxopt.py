@@ -17,7 +17,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program
 
 
@@ -25,7 +25,6 @@ class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
     name = "cvxopt"
-    lane = Lane.DIRECT
     library = known.CVXOPT
 
     def setup(self, problem: Problem) -> None:  # noqa: D102

@@ -20,7 +20,7 @@ from qpsolvers import Problem, Solution
 from solvers import backend as known
 from solvers.backend import LibrarySolver
 from solvers.core import face
-from solvers.protocol import Lane, Matrix, Unsupported, Vector
+from solvers.protocol import Matrix, Unsupported, Vector
 from solvers.rows import Program
 
 Sense = NDArray[np.intc]
@@ -31,7 +31,6 @@ class Daqp(LibrarySolver):
     """The library's ``Model``."""
 
     name = "daqp"
-    lane = Lane.DIRECT
     library = known.DAQP
     warm_startable = True
 

@@ -21,7 +21,7 @@ from scipy.sparse import csc_matrix
 from solvers import backend as known
 from solvers.backend import LibrarySolver
 from solvers.direct._least_squares import cholesky
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program
 
 
@@ -29,7 +29,6 @@ class Ecos(LibrarySolver):
     """The library's ``solve``; P must be positive definite."""
 
     name = "ecos"
-    lane = Lane.DIRECT
     library = known.ECOS
 
     def setup(self, problem: Problem) -> None:  # noqa: D102

@@ -25,7 +25,7 @@ from scipy.sparse import csc_matrix
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Program, Triangle
 
 
@@ -33,7 +33,6 @@ class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
     name = "highspy"
-    lane = Lane.DIRECT
     library = known.HIGHS
 
     def setup(self, problem: Problem) -> None:  # noqa: D102

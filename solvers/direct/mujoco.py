@@ -18,14 +18,13 @@ from qpsolvers import Problem
 
 from solvers.backend import Backend
 from solvers.direct._box import BoxMinimiser, Outcome
-from solvers.protocol import Lane, Unsupported, Vector
+from solvers.protocol import Unsupported, Vector
 
 
 class Mujoco(BoxMinimiser):
     """The library's ``mju_boxQP``."""
 
     name = "mujoco"
-    lane = Lane.DIRECT
     library = Backend("projected Newton", "Apache-2.0", "mujoco-core")
     warm_startable = True
 

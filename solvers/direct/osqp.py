@@ -23,7 +23,7 @@ from scipy.sparse import csc_matrix
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Unsupported, Vector
+from solvers.protocol import Matrix, Unsupported, Vector
 from solvers.rows import Intervals, Program, Triangle
 
 
@@ -31,7 +31,6 @@ class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
     name = "osqp"
-    lane = Lane.DIRECT
     library = known.OSQP
     warm_startable = True
     iteration_setting = "max_iter"

@@ -17,7 +17,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Program
 
 
@@ -25,7 +25,6 @@ class Piqp(LibrarySolver):
     """The library's ``DenseSolver``."""
 
     name = "piqp"
-    lane = Lane.DIRECT
     library = known.PIQP
     iteration_setting = "max_iter"
 

@@ -16,7 +16,7 @@ import pounce
 from qpsolvers import Problem, Solution
 
 from solvers.backend import Backend, LibrarySolver, share
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Vector
 from solvers.rows import Program
 
 
@@ -24,16 +24,12 @@ class Pounce(LibrarySolver):
     """The library's ``solve_qp``."""
 
     name = "pounce"
-    lane = Lane.DIRECT
     library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": share}, (4, 6, 8, 10, 12, 13, 14))
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
         self._constraints = {"A": p.R[p.equalities], "b": p.u[p.equalities], "G": p.R[p.inequalities],
                              "h": p.u[p.inequalities], "lb": p.l[p.bounds], "ub": p.u[p.bounds]}
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         self._result = pounce.solve_qp(self.program.P, self.program.q, **self._constraints, check_psd=False,

@@ -23,7 +23,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Intervals, Program
 
 
@@ -31,7 +31,6 @@ class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
 
     name = "proxsuite"
-    lane = Lane.DIRECT
     library = known.PROXQP
     warm_startable = True
     iteration_setting = "max_iter"

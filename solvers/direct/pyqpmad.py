@@ -17,7 +17,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Vector
 from solvers.rows import Program
 
 
@@ -25,7 +25,6 @@ class Pyqpmad(LibrarySolver):
     """The library's ``Solver``."""
 
     name = "pyqpmad"
-    lane = Lane.DIRECT
     library = known.PYQPMAD
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
@@ -42,9 +41,6 @@ class Pyqpmad(LibrarySolver):
         fixed = (p.l[p.bounds], p.u[p.bounds])
         general = (np.asfortranarray(p.R[p.general]), p.l[p.general], p.u[p.general]) if rows else (None, None, None)
         self._arguments = (self._x, self._work.T, p.q, *fixed, *general, self._parameters)
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         self._work[:] = self.program.P

@@ -18,7 +18,7 @@ from scipy.sparse import csc_matrix
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
@@ -26,7 +26,6 @@ class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
     name = "qoco"
-    lane = Lane.DIRECT
     library = known.QOCO
     iteration_setting = "max_iters"
 

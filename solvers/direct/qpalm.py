@@ -20,7 +20,7 @@ from scipy.sparse import csc_matrix
 from solvers import backend as known
 from solvers.backend import LibrarySolver
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Intervals, Program, Triangle
 
 
@@ -28,7 +28,6 @@ class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
     name = "qpalm"
-    lane = Lane.DIRECT
     library = known.QPALM
     warm_startable = True
     iteration_setting = "max_iter"

@@ -21,7 +21,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Vector
 from solvers.rows import Cones, Program
 
 jax.config.update("jax_enable_x64", True)
@@ -31,7 +31,6 @@ class Qpax(LibrarySolver):
     """The library's ``solve_qp``, compiled."""
 
     name = "qpax"
-    lane = Lane.DIRECT
     library = known.QPAX
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
@@ -41,9 +40,6 @@ class Qpax(LibrarySolver):
         self._constraints = [jax.numpy.asarray(part) for part in (rows.R[:n], rows.r[:n], rows.R[n:], rows.r[n:])]
         solve = jax.jit(partial(qpax.solve_qp, **self.settings))
         self._solve = solve.lower(p.P, p.q, *self._constraints).compile()
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         self._result = self._solve(self.program.P, self.program.q, *self._constraints)

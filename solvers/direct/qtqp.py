@@ -17,7 +17,7 @@ from scipy.sparse import csc_matrix
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Unsupported, Vector
+from solvers.protocol import Matrix, Unsupported, Vector
 from solvers.rows import Cones, Program
 
 
@@ -25,7 +25,6 @@ class Qtqp(LibrarySolver):
     """The library's ``QTQP``."""
 
     name = "qtqp"
-    lane = Lane.DIRECT
     library = known.QTQP
 
     def setup(self, problem: Problem) -> None:  # noqa: D102

@@ -17,7 +17,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program
 
 NO_ANSWER = ("no solution", "not positive definite")  # what the library's ValueError says when the problem is at fault
@@ -27,7 +27,6 @@ class Quadprog(LibrarySolver):
     """The library's function ``solve_qp``."""
 
     name = "quadprog"
-    lane = Lane.DIRECT
     library = known.QUADPROG
 
     def setup(self, problem: Problem) -> None:  # noqa: D102

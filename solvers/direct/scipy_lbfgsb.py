@@ -20,14 +20,13 @@ from scipy.optimize import Bounds, minimize
 
 from solvers.backend import Backend, absolute
 from solvers.direct._box import BoxMinimiser, Outcome, cost, inside
-from solvers.protocol import Lane, Vector
+from solvers.protocol import Vector
 
 
 class ScipyLbfgsb(BoxMinimiser):
     """scipy.optimize.minimize(method="L-BFGS-B")."""
 
     name = "scipy_lbfgsb"
-    lane = Lane.DIRECT
     library = Backend("quasi-Newton", "BSD-3-Clause", "scipy", {"gtol": absolute}, (4, 5, 6, 7, 8, 9),
                       more={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000})
     warm_startable = True

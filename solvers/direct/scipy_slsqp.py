@@ -19,7 +19,7 @@ from scipy.optimize import Bounds, minimize
 
 from solvers.backend import Backend, LibrarySolver, absolute
 from solvers.direct._box import bound_duals, cost, inside, refuse_crossing
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Vector
 from solvers.rows import Program
 
 
@@ -27,7 +27,6 @@ class ScipySlsqp(LibrarySolver):
     """scipy.optimize.minimize(method="SLSQP")."""
 
     name = "scipy_slsqp"
-    lane = Lane.DIRECT
     library = Backend("sequential least squares", "BSD-3-Clause", "scipy", {"ftol": absolute}, (4, 6, 8, 10, 12, 14, 16),
                       more={"maxiter": 10_000})
     warm_startable = True
@@ -38,9 +37,6 @@ class ScipySlsqp(LibrarySolver):
         self._rows = [{"type": kind, "fun": lambda x, R=R, r=r: R @ x - r, "jac": lambda x, R=R: R}
                       for kind, R, r in (("eq", p.R[p.equalities], p.u[p.equalities]),
                                          ("ineq", -p.R[p.inequalities], -p.u[p.inequalities])) if r.size]
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         lb, ub = self.program.l[self.program.bounds], self.program.u[self.program.bounds]

@@ -22,7 +22,7 @@ from scipy.optimize import Bounds, LinearConstraint, minimize
 
 from solvers.backend import Backend, LibrarySolver, absolute, share
 from solvers.direct._box import cost, inside, refuse_crossing
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Vector
 from solvers.rows import Program
 
 CONVERGED = (1, 2, 4)
@@ -33,7 +33,6 @@ class ScipyTrustConstr(LibrarySolver):
     """scipy.optimize.minimize(method="trust-constr")."""
 
     name = "scipy_trust_constr"
-    lane = Lane.DIRECT
     library = Backend("interior point", "BSD-3-Clause", "scipy",
                       {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": share, "barrier_tol": absolute}, (4, 6, 8, 10, 12),
                       more={"maxiter": 10_000})
@@ -43,9 +42,6 @@ class ScipyTrustConstr(LibrarySolver):
         refuse_crossing(p, self.name)
         R = p.R[p.general]
         self._rows = [LinearConstraint(R, p.l[p.general], p.u[p.general])] if len(R) else []
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         p = self.program

@@ -19,7 +19,7 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix, csr_matrix
 
 from solvers.backend import INTERIOR_POINT, Backend, LibrarySolver, absolute, unscaled
-from solvers.protocol import Lane, Matrix, Vector
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
 
@@ -27,7 +27,6 @@ class Sip(LibrarySolver):
     """The library's ``Solver``; the settings are those of its termination."""
 
     name = "sip"
-    lane = Lane.DIRECT
     library = Backend("interior point", "MIT", "sip_python",
                       {"max_complementarity_gap": absolute, "max_constraint_violation": unscaled, "max_dual_residual": unscaled},
                       INTERIOR_POINT)

@@ -14,6 +14,8 @@ LONG = "1" + "0" * 5000
 TOKENS = ("null", "true", "-1", "1.5", "0", "1e400", "-1e400", "1e308", "-1e308", "1e-308", "NaN", "Infinity", LONG, "1" * 400, DEEP,
           '"text"', '""', "[]", "{}", "[[]]", '[{"a": [1]}]', '"\\ud800"', '"\\u001b[2J[red]x[/blue] */ <b>"', '"../../x"', f'"{"x" * 10_000}"')
 """What may stand in a JSON file where something else belongs."""
+MOST_FIELDS = 20
+"""That we give an object in a file; one with more is a table with a name a row."""
 WHOLE = {"nothing": b"", "no JSON": b"time_s,y_um\n0,1\n", "Latin-1": '{"a": "µ"}'.encode("latin-1"), "no UTF-8": b"\xff\xfe\x00",
          "UTF-16": '{"format": "x"}'.encode("utf-16"), "half": b'{"format": "piezobench-model", "ver', "null": b"null", "a list": b"[]",
          "a number": b"1", "deep": DEEP.encode(), "deep and open": b"[" * 100_000, "deep objects": b'{"a":' * 100_000,
@@ -22,22 +24,23 @@ WHOLE = {"nothing": b"", "no JSON": b"time_s,y_um\n0,1\n", "Latin-1": '{"a": "µ
 
 
 def places(document: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
-    """Where in a document something stands; of lists the first element only."""
+    """Where in a document something stands; of lists, and of tables with a name a row, the first element only."""
     if at:
         yield at
     inside: Any = document.items() if isinstance(document, dict) else list(enumerate(document))[:1] if isinstance(document, list) else ()
-    for name, value in inside:
+    for name, value in list(inside)[:1 if len(inside) > MOST_FIELDS else None]:
         yield from places(value, (*at, name))
 
 
-def spoiled(document: Any, at: tuple[str | int, ...], token: str) -> bytes:
-    """The document as JSON with something else at one place."""
+def spoiled(document: Any, at: tuple[str | int, ...], *tokens: str) -> list[bytes]:
+    """The document as JSON with each of these at one place."""
     copy = json.loads(json.dumps(document))
     inner = copy
     for name in at[:-1]:
         inner = inner[name]
     inner[at[-1]] = "@HERE@"
-    return json.dumps(copy).replace('"@HERE@"', token).encode()
+    before, after = json.dumps(copy).split('"@HERE@"')
+    return [f"{before}{token}{after}".encode() for token in tokens]
 
 
 def spoiled_documents(document: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
@@ -48,8 +51,7 @@ def spoiled_documents(document: Mapping[str, Any]) -> Iterator[tuple[str, bytes]
         yield f"without {name}", json.dumps({other: value for other, value in document.items() if other != name}).encode()
     yield "another field", (text[:-1] + ', "colour": "red"}').encode()
     for at in places(document):
-        for token in TOKENS:
-            yield f"{at} = {token[:20]}", spoiled(document, at, token)
+        yield from zip((f"{at} = {token[:20]}" for token in TOKENS), spoiled(document, at, *TOKENS), strict=True)
 
 
 def spoiled_tables(table: pa.Table) -> Iterator[tuple[str, pa.Table]]:

@@ -133,7 +133,7 @@ def test_every_verb_that_opens_a_run_says_which_field_is_wrong(piezobench: Comma
                                                                token: str, said: str) -> None:
     path = run.path / "run.json"
     good = path.read_text()
-    path.write_bytes(spoiled(json.loads(good), at, token))
+    path.write_bytes(*spoiled(json.loads(good), at, token))
     for words in (["report", run.path], ["resume", run.path], ["compare", REFERENCE, run.path, "--out", tmp_path / "c"],
                   ["deploy", run.path, "--out", tmp_path / "d.json"]):
         refusal = piezobench(*words).refusal

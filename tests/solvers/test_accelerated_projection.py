@@ -1,6 +1,5 @@
 """The accelerated projected gradient method against the exact solver."""
 
-import doctest
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from qpsolvers import Problem
 
 from solvers import Unsupported, get
 from solvers.descent import Descent
-from solvers.kernel import accelerated_projection as module
 
 INF = np.inf
 
@@ -140,7 +138,3 @@ def test_the_step_is_one_over_the_largest_eigenvalue(seed, d, decades, size):
     descent = Descent(lb, ub, "test")
     descent.take(P * 10**size, q, 0.5, scaled=False)
     assert descent.eta == pytest.approx(1 / (np.linalg.eigvalsh(P)[-1] * 10**size) if d else 1, rel=1e-13)
-
-
-def test_the_examples_in_the_docstrings_run():
-    assert doctest.testmod(module).failed == 0

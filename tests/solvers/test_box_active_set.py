@@ -1,6 +1,5 @@
 """The exact box solver against rational arithmetic on both of its paths, and the rules it states for hard problems."""
 
-import doctest
 import pickle
 import tracemalloc
 from fractions import Fraction
@@ -15,7 +14,6 @@ from qpsolvers import Problem
 
 from solvers import Unsupported, get
 from solvers.core import OK, block, face
-from solvers.kernel import box_active_set as module
 
 INF = np.inf
 EPS = np.finfo(float).eps
@@ -515,7 +513,3 @@ def test_the_core_takes_a_problem_without_variables_which_the_protocol_refuses()
     assert face.box_solve(state, 0) == face.box_solve_factorised(state, 1) == OK
     with pytest.raises(Unsupported, match="without variables"):
         solver(np.zeros((0, 0)), nothing, nothing, nothing)
-
-
-def test_the_examples_in_the_docstrings_run():
-    assert doctest.testmod(module).failed == 0

@@ -1,6 +1,5 @@
 """The certificate against an independent reference: every active set, in fractions.Fraction, without FLINT."""
 
-import doctest
 import json
 import math
 from collections.abc import Iterator
@@ -15,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
-from solvers import certificate as certificate_module
 from solvers.certificate import (
     Certificate,
     Infeasible,
@@ -596,10 +594,3 @@ def test_a_value_that_is_too_high_is_disproved_by_a_better_point() -> None:
     proof = replace(certify(corner, np.zeros(2)), value="-1/2", value_rounded=-0.5)
     with pytest.raises(NotCertified, match=r"a feasible point costs 0.5 less than the certified optimum"):
         exact_cost_gap(corner, proof, np.array([1.0, 0.0]))
-
-
-@pytest.mark.parametrize("module", [certificate_module, exact_linear_algebra], ids=lambda module: module.__name__)
-def test_the_examples_in_the_docstrings_run(module: object) -> None:
-    result = doctest.testmod(module)
-    assert result.attempted > 0
-    assert result.failed == 0

@@ -1,6 +1,5 @@
 """The paper's recursion: its stability limit, its two forms of constraints, its exact projection."""
 
-import doctest
 import tracemalloc
 
 import daqp
@@ -11,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
-from solvers import Unsupported, descent, get
+from solvers import Unsupported, get
 from solvers.cone import Cone
 from solvers.descent import limit, trajectory
-from solvers.kernel import projected_difference as module
 
 INF = np.inf
 seeds = st.integers(0, 2**32 - 1)
@@ -283,10 +281,3 @@ def test_many_solves_allocate_nothing_that_stays():
         assert tracemalloc.get_traced_memory()[0] - before < 1024
     finally:
         tracemalloc.stop()
-
-
-@pytest.mark.parametrize("source", [module, descent])
-def test_the_examples_in_the_docstrings_run(source):
-    result = doctest.testmod(source)
-    assert result.attempted > 0
-    assert result.failed == 0

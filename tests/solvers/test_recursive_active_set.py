@@ -1,6 +1,5 @@
 """The recursive exact solver against rational arithmetic, after every row of streams that are easy, degenerate and hostile."""
 
-import doctest
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from solvers import Unsupported, get
 from solvers.certificate import certify, exact_cost_gap
 from solvers.core import BREAKDOWN, face
 from solvers.exact.program import RoundingDecides
-from solvers.kernel import recursive_active_set as module
 from solvers.kernel.recursive_active_set import LARGEST
 
 INF = np.inf
@@ -382,7 +380,3 @@ def test_what_does_not_meet_the_optimality_conditions_is_not_said_to_be_found(d)
         size = np.abs(problem.P) @ np.abs(x) + np.abs(problem.q)
         assert s.solution().found == ((wrong / size).max() < 2e-12)
         assert s.solution().found
-
-
-def test_the_examples_in_the_docstrings_run():
-    assert doctest.testmod(module).failed == 0
