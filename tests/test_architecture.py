@@ -22,7 +22,7 @@ LEVELS = (
     {"report"},                                                         # what all reports are made of
     {"races"},                                                          # what the rooms share
     {"a room"},                                                         # one kind of race, and nothing of another one
-    {"comparison", "deploy", "experiment", "export", "worst_case"},
+    {"comparison", "deploy", "experiment", "export", "fleet", "worst_case"},
     {"perf"},
     {"cli"},
 )

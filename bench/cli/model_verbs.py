@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
+from bench.cli.fleet import OutDir, out_dir_of, process
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
+from bench.fleet.places import absolute
+from bench.fleet.validating import Validating
+from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_json
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.recordings import RecordingError, read_reference, write_table
@@ -19,28 +24,38 @@ Model = Annotated[Path, typer.Argument(help="Model written by identify.")]
 
 @reads_a_recording
 def validate_verb(
-    model: Model,
-    recording: Annotated[Path, typer.Argument(help="A recording in any known format.")],
+    model: Annotated[str, typer.Argument(help="Model written by identify; for many recordings also the folder of their models.")],
+    recording: Annotated[list[str], typer.Argument(help="A recording in any known format. Many, as paths or URLs, go with --out-dir.")],
     reading: Reading,
+    out_dir: OutDir = None,
     time: Time = None,
     input: Input = None,
     output: Output = None,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures is written, HTML.")] = None,
+    workers: WorkerCount = 1,
+    backend: WorkerBackend = Backend.LOCAL,
+    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
-    """Judge a model on a recording that its identification has not seen.
+    """Judge a model on a recording that its identification has not seen, or each of many.
 
     The states at the start are found as identify finds them, and an offset of the sensor between the sessions is removed and said.
     """
+    opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
+    if out_dir is not None or len(recording) > 1:
+        process(Validating(absolute(model), opening), recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
+                "Validation of a fleet", "were judged", as_json)
+        return
     if page is not None:
         check_writable(page, "--page")
-    loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, time=time, input=input, output=output, **reading)
+    file = Path(recording[0])
+    loaded, opened = HysteresisCreepModel.load(model), Recording.open(file, **opening)
     found = loaded.validate(opened)
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
         from piezo_model.identification.fit_review import review
 
-        recording_page.write(page, recording.name, review(opened, loaded, found))
+        recording_page.write(page, file.name, review(opened, loaded, found))
     if as_json:
         print_json({"model": model, "page": page, **found.to_dict()})
         return

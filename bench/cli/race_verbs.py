@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
+from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.processes.engine import Backend, Workers
 from bench.processes.solver_child import SolverChild
 from bench.races.registry import DEFAULT, kind_of, kinds, open_run
@@ -101,9 +102,9 @@ def race_verb(
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Megabytes that a solver may allocate.")] = 2048,
     repeats: Annotated[int, typer.Option(min=1, help="Fresh processes for each solver.")] = 1,
-    workers: Annotated[int, typer.Option(min=1, help="Processes that race at once, each on a core of its own.")] = 1,
-    backend: Annotated[Backend, typer.Option(help="Where the workers are.")] = Backend.LOCAL,
-    scheduler: Annotated[str, typer.Option(help="Address of a Dask scheduler, whose workers reach the same folder.")] = "",
+    workers: WorkerCount = 1,
+    backend: WorkerBackend = Backend.LOCAL,
+    scheduler: Scheduler = "",
     out: Annotated[Path, typer.Option(help="Folder of the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of this run; the time by default.")] = None,
     as_json: AsJson = False,
@@ -139,9 +140,9 @@ def race_verb(
 
 def resume_verb(
     run: Annotated[Path, typer.Argument(help="Folder of the run.")],
-    workers: Annotated[int, typer.Option(min=1, help="Processes that race at once, each on a core of its own.")] = 1,
-    backend: Annotated[Backend, typer.Option(help="Where the workers are.")] = Backend.LOCAL,
-    scheduler: Annotated[str, typer.Option(help="Address of a Dask scheduler, whose workers reach the same folder.")] = "",
+    workers: WorkerCount = 1,
+    backend: WorkerBackend = Backend.LOCAL,
+    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
     """Carry on with an interrupted race; what is done is kept."""

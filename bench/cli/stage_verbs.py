@@ -5,23 +5,23 @@ from __future__ import annotations
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 
+from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
+from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
+from bench.fleet.compensating import FOLLOWED, Compensating
+from bench.fleet.identifying import Identifying
+from bench.fleet.places import absolute
+from bench.processes.engine import Backend, Workers
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
-from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
+from piezo_model import Recording
 from piezo_model.identification.fit_review import review
-from piezo_model.identification.order_selection import select_order
-from piezo_model.recordings import RecordingError, read_reference, write_table
 from piezo_model.units import quantity
 from solvers import find
-
-FOLLOWED = 1e-3
-"""Share of the output's range within which the model follows a reference."""
 
 
 class LagOption(StrEnum):
@@ -34,9 +34,10 @@ class LagOption(StrEnum):
 
 @reads_a_recording
 def identify_verb(
-    recording: Annotated[Path, typer.Argument(help=FILE)],
-    out: Annotated[Path, typer.Option(help="Where the model is written, JSON.")],
+    recording: Annotated[list[str], typer.Argument(help=f"{FILE} Many, as paths or URLs, go with --out-dir.")],
     reading: Reading,
+    out: Annotated[Path | None, typer.Option(help="Where the model of one recording is written, JSON.")] = None,
+    out_dir: OutDir = None,
     time: Time = None,
     input: Input = None,
     output: Output = None,
@@ -52,9 +53,12 @@ def identify_verb(
     force: Annotated[bool, typer.Option("--force", help="Write a model even of data that it does not describe.")] = False,
     select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
+    workers: WorkerCount = 1,
+    backend: WorkerBackend = Backend.LOCAL,
+    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
-    """Identify a model of hysteresis and creep from a recording.
+    """Identify a model of hysteresis and creep from a recording, or one from each of many.
 
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
@@ -64,27 +68,26 @@ def identify_verb(
         raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
     except ImportError as error:
         raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
+    opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
+    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag.value, solver, force, select)
+    if out is None:
+        process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
+                "Identification of a fleet", "gave a model", as_json)
+        return
+    file = Path(only(recording, out_dir))
     check_writable(out)
-    opened = Recording.open(recording, time=time, input=input, output=output, **reading)
+    opened = Recording.open(file, **opening)
     if page is not None:
         check_writable(page, "--page")
     if not as_json:
         console.print(opened.describe())
-    rates = _rates(creep_rates)
-    orders = None
     with progress_bar() as progress:
-        progress(f"identifying with n = {n}, m = {m}", 0, 1 + select)
-        model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver, force=force)
-        if select:
-            orders = select_order(opened, model, solver, progress=progress)
-            n, m = orders.chosen.n, orders.chosen.m
-            progress(f"identifying with n = {n}, m = {m}", 1, 2)
-            model = identify(opened, n=n, m=m, creep_rates=rates, skip=skip, lag=lag.value, solver=solver, force=force)
+        model, orders = work.of(opened, progress)
     model.save(out)
     if page is not None:
         with progress_bar() as progress:
             progress("writing the page", 0, 1)
-            recording_page.write(page, recording.name, review(opened, model), orders)
+            recording_page.write(page, file.name, review(opened, model), orders)
     if as_json:
         print_json({"model": out, "page": page, "report": dict(model.report),
                     "orders": None if orders is None else [asdict(order) for order in orders.orders],
@@ -104,51 +107,44 @@ def identify_verb(
 
 @reads_a_recording
 def compensate_verb(
-    model: Annotated[Path, typer.Argument(help="Model written by identify.")],
-    reference: Annotated[Path, typer.Argument(help="A file with a reference column, in any format of recordings.")],
-    out: Annotated[Path, typer.Option(help="Where the drive is written, CSV or Parquet.")],
+    model: Annotated[str, typer.Argument(help="Model written by identify; for many references also the folder of their models.")],
+    reference: Annotated[list[str], typer.Argument(help="A file with a reference column, in any format of recordings. Many, as paths or "
+                                                        "URLs, go with --out-dir.")],
     reading: Reading,
+    out: Annotated[Path | None, typer.Option(help="Where the drive of one reference is written, CSV or Parquet.")] = None,
+    out_dir: OutDir = None,
     time: Time = None,
     column: Annotated[str | None, typer.Option("--reference", help="Reference column.")] = None,
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
     rate_limit: Annotated[float | None, typer.Option(help="Fastest change of the drive, per second.")] = None,
+    workers: WorkerCount = 1,
+    backend: WorkerBackend = Backend.LOCAL,
+    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
-    """Compute the drive that makes the actuator follow a reference."""
-    check_writable(out)
-    loaded = HysteresisCreepModel.load(model)
-    s = loaded.structure
-    wanted = read_reference(reference, time=time, column=column, **reading)
-    if abs(wanted.sample_time / s.sample_time - 1.0) > 0.01:
-        raise RecordingError(f"{reference}: is sampled every {wanted.sample_time:g} s and the model every "
-                             f"{s.sample_time:g} s")
-    if wanted.unit and s.output_unit and wanted.unit != s.output_unit:
-        raise RecordingError(f"{reference}: is in {wanted.unit} and the model's output in {s.output_unit}")
-    limits = (s.x_centre - s.x_scale if low is None else low, s.x_centre + s.x_scale if high is None else high)
-    if not limits[0] < limits[1]:
-        raise typer.BadParameter(f"the lowest drive {limits[0]:g} must be below the highest {limits[1]:g}",
-                                 param_hint="--low/--high")
+    """Compute the drive that makes the actuator follow a reference, or one for each of many."""
     if rate_limit is not None and not rate_limit > 0.0:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
-    compensator = Compensator(loaded, x_limits=limits, rate_limit=rate_limit)
-    x = compensator.run(wanted.values)
-    error = loaded.simulate(x) - wanted.values
-    followed = float(np.mean(np.abs(error) <= FOLLOWED * 2.0 * abs(s.y_scale)))
-    unit = f"_{s.input_unit}" if s.input_unit else ""
-    write_table(out, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive{unit}": x})
-    saturated = float(np.mean((x <= limits[0]) | (x >= limits[1])))
-    if as_json:
-        print_json({"drive": out, "samples": x.size, "lowest": x.min(), "highest": x.max(), "unit": s.input_unit,
-                    "share_at_limits": saturated, "share_followed": followed, "largest_error": np.max(np.abs(error)),
-                    "output_unit": s.output_unit})
+    work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit)
+    if out is None:
+        process(work, reference, out_dir_of(reference, out_dir), Workers(workers, backend, scheduler), "Compensation of a fleet", "gave a drive",
+                as_json)
         return
-    console.print(f"The model follows {100.0 * followed:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere it misses "
-                  f"by up to {quantity(np.max(np.abs(error)), s.output_unit, 3)}." if followed < 1.0 else
+    file = Path(only(reference, out_dir))
+    check_writable(out)
+    found = work.do(file, [Path(model)], out)
+    if as_json:
+        print_json({"drive": out, **{name: found[name] for name in (
+            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit")}})
+        return
+    console.print(f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere "
+                  f"it misses by up to {quantity(found['largest_error'], found['output_unit'], 3)}." if found["share_followed"] < 1.0 else
                   f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
-    console.print(f"{x.size} samples of drive from {quantity(x.min(), s.input_unit)} to {quantity(x.max(), s.input_unit)}; "
-                  + (f"{100 * saturated:.1f} % of them at the limits, where the reference cannot be followed."
-                     if saturated else "the limits are never reached."))
+    console.print(f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
+                  f"{quantity(found['highest'], found['unit'])}; "
+                  + (f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
+                     if found["share_at_limits"] else "the limits are never reached."))
     console.print(f"Drive: {out}")
 
 

@@ -1,7 +1,7 @@
-"""Parts of a race on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
+"""Work on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
 
-Each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It writes its rows
-itself, so a cluster's workers must reach the run's folder under the same path.
+In a race each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It writes its
+rows itself, so a cluster's workers must reach the run's folder under the same path.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import os
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -43,6 +44,8 @@ class Part(Protocol):
 
 
 P = TypeVar("P", bound=Part)
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 class Backend(StrEnum):
@@ -54,7 +57,7 @@ class Backend(StrEnum):
 
 @dataclass(frozen=True)
 class Workers:
-    """How a race is spread; not part of its settings, since it may be resumed elsewhere.
+    """How work is spread; not part of a race's settings, since it may be resumed elsewhere.
 
     Attributes
     ----------
@@ -85,25 +88,44 @@ class Workers:
 
 
 def spread(parts: Sequence[P], entries: Sequence[Entry], limits: Limits, workers: Workers) -> Iterator[P]:
-    """Do parts on several workers; yields them as they get done, in any order."""
+    """Do parts of a race on several workers, which give their cores back in the end; yields them as they get done, in any order."""
+    with _backend(workers) as (count, client):
+        yield from _done(work, [(part, tuple(entries), limits) for part in parts], workers, count)
+        if client is not None:
+            client.run(close_line_ups)
+
+
+def each(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> Iterator[R]:
+    """Call a function of an importable module with each item; yields what it returns, in any order.
+
+    An item whose worker was lost is done again by another one of a cluster; of this machine's workers none may be lost.
+    """
+    if workers.is_one:
+        yield from map(function, items)
+        return
+    with _backend(workers) as (count, _):
+        try:
+            yield from _done(function, zip(items), workers, count)
+        except BrokenProcessPool:
+            raise RaceError("a worker was killed, perhaps for want of memory; what is done is kept, and the same command carries on") from None
+
+
+def _done(function: Callable[..., R], arguments: Iterable[tuple[Any, ...]], workers: Workers, count: int) -> Iterator[R]:
     parent = os.getpid() if workers.backend is Backend.LOCAL else None
-    jobs = (delayed(work)(part, tuple(entries), limits, parent) for part in parts)
-    with _backend(workers) as count:
-        yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch="all", return_as="generator_unordered")(jobs)
+    yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch="all", return_as="generator_unordered")(
+        delayed(_attended)(function, some, parent) for some in arguments)
 
 
 @contextmanager
-def _backend(workers: Workers) -> Iterator[int]:
-    """Choose joblib's backend; yields the number of its workers, which give their cores back in the end."""
+def _backend(workers: Workers) -> Iterator[tuple[int, Any]]:
+    """Choose joblib's backend; yields the number of its workers, and the client of a cluster."""
     if workers.backend is Backend.LOCAL:
         with parallel_config(backend="loky", idle_worker_timeout=IDLE_S):
-            yield workers.count
+            yield workers.count, None
         get_reusable_executor().shutdown(wait=True)
         return
-    with _client(workers.scheduler) as client:
-        with parallel_config(backend="dask", client=client):
-            yield -1
-        client.run(close_line_ups)
+    with _client(workers.scheduler) as client, parallel_config(backend="dask", client=client):
+        yield -1, client
 
 
 @contextmanager
@@ -149,10 +171,8 @@ _waiting: list[tuple[LineUp, cores.Core]] = []
 _lock = threading.Lock()
 
 
-def work(part: P, entries: tuple[Entry, ...], limits: Limits, parent: int | None) -> P:
+def work(part: P, entries: tuple[Entry, ...], limits: Limits) -> P:
     """Do one part with the line-up that waits here, or with a new one on a free core."""
-    if parent is not None:
-        _end_with(parent)
     line_up, core = _taken(entries, limits, part.folders)
     try:
         with core.pinned():
@@ -163,6 +183,12 @@ def work(part: P, entries: tuple[Entry, ...], limits: Limits, parent: int | None
     with _lock:
         _waiting.append((line_up, core))
     return part
+
+
+def _attended(function: Callable[..., R], arguments: tuple[Any, ...], parent: int | None) -> R:
+    if parent is not None:
+        _end_with(parent)
+    return function(*arguments)
 
 
 @cache

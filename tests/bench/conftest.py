@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +12,10 @@ from command_line import CommandLine, Finished
 
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
+from bench.timing import cores
+
+TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
+DASK = str(Path(sys.executable).with_name("dask"))
 
 
 @pytest.fixture(scope="session")
@@ -70,3 +77,28 @@ def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory)
     return raced(piezobench, tmp_path_factory.mktemp("wide"), "wide", "--limit", 2, "--set", "paper", "--set", "orders",
                  "--tier", "default", "--lane", "kernel", "--lane", "qpsolvers", "--solver", "box_active_set",
                  "--solver", "projected_difference")
+
+
+@pytest.fixture(scope="session")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A cluster as a user starts it: a scheduler and two workers under their nannies, one thread each."""
+    pytest.importorskip("distributed", reason="the optional extra dask is not installed")
+    folder = tmp_path_factory.mktemp("cluster")
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
+    with (folder / "log").open("w") as log:
+        def start(*words: str) -> subprocess.Popen[bytes]:
+            return subprocess.Popen([DASK, *words], cwd=folder, env=environment, stdout=log, stderr=log)
+
+        said = folder / "scheduler.json"
+        processes = [start("scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(said))]
+        processes.append(start("worker", "--scheduler-file", str(said), "--nworkers", "2", "--nthreads", "1",
+                               "--no-dashboard", "--local-directory", str(folder)))
+        from distributed import Client
+
+        with Client(scheduler_file=str(said), timeout="60s") as client:
+            client.wait_for_workers(2, timeout=60)
+            address = client.scheduler.address
+        yield address
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()

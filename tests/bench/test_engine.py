@@ -1,24 +1,19 @@
 """A race on several workers gives the rows of a race on one, whoever the workers are."""
 
-import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from command_line import CommandLine, wait_until_gone
-from conftest import SMALL, THIRD, Race
+from conftest import SMALL, THIRD, TWO_CORES, Race
 from test_store import TIMES
 
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from bench.timing import cores
-
-TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
-DASK = str(Path(sys.executable).with_name("dask"))
 
 
 def same_but_for_times(run: Run, race: Race) -> None:
@@ -55,6 +50,8 @@ def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(piezobench: 
 
 
 LONG = """
+import subprocess
+import sys
 import time
 from pathlib import Path
 from bench.processes import engine
@@ -96,31 +93,6 @@ def test_a_way_of_spreading_that_cannot_be_is_refused(piezobench: CommandLine, t
                                                       said: str) -> None:
     assert said in piezobench("race", *SMALL, "--out", tmp_path, *options).refusal
     assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A cluster as a user starts it: a scheduler and two workers under their nannies, one thread each."""
-    pytest.importorskip("distributed", reason="the optional extra dask is not installed")
-    folder = tmp_path_factory.mktemp("cluster")
-    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
-    with (folder / "log").open("w") as log:
-        def start(*words: str) -> subprocess.Popen[bytes]:
-            return subprocess.Popen([DASK, *words], cwd=folder, env=environment, stdout=log, stderr=log)
-
-        said = folder / "scheduler.json"
-        processes = [start("scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(said))]
-        processes.append(start("worker", "--scheduler-file", str(said), "--nworkers", "2", "--nthreads", "1",
-                               "--no-dashboard", "--local-directory", str(folder)))
-        from distributed import Client
-
-        with Client(scheduler_file=str(said), timeout="60s") as client:
-            client.wait_for_workers(2, timeout=60)
-            address = client.scheduler.address
-        yield address
-        for process in reversed(processes):
-            process.terminate()
-            process.wait()
 
 
 @TWO_CORES

@@ -1,0 +1,78 @@
+"""What the verbs of one recording do with many: the work on each, the fleet's table and page, and its first screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.fleet.fleet import Work, done, draw, parts_of
+from bench.fleet.places import folder_here, matching
+from bench.fleet.report import DISTANT, sentences, shown, table_of, write
+from bench.processes.engine import Workers
+from bench.report.console import COLUMNS, LINES, console, errors, lines_of, print_json, print_table, progress_bar
+from piezo_model.recordings import RecordingError
+
+OutDir = Annotated[str | None, typer.Option("--out-dir", help="For many recordings: folder or URL for what is made of each, with a table "
+                                                              "and a page of all. What is there of the same content and settings is kept.")]
+PAGES = 12
+"""Most outliers that have pages of their own."""
+MOST_REFUSED = 12
+"""Lines on the first screen for what was refused."""
+AROUND = 8
+
+
+def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None = None) -> str:
+    """Where what is made of many goes; a refusal where nothing says it."""
+    if out_dir is None:
+        raise typer.TyperException("Missing option '--out'" if len(recordings) == 1 else "Missing option '--out-dir' for many recordings")
+    if page is not None:
+        raise typer.BadParameter("is for one recording; --out-dir has pages of its own", param_hint="--page")
+    return out_dir
+
+
+def only(recordings: Sequence[str], out_dir: str | None) -> str:
+    """The one recording of a file --out."""
+    if out_dir is not None or len(recordings) > 1:
+        raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
+    return recordings[0]
+
+
+def process(work: Work, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool) -> None:
+    """Do the work on all, write table and page, and show them; in the end RecordingError where some were refused."""
+    workers.check()
+    parts = list(parts_of(work, matching(recordings), out))
+    with folder_here(out):  # or it is refused before the work and not after it
+        pass
+    try:
+        with progress_bar() as progress:
+            table = table_of(done(parts, workers, progress))
+            outliers = set(table.name[table.distance > DISTANT][:PAGES])
+            progress("drawing pages", 0, 1)
+            pages = {part.name: draw(part) for part in parts if part.name in outliers}
+            write(out, title, table, what, {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name})
+    except KeyboardInterrupt:
+        errors.print("Interrupted; what is done is kept, and the same command carries on.", soft_wrap=True)
+        raise
+    refused = table[table.refused != ""]
+    if as_json:
+        print_json({"out_dir": out, "sentences": sentences(table, what), "rows": table.to_dict("records")})
+    else:
+        below = [line for said in refused.refused for line in lines_of([said])]
+        if len(below) > MOST_REFUSED:
+            below = [*below[:MOST_REFUSED], "… and more in the table."]
+        above, short = lines_of(sentences(table, what)), shown(table)
+        rows = short.rows[:LINES - len(above) - len(below) - AROUND]
+        for line in above:
+            console.print(line)
+        if rows:
+            console.print(f"\n{short.title}:")
+            print_table(short.headings, rows, left=short.left, width=COLUMNS)
+        hidden = len(short.rows) - len(rows)
+        for line in [*([f"{hidden} more are on the page."] if hidden else []), *(["Refused:"] if below else []), *below]:
+            console.print(line)
+        console.print(f"Table: {out}/fleet.csv\nPage: {out}/fleet.html")
+    if len(refused):
+        raise RecordingError(f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why")

@@ -1,0 +1,143 @@
+"""The same work on every recording of a fleet: each has a row on disk once it is done, and is not done again.
+
+    OUT/NAME.json           what the work makes of a recording, such as its model
+    OUT/rows/NAME.json      its row, with a digest of the work's settings and of the content of what it read
+
+The row comes last and goes first, each file is written whole, and the digest decides: so an interruption at any moment costs
+the recordings that were under way, and other settings or another content are done again. So is what was refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from bench.fleet.places import absolute, file_here, filesystem, folder_here, names_of
+from bench.passed.progress import Progress
+from bench.processes.engine import Workers, each
+from piezo_model.atomic_file import write_text
+from piezo_model.json_file import decoded, packed, unpacked
+
+Row = dict[str, Any]
+"""``recording``, ``name`` and ``refused``, the sentence that says why there is no more, or ""; then figures of the work."""
+
+
+class Work(Protocol):
+    """What is done with one recording; a frozen dataclass of settings, which can be sent anywhere."""
+
+    made: str
+    """What is made of a recording, such as "{}.json" with its name, or ""."""
+
+    def reads(self, name: str) -> Sequence[str]:
+        """Places of further files that are read for the recording of a name."""
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> Mapping[str, Any]:
+        """Do it and write what is made; returns figures."""
+
+
+@runtime_checkable
+class Drawing(Protocol):
+    """Work that has a page of a recording."""
+
+    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
+        """Write the page of the recording and of what was made of it."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The work on one recording."""
+
+    work: Work
+    recording: str
+    name: str
+    out: str
+
+
+def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Row]:
+    """Do all parts, or find them done; returns their rows in the order of the parts."""
+    found: dict[str, Row] = {}
+    progress("starting", 0, len(parts))
+    for row in each(row_of, parts, workers):
+        found[row["name"]] = row
+        progress(row["name"], len(found), len(parts))
+    return [found[part.name] for part in parts]
+
+
+def draw(part: Part) -> str:
+    """Write the page of a recording whose work is done; returns its place in the folder, or "" where the work has none."""
+    if not isinstance(part.work, Drawing):
+        return ""
+    with ExitStack() as stack:
+        recording, made, *further = (stack.enter_context(file_here(place)) for place in (
+            part.recording, f"{part.out}/{part.work.made or 'rows/{}.json'}".format(part.name), *part.work.reads(part.name)))
+        folder = stack.enter_context(folder_here(f"{part.out}/pages"))
+        part.work.draw(recording, further, made, folder / f"{part.name}.html")
+    return f"pages/{part.name}.html"
+
+
+def row_of(part: Part) -> Row:
+    """The row of a recording, done now or before; whatever goes wrong is said in it, since the others are to have theirs."""
+    row, kept = {"recording": part.recording, "name": part.name, "refused": ""}, f"{part.name}.json"
+    here: Path | None = None
+    try:
+        with ExitStack() as stack:
+            here, *further = (stack.enter_context(file_here(place)) for place in (part.recording, *part.work.reads(part.name)))
+            digest = _digest(part.work, (here, *further))
+            if (before := _kept(part)).get("digest") == digest:
+                return {**row, **before["figures"]}
+            _forget(part.out, f"rows/{kept}")
+            with folder_here(part.out) as folder:
+                figures = part.work.do(here, further, folder / (part.work.made or ".").format(part.name))
+            with folder_here(f"{part.out}/rows") as folder:
+                write_text(folder / kept, json.dumps({"digest": digest, "figures": packed(figures)}) + "\n")
+        return {**row, **figures}
+    except Exception as error:
+        _forget(part.out, f"rows/{kept}", part.work.made.format(part.name))
+        said = _sentence(error)
+        return {**row, "refused": said if here is None else said.replace(str(here), here.name)}
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+    return " ".join(f"{kind}{error}".split())
+
+
+def _digest(work: Work, files: Sequence[Path]) -> str:
+    found = hashlib.sha256(json.dumps([type(work).__name__, asdict(work)], sort_keys=True).encode())  # type: ignore[call-overload]
+    for path in files:
+        with path.open("rb") as file:
+            found.update(hashlib.file_digest(file, "sha256").digest())
+    return found.hexdigest()
+
+
+def _kept(part: Part) -> Row:
+    """What is on disk of a row whose work is there, too; nothing where that is no whole row."""
+    fs, out = filesystem(part.out)
+    row, made = f"{out}/rows/{part.name}.json", part.work.made.format(part.name)
+    if not fs.isfile(row) or (made and not fs.isfile(f"{out}/{made}")):
+        return {}
+    try:
+        found: Row = unpacked(decoded(fs.cat_file(row), dict[str, Any]))
+    except ValueError:  # of an older program; it is done again
+        return {}
+    return found
+
+
+def _forget(out: str, *files: str) -> None:
+    fs, path = filesystem(out)
+    for file in filter(None, files):
+        if fs.isfile(f"{path}/{file}"):
+            fs.rm_file(f"{path}/{file}")
+
+
+def parts_of(work: Work, recordings: Sequence[str], out: str) -> Iterator[Part]:
+    """One part a recording, with places that are the same from every worker's folder."""
+    for recording, name in zip(recordings, names_of(recordings), strict=True):
+        yield Part(work, absolute(recording), name, absolute(out))

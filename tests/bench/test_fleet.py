@@ -1,0 +1,220 @@
+"""Many recordings at once: on several workers, killed and resumed, on a cluster, in a bucket."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import pandas as pd
+import pytest
+from browser import Browser
+from command_line import CommandLine, Finished, wait_until_gone
+from conftest import TWO_CORES
+
+from bench.cli.fleet import process
+from bench.fleet.fleet import done, parts_of
+from bench.fleet.identifying import Identifying
+from bench.fleet.report import DISTANT
+from bench.passed.progress import silent
+from bench.processes.engine import Workers
+from piezo_model import HysteresisCreepModel, plants
+from piezo_model.recordings import RecordingError, write_table
+from piezo_model.signals import multi_sine
+
+SAMPLE_TIME = 1e-3
+COUNT, NOISY, BAD = 7, "stage5", "torn"
+ORDERS = ("--n", 3, "--m", 1)
+
+
+def table_in(folder: Path) -> pd.DataFrame:
+    return pd.read_parquet(folder / "fleet.parquet")
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Actuators of one make, one with a poor sensor, and one file that is torn."""
+    folder, chance = tmp_path_factory.mktemp("<i>recordings"), np.random.default_rng(5)
+    x = multi_sine(duration_s=3.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
+    clean = plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(x)
+    found = [folder / f"stage{i}.{('csv', 'parquet')[i % 2]}" for i in range(COUNT)]
+    for path in found:
+        y = chance.uniform(0.9, 1.1) * clean + chance.normal(0.0, 0.5 if path.stem == NOISY else 0.05, x.size)
+        write_table(path, {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x, "displacement_um": y})
+    torn = folder / f"{BAD}.csv"
+    torn.write_text(found[0].read_text()[:200])
+    return [*found[:3], torn, *found[3:]]
+
+
+@pytest.fixture(scope="module")
+def serial(piezobench: CommandLine, recordings: list[Path]) -> tuple[Path, Finished]:
+    """The folder of a run on one process, and how it ended."""
+    out = recordings[0].parent.parent / "<u>models"
+    return out, piezobench("identify", *recordings, "--out-dir", out, *ORDERS)
+
+
+def same_as(serial: Path, other: Path) -> None:
+    pd.testing.assert_frame_equal(table_in(serial), table_in(other))
+    models = {path.name: path.read_bytes() for path in serial.glob("*.json")}
+    assert models == {path.name: path.read_bytes() for path in other.glob("*.json")}
+    assert not list(other.rglob(".*"))  # nothing half-written
+
+
+def test_a_bad_file_costs_only_its_own_row(piezobench: CommandLine, serial: tuple[Path, Finished], recordings: list[Path], tmp_path: Path) -> None:
+    out, call = serial
+    assert call.refusal == f"piezobench identify: 1 of {COUNT + 1} recordings are refused; the table {out}/fleet.csv says why"
+    assert f"{COUNT} of {COUNT + 1} recordings gave a model." in call.stdout
+    table = table_in(out)
+    assert list(table.name[:2]) == [BAD, NOISY]  # outliers first
+    assert table.refused[0].startswith(f"{BAD}.csv: ")
+    assert set(table.refused[1:]) == {""}
+    assert table.distance[1] > DISTANT > table.distance[2:].median()
+    assert list(pd.read_csv(out / "fleet.csv").name) == list(table.name)
+    assert not (out / f"{BAD}.json").exists()
+    alone = piezobench("identify", recordings[0], "--out", tmp_path / "alone.json", *ORDERS)
+    assert alone.status == 0
+    assert (tmp_path / "alone.json").read_bytes() == (out / f"{recordings[0].stem}.json").read_bytes()
+    model = HysteresisCreepModel.load(tmp_path / "alone.json")
+    row = table.set_index("name").loc[recordings[0].stem]
+    assert row.rms_percent == model.report["fit"]["rms_percent"]
+    assert [row[name] for name in model.structure.weight_names] == list(model.weights)
+
+
+def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list[Path], tmp_path: Path) -> None:
+    chosen = [tmp_path / path.name for path in recordings[:2]]
+    for source, path in zip(recordings, chosen, strict=False):
+        path.write_bytes(source.read_bytes())
+
+    def written(work: Identifying) -> list[int]:
+        """Which models were written anew."""
+        before = [path.stat().st_ino if path.exists() else 0 for path in models]
+        rows = done(list(parts_of(work, list(map(str, chosen)), str(tmp_path / "out"))), Workers(), silent)
+        assert [row["refused"] for row in rows] == ["", ""]
+        return [i for i, path in enumerate(models) if path.stat().st_ino != before[i]]
+
+    models = [tmp_path / "out" / f"{path.stem}.json" for path in chosen]
+    first = Identifying(n=2, m=0, creep_rates=())
+    assert written(first) == [0, 1]
+    assert written(first) == []
+    chosen[1].write_bytes(recordings[5].read_bytes())
+    assert written(first) == [1]
+    models[0].unlink()
+    assert written(first) == [0]
+    (tmp_path / "out" / "rows" / models[1].name).write_text('{"digest"')
+    assert written(first) == [1]
+    assert written(Identifying(n=2, m=1, creep_rates=())) == [0, 1]
+
+
+@TWO_CORES
+def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(piezobench: CommandLine, recordings: list[Path], tmp_path: Path,
+                                                                      serial: tuple[Path, Finished]) -> None:
+    words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
+    call = piezobench.start(*words, "--workers", 2)
+    while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
+        time.sleep(0.01)
+    call.kill()
+    call.wait()
+    wait_until_gone(call.pid)
+    assert not (tmp_path / "fleet.csv").exists()
+    kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
+    assert 3 <= len(kept) < COUNT
+    for path in kept:
+        HysteresisCreepModel.load(tmp_path / path.name)
+    for path in tmp_path.rglob(".*"):  # what a killed process leaves beside its target is nobody's
+        path.unlink()
+    assert piezobench(*words).status == 2
+    assert {path: path.stat().st_ino for path in kept} == kept
+    same_as(serial[0], tmp_path)
+
+
+@TWO_CORES
+def test_a_cluster_that_loses_a_worker_gives_the_rows_of_a_serial_run(piezobench: CommandLine, recordings: list[Path], tmp_path: Path,
+                                                                     serial: tuple[Path, Finished], scheduler: str) -> None:
+    from distributed import Client
+
+    with Client(scheduler, timeout="60s") as client:
+        first, *_ = client.run(os.getpid).values()
+        call = piezobench.start("identify", *recordings, "--out-dir", tmp_path, *ORDERS, "--backend", "dask", "--scheduler", scheduler)
+        while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
+            time.sleep(0.01)
+        os.kill(first, 9)
+        assert call.wait().status == 2, call.stderr.read_text()
+        client.wait_for_workers(2, timeout=60)
+        assert first not in client.run(os.getpid).values()
+    for path in tmp_path.rglob(".*"):
+        path.unlink()
+    same_as(serial[0], tmp_path)
+
+
+def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_its_name(
+        piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]) -> None:
+    models, chosen = serial[0], recordings[:2]
+    stranger = tmp_path / "stranger.csv"
+    stranger.write_bytes(recordings[0].read_bytes())
+    call = piezobench("validate", models, *chosen, stranger, "--out-dir", tmp_path / "judged")
+    assert "1 of 3 recordings are refused" in call.refusal
+    judged = table_in(tmp_path / "judged").set_index("name")
+    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: No such file or directory"
+    for path in chosen:
+        alone = json.loads(piezobench("validate", models / f"{path.stem}.json", path, "--json").stdout)
+        assert (judged.rms_percent[path.stem], judged["shift"][path.stem]) == (alone["fit"]["rms_percent"], alone["shift"])
+
+    references = [tmp_path / f"{path.stem}.csv" for path in chosen]
+    for height, path in enumerate(references):
+        write_table(path, {"time_s": np.arange(500) * SAMPLE_TIME, "reference_um": (3.0 + height) * np.sin(0.05 * np.arange(500))})
+    for model, others in ((models, [models / f"{path.stem}.json" for path in chosen]), (models / "stage0.json", [models / "stage0.json"] * 2)):
+        call = piezobench("compensate", model, *references, "--out-dir", tmp_path / "drives")
+        assert (call.status, call.stderr) == (0, "")
+        for other, path in zip(others, references, strict=True):
+            assert piezobench("compensate", other, path, "--out", tmp_path / "alone.csv").status == 0
+            assert (tmp_path / "drives" / f"{path.stem}-drive.csv").read_bytes() == (tmp_path / "alone.csv").read_bytes()
+
+
+def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(browser: Browser, serial: tuple[Path, Finished]) -> None:
+    out, _ = serial
+    browser.open(out / "fleet.html")
+    assert browser.console() == []
+    assert len(browser.plots()) == 2
+    assert all(plot["marks"] > 0 for plot in browser.plots())
+    links = browser.run("return [...document.querySelectorAll('.grid a, .note a')].map(a => a.getAttribute('href'))")
+    assert len(links) == COUNT + 2 + sum(table_in(out).distance > DISTANT)  # models, the data of two figures, and pages of outliers
+    assert all((out / link).is_file() for link in links)
+    assert browser.run("return document.querySelectorAll('main i, main u').length") == 0
+    browser.run("document.querySelector(\"a[href^='pages/']\").click()")
+    browser.wait_until(lambda: browser.run("return document.title") == f"Recording {NOISY}.parquet")
+
+
+def test_recordings_and_models_may_lie_where_a_url_points(recordings: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    memory = fsspec.filesystem("memory")
+    for path in recordings[:2]:
+        memory.pipe_file(f"/bucket/{path.name}", path.read_bytes())
+    for found in (2, 2):
+        process(Identifying(n=2, m=0, creep_rates=()), ["memory://bucket/*"], "memory://models", Workers(), "Fleet", "gave a model", as_json=True)
+        assert json.loads(capsys.readouterr().out)["sentences"][0] == f"{found} of 2 recordings gave a model."
+    assert {"stage0.json", "stage1.json", "fleet.csv", "fleet.parquet", "fleet.html", "rows"} <= {
+        Path(path).name for path in memory.ls("/models", detail=False)}
+
+
+def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fail(recordings: list[Path], tmp_path: Path,
+                                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    broken = [tmp_path / f"{i}-{'x' * 50}.csv" for i in range(60)]
+    for path in broken:
+        path.write_text("no numbers in here")
+    with pytest.raises(RecordingError, match=f"60 of {60 + COUNT} recordings are refused"):
+        process(Identifying(n=1, m=0, creep_rates=()), [*map(str, broken), *(str(path) for path in recordings if path.stem != BAD)],
+                str(tmp_path / "out"), Workers(), "Fleet", "gave a model", as_json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines[:-2])) <= 100  # the last name the folder
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["a.csv", "b.csv"], "Missing option '--out-dir'"), (["a.csv", "b.csv", "--out", "m.json"], "--out-dir for many"),
+    (["a.csv", "--out", "m.json", "--out-dir", "models"], "--out-dir for many"), (["a.csv", "--out-dir", "models", "--page", "p.html"], "--page"),
+    (["a.csv", "a.mat", "--out-dir", "models"], "a.mat: what is made of it would have the name of what is made of a.csv"),
+    (["nowhere://a.csv", "--out-dir", "models"], "nowhere"), (["*.xyz", "--out-dir", "models"], "*.xyz: no file matches"),
+    (["a.csv", "--out-dir", "models", "--backend", "dask"], "--scheduler")])
+def test_what_cannot_be_meant_is_refused_before_the_work(piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:
+    assert said in piezobench("identify", *words, folder=tmp_path).refusal
+    assert not list(tmp_path.iterdir())
