@@ -80,11 +80,14 @@ def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort
     return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64)
 
 
-def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, clock: Callable[[], int] = perf_counter_ns,
-               copied: Callable[..., Vector] = np.array) -> Timed:
-    """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start`` (d,)."""
+def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf,
+               clock: Callable[[], int] = perf_counter_ns, copied: Callable[..., Vector] = np.array) -> Timed:
+    """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start`` (d,).
+
+    After the call at which ``most_ns`` are spent no other begins.
+    """
     update, solve, keywords = solver.update, solver.solve, {} if start is None else {"warm_start": start}
-    updates, solves, answers = [], [], np.full(q.shape, np.nan)
+    updates, solves, answers, until = [], [], np.full(q.shape, np.nan), clock() + most_ns
     with no_garbage_collection():
         for k in range(len(q)):
             Pk, qk = P[k], q[k]
@@ -96,13 +99,15 @@ def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None
             updates.append(between - begin)
             solves.append(end - between)
             _keep(answers[k], x)  # and not x itself, for which each call would take a new page of memory
-    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers)
+            if end > until:
+                break
+    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[:len(solves)])
 
 
-def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None) -> Timed:
+def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timed:
     """The same timed inside compiled code, which takes the data once more for that; updates that are not compiled are timed here."""
     keywords = {} if start is None else {"warm_start": start}
-    updates, solves, answers = [], [], np.full(q.shape, np.nan)
+    updates, solves, answers, until = [], [], np.full(q.shape, np.nan), perf_counter_ns() + most_ns
     with no_garbage_collection():
         for k in range(len(q)):
             taken = time_call(lambda k=k: solver.update(P=P[k], q=q[k]))  # type: ignore[misc]
@@ -110,7 +115,9 @@ def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = Non
             updates.append(taken if compiled is None else int(compiled[0]))
             solves.append(int(solved[0]))
             _keep(answers[k], np.asarray(solver.solution().x))
-    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers)
+            if perf_counter_ns() > until:
+                break
+    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[:len(solves)])
 
 
 def _keep(row: Vector, x: Vector) -> None:

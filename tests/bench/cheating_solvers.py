@@ -105,7 +105,7 @@ def setup(self, problem):
 def update(self, P=None, q=None):
     from bench.timing import clock
     slow = time.perf_counter_ns
-    clock.time_block.__defaults__ = (None, lambda: slow() // 10, np.array)
+    clock.time_block.__defaults__ = (None, np.inf, lambda: slow() // 10, np.array)
     self.take(P, q)
 """,
     "patches_and_mends": """
@@ -126,8 +126,8 @@ def setup(self, problem):
     self.take(problem.P, problem.q)
     from bench.races.oneshot import worker
     known = worker.Bench.block
-    def forged(bench, P, q):
-        found = known(bench, P, q)
+    def forged(bench, P, q, most_ns):
+        found = known(bench, P, q, most_ns)
         found.solve_ns = found.solve_ns // 10
         return found
     worker.Bench.block = forged

@@ -20,7 +20,7 @@ from bench.problems.protocol import CertifiedForm, Matrix, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import TOLERANCE, relative_gap
 from bench.races.oneshot.worker import Answered, Block, End, OneShot
-from bench.timing.clock import Effort
+from bench.timing.clock import LONG_NS, Effort
 from solvers import Status, Tier
 from solvers.protocol import Nanoseconds
 
@@ -32,8 +32,8 @@ IDLE = 2.0
 """How many times what a solver that does nothing takes for the same block a block may take beside its calls."""
 FEW = 3.0
 """How many times as long as in the median its calls may take in the mean, by the processor time of the process."""
-LEAST_CALLS = 30
-"""Calls of a block that is to show it, at least."""
+LEAST_CALLS, FEWEST_CALLS = 30, 8
+"""Calls of a block that is to show it, at least, and if they take long."""
 FAR = 100.0
 """How many times as far from the optimum is far."""
 AGAIN, ENOUGH = 5, 4
@@ -83,19 +83,21 @@ class Tally:
         return block
 
 
-def ask(child: SolverChild, task: Task, P: Matrix, q: Matrix, watch: bool = False) -> Outcome:
-    """A block; ``watch`` is whether to look for what the process replaced."""
+def ask(child: SolverChild, task: Task, P: Matrix, q: Matrix, watch: bool = False, most_ns: float = math.inf) -> Outcome:
+    """A block, of which no call begins after ``most_ns``; ``watch`` is whether to look for what the process replaced."""
     used, began = child.cpu_ns(), perf_counter_ns()
-    block = child.ask(Block(task.key, P, q, watch))
+    block = child.ask(Block(task.key, P, q, watch, most_ns))
     passed, used = perf_counter_ns() - began, child.cpu_ns() - used
-    if not isinstance(block, Answered) or block.answers.shape != q.shape:
+    asked = q if passed < most_ns or not isinstance(block, Answered) else q[:len(block.answers)]
+    if not isinstance(block, Answered) or not len(asked) or block.answers.shape != asked.shape:
         return block if block.failure else Outcome("tampered", "its process answers what it was not asked")
     block.passed_ns, block.used_ns = passed, used
     return block
 
 
-def _impossible(block: Answered, n: int, compiled: bool) -> str:
-    """Why the times of a block of n calls cannot be, or nothing."""
+def _impossible(block: Answered, compiled: bool) -> str:
+    """Why the times of a block cannot be, or nothing."""
+    n = len(block.answers)
     if block.solve_ns.size != n or block.update_ns.size != n or min(block.update_ns.min(), block.solve_ns.min()) < 0:
         return "times are missing or negative"
     told, middle = int(block.calls_ns.sum()), float(np.median(block.calls_ns))
@@ -109,8 +111,10 @@ def _aside(block: Answered, allowed_ns: float) -> float:
     return (block.used_ns - allowed_ns) / (block.calls_ns.size * max(float(np.median(block.calls_ns)), 1.0))
 
 
-def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int) -> str:
+def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int, each: float) -> str:
     """Whether most calls of blocks of n are quick because their work is done elsewhere: before they are timed, after, or in another call.
+
+    Calls that take ``each`` nanoseconds in the mean are fewer where those of a block would take longer than LONG_NS.
 
     The process then takes far more of the processor than most calls say, whatever it waits for, and beyond what a process takes that
     does nothing for the same blocks. A solver to which some data come harder is told from that by the same data in another
@@ -118,8 +122,9 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
     """
     found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane)
     idle.ask(OneShot.of(nothing, form))
-    for _ in range(AGAIN):
-        P, q = fresh.unseen(min(max(n, LEAST_CALLS), fresh.calls_at_once))
+    calls = min(max(n, LEAST_CALLS), fresh.calls_at_once, max(FEWEST_CALLS, int(LONG_NS / each)))
+    for left in reversed(range(AGAIN)):
+        P, q = fresh.unseen(calls)
         order = np.random.default_rng().permutation(len(q))
         first, other, spent = ask(child, task, P, q), ask(child, task, P[order], q[order]), ask(idle, nothing, P, q)
         if not (isinstance(first, Answered) and isinstance(other, Answered) and isinstance(spent, Answered)):
@@ -129,6 +134,8 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
         again = hard.any() and np.median(other.calls_ns[hard]) > FEW / 2 * np.median(other.calls_ns)
         if more > FEW and not again:
             found.append(more)
+        if len(found) + left < ENOUGH:
+            break
     idle.ask(End(nothing.key))
     return f"its process takes {found[0]:.1f} times as much of the processor as most of its calls say" if len(found) >= ENOUGH else ""
 
@@ -144,13 +151,14 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
     while effort.goes_on(tally.count, tally.spent_ns):
         done = tally.count
         n = min(size, fresh.calls_at_once, effort.most - done)
-        block = ask(child, task, *fresh.block(done, done + n), watch=True)
+        most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - tally.spent_ns
+        block = ask(child, task, *fresh.block(done, done + n), watch=True, most_ns=most_ns)
         if not isinstance(block, Answered):
             return block, tally
         tally.take(block)
-        found = _impossible(block, n, compiled)
+        n, found = len(block.answers), _impossible(block, compiled)
         if child is not idle and not (found or tally.fault or compiled) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
-            found = _works_elsewhere(child, idle, task, form, fresh, n)
+            found = _works_elsewhere(child, idle, task, form, fresh, n, block.used_ns / n)
         tally.fault = tally.fault or ((Status.MISTIMED, found) if found else None)
         each = max(tally.spent_ns / tally.count, 1.0)
         size = max(effort.fewest - tally.count, math.ceil((effort.budget_s * 1e9 - tally.spent_ns) / each), 1)

@@ -90,16 +90,20 @@ class OneShot(Request):
 
 @dataclass(frozen=True)
 class Block(Request):
-    """Update and solve once for each P (n, d, d) and q (n, d), timed, by the solver that is kept for the task of this key."""
+    """Update and solve once for each P (n, d, d) and q (n, d), timed, by the solver that is kept for the task of this key.
+
+    After the call at which ``most_ns`` are spent no other begins.
+    """
 
     key: str
     P: Matrix
     q: Matrix
     watch: bool
+    most_ns: float
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Time them."""
-        return replace(attempt(lambda: _benches[self.key].block(self.P, self.q)), seen=seen() if self.watch else ())
+        return replace(attempt(lambda: _benches[self.key].block(self.P, self.q, self.most_ns)), seen=seen() if self.watch else ())
 
 
 @dataclass(frozen=True)
@@ -159,10 +163,10 @@ class Bench:
         """Nanoseconds of setting the solver up."""
         return time_call(partial(self.solver.setup, self._handed))
 
-    def block(self, P: Matrix, q: Matrix) -> Outcome:
+    def block(self, P: Matrix, q: Matrix, most_ns: float) -> Outcome:
         """Time a block; its data are as they were afterwards."""
         sums, before = (P.sum(), q.sum()), preemptions()
-        timed: Timed = (time_kernel if self._kernel else time_block)(self.solver, P, q, self._start)
+        timed: Timed = (time_kernel if self._kernel else time_block)(self.solver, P, q, self._start, most_ns)
         self._spoiled |= (P.sum(), q.sum()) != sums
         return Answered(found=True, preemptions=preemptions() - before, update_ns=timed.updates, solve_ns=timed.solves,
                         answers=timed.answers)
