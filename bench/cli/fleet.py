@@ -12,7 +12,7 @@ from bench.fleet.fleet import Work, done, draw, parts_of
 from bench.fleet.places import folder_here, matching
 from bench.fleet.report import DISTANT, sentences, shown, table_of, write
 from bench.processes.engine import Workers
-from bench.report.console import COLUMNS, LINES, console, errors, lines_of, print_json, print_table, progress_bar
+from bench.report.console import errors, lines_of, print_json, print_screen, progress_bar
 from piezo_model.recordings import RecordingError
 
 OutDir = Annotated[str | None, typer.Option("--out-dir", help="For many recordings: folder or URL for what is made of each, with a table "
@@ -21,7 +21,6 @@ PAGES = 12
 """Most outliers that have pages of their own."""
 MOST_REFUSED = 12
 """Lines on the first screen for what was refused."""
-AROUND = 8
 
 
 def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None = None) -> str:
@@ -60,19 +59,10 @@ def process(work: Work, recordings: Sequence[str], out: str, workers: Workers, t
     if as_json:
         print_json({"out_dir": out, "sentences": sentences(table, what), "rows": table.to_dict("records")})
     else:
-        below = [line for said in refused.refused for line in lines_of([said])]
-        if len(below) > MOST_REFUSED:
-            below = [*below[:MOST_REFUSED], "… and more in the table."]
-        above, short = lines_of(sentences(table, what)), shown(table)
-        rows = short.rows[:LINES - len(above) - len(below) - AROUND]
-        for line in above:
-            console.print(line)
-        if rows:
-            console.print(f"\n{short.title}:")
-            print_table(short.headings, rows, left=short.left, width=COLUMNS)
-        hidden = len(short.rows) - len(rows)
-        for line in [*([f"{hidden} more are on the page."] if hidden else []), *(["Refused:"] if below else []), *below]:
-            console.print(line)
-        console.print(f"Table: {out}/fleet.csv\nPage: {out}/fleet.html")
+        why, short = [line for said in refused.refused for line in lines_of([said])], shown(table)
+        if len(why) > MOST_REFUSED:
+            why = [*why[:MOST_REFUSED], "… and more in the table."]
+        print_screen([*lines_of(sentences(table, what)), "", f"{short.title}:"], short, len(short.rows), [
+            *(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"])
     if len(refused):
         raise RecordingError(f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why")

@@ -18,13 +18,12 @@ from bench.processes.solver_child import SolverChild
 from bench.races.registry import DEFAULT, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
 from bench.report.console import (
-    COLUMNS,
-    LINES,
     AsJson,
     console,
     errors,
     lines_of,
     print_json,
+    print_screen,
     print_table,
     progress_bar,
     records,
@@ -35,8 +34,6 @@ from solvers import Lane, Tier, entries
 from solvers.registry import OURS
 
 RESULTS = Path("results")
-AROUND, FEWEST_ROWS = 5, 10
-"""Lines of the first screen between table and sentences, and rows of the table that it has at least."""
 FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
@@ -218,11 +215,5 @@ def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     if excluded:
         count = len(excluded) + sum(map(len, run.settings["problems"].values()))
         below += ["", f"Not raced, {len(excluded)} of {count} problems:", *(f"{problem}: {why}" for problem, why in excluded)]
-    rows = shown.rows[:max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
-    for line in above:
-        console.print(line)
-    print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
-    hidden = len(found.ranking.rows) - len(rows)
-    for line in ([f"{hidden} more rows are on the page."] if hidden else []) + below:
-        console.print(line)
+    print_screen(above, shown, len(found.ranking.rows), below)
     console.print(f"Page: {path.with_suffix('.html')}\nReport: {path}")

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -20,6 +20,9 @@ from rich.text import Text
 
 from bench.passed.progress import Progress as Report
 from bench.rendering import terminal
+
+if TYPE_CHECKING:
+    from bench.report.report import Table as ShortTable  # with plots, which take a second to import
 
 
 class PlainConsole(Console):
@@ -37,6 +40,8 @@ console = PlainConsole(soft_wrap=True)
 errors = PlainConsole(stderr=True)
 COLUMNS, LINES = 100, 40
 """Of the first screen."""
+AROUND, FEWEST_ROWS = 5, 10
+"""Lines of the first screen between table and sentences, and rows of the table that it has at least."""
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
 
 
@@ -72,6 +77,17 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
     for row in rows:
         table.add_row(*row)
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
+
+
+def print_screen(above: Sequence[str], shown: ShortTable, total: int, below: Sequence[str]) -> None:
+    """The first screen: lines, as many rows of a table as there is room for, how many more there are, and lines."""
+    rows = shown.rows[:max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
+    for line in above:
+        console.print(line)
+    if rows:
+        print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
+    for line in [*([f"{total - len(rows)} more rows are on the page."] if total > len(rows) else []), *below]:
+        console.print(line)
 
 
 def print_json(value: Any) -> None:
