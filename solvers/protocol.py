@@ -5,7 +5,7 @@ A quadratic program is
     minimise ½ xᵀP x + qᵀx   subject to   G x ≤ h,  A x = b,  lb ≤ x ≤ ub
 
 as a :class:`qpsolvers.Problem`, and its answer is a :class:`qpsolvers.Solution`: the types of the
-ecosystem, with its definitions of the residuals. A solver is one class with four verbs (``setup``,
+ecosystem, with its definitions of the residuals. A solver is one class with four methods (``setup``,
 ``update``, ``solve``, ``solution``) in a file of its own; the folder of the file is its lane and the
 name of the file is its name (see :mod:`solvers.registry`). How exact an answer it is asked for is a rung of its
 ladder, :meth:`Solver.ladder`.
@@ -128,7 +128,7 @@ class Solver(ABC):
     """Class of the algorithm in the field's words: "dual active set", "interior point", …"""
     licence: ClassVar[str]
     distribution: ClassVar[str]
-    """Name of the package whose version is reported."""
+    """Name of the installed package whose version is reported; that of the solver's library, or "piezobench"."""
     built_with: ClassVar[str] = ""
     """Compiler and flags of what is built on this machine; reported with the version."""
     warm_startable: ClassVar[bool] = False

@@ -216,9 +216,10 @@ def describe(entry: Entry) -> Described:
         return Described(entry.name, entry.lane, "", "", "", False, absent=str(error))
     try:
         version = importlib.metadata.version(cls.distribution)
-    except importlib.metadata.PackageNotFoundError:  # what is not ours need not belong to a package of that name
+    except importlib.metadata.PackageNotFoundError:  # a user's own solver need not belong to a package of that name
         if entry.path is None and not entry.of_package:
-            raise
+            return Described(entry.name, entry.lane, "", "", "", False,
+                             absent=f"its class names the distribution {cls.distribution!r}, which is not installed")
         version = ""
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))

@@ -1,4 +1,4 @@
-"""The floors of the house and the levels inside ``bench``: imports point down only."""
+"""The three packages and the levels inside ``bench``: imports point down only."""
 
 import ast
 import json
@@ -20,8 +20,8 @@ LEVELS = (
     {"store"},
     {"rendering"},
     {"report"},                                                         # what all reports are made of
-    {"races"},                                                          # what the rooms share
-    {"a room"},                                                         # one kind of race, and nothing of another one
+    {"races"},                                                          # what the kinds of race share
+    {"a race"},                                                         # one kind of race, and nothing of another one
     {"comparison", "deploy", "experiment", "export", "fleet", "worst_case"},
     {"perf"},
     {"cli"},
@@ -52,8 +52,8 @@ def looking_up(root: Path) -> list[str]:
     """Imports inside ``bench`` that do not point down."""
     def part(name: str) -> tuple[int, str]:
         _, first, *rest = *name.split("."), ""
-        room = first == "races" and (root / "bench" / "races" / rest[0]).is_dir() and rest[0] != ""
-        return next(i for i, parts in enumerate(LEVELS) if ("a room" if room else first) in parts), rest[0] if room else first
+        race = first == "races" and (root / "bench" / "races" / rest[0]).is_dir() and rest[0] != ""
+        return next(i for i, parts in enumerate(LEVELS) if ("a race" if race else first) in parts), rest[0] if race else first
 
     found = []
     for path in files(root, "bench"):
@@ -79,7 +79,7 @@ def test_every_file_opens_by_saying_what_it_is() -> None:
             if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))] == []
 
 
-def test_an_import_that_points_up_or_into_another_room_is_found(tmp_path: Path) -> None:
+def test_an_import_that_points_up_or_into_another_race_is_found(tmp_path: Path) -> None:
     for name, line in {"solvers/a.py": "import piezo_model.b", "piezo_model/b.py": "from bench import store",
                        "bench/store.py": "from bench.races import kind", "bench/races/kind.py": "def f():\n import bench.races.one.race",
                        "bench/races/one/race.py": "from bench.races.two.race import x", "bench/deploy.py": "import bench.export.fmu",

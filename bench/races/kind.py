@@ -35,9 +35,9 @@ class Kind:
     settings : type
         Its settings; those that are made with :func:`bench.races.settings.option` are options of the command line.
     race : callable (run, progress, workers)
-        Do whatever is not done yet.
+        Do every task that is not done yet (``run.is_done``) and save each (``run.save``); a resumed run calls it again.
     report : callable (run)
-        What a finished run says and shows.
+        Make the :class:`bench.report.report.Report` of a finished run.
     own_problems : bool
         Whether it has problems of its own and takes no problem sets.
     spreads : bool

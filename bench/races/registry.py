@@ -1,4 +1,4 @@
-"""The folder is the registry: each folder beside this file is the room of one kind of race."""
+"""The folder is the registry: each folder beside this file with a ``kind.py`` is one kind of race."""
 
 from __future__ import annotations
 

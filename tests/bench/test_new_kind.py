@@ -1,4 +1,4 @@
-"""A new kind of race is one new room and nothing else: a toy that is laid beside the others races, stops, resumes and reports."""
+"""A new kind of race is one new folder and nothing else: a toy beside the others races, stops, resumes and reports."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ import pytest
 import bench
 
 WORKER = '''
-"""The child's side of the toy race: toss a coin in the solver's process."""
+"""What runs in a solver's process: toss a coin."""
 from dataclasses import dataclass
 
 from bench.passed.outcome import Outcome
@@ -25,7 +25,7 @@ class Toss(Request):
         return Outcome(found=self.number % 2 == 0, solver_status=cls.name)
 '''
 KIND = '''
-"""The toy race as the rest sees it."""
+"""The toy race: its table, settings, run and report, and the ``KIND`` that registers it."""
 from dataclasses import dataclass
 
 import pyarrow as pa
@@ -74,34 +74,34 @@ KIND = Kind("toy", "Toy race", "tosses of a coin", TOY, ToySettings, race, repor
 
 
 @pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package as it is, by links, and the toy's room beside the other rooms."""
-    folder, real = tmp_path_factory.mktemp("house"), Path(bench.__file__).parent
-    (folder / "bench" / "races" / "toy").mkdir(parents=True)
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as it is, by links, and the toy's folder beside those of the other races."""
+    root, real = tmp_path_factory.mktemp("root"), Path(bench.__file__).parent
+    (root / "bench" / "races" / "toy").mkdir(parents=True)
     for source in (*real.iterdir(), *(real / "races").iterdir()):
-        target = folder / "bench" / source.relative_to(real)
+        target = root / "bench" / source.relative_to(real)
         if not target.exists():
             target.symlink_to(source)
-    room = folder / "bench" / "races" / "toy"
+    toy = root / "bench" / "races" / "toy"
     for name, text in {"__init__.py": "", "worker.py": WORKER, "kind.py": KIND}.items():
-        (room / name).write_text(text)
-    return folder
+        (toy / name).write_text(text)
+    return root
 
 
-def piezobench(house: Path, *words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "bench", *map(str, words)], cwd=house, capture_output=True, text=True, check=False)
+def piezobench(root: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "bench", *map(str, words)], cwd=root, capture_output=True, text=True, check=False)
 
 
-def test_a_new_room_races_stops_resumes_and_reports(house: Path) -> None:
-    (house / "stop").touch()
-    run = house / "run"
-    asked = ("race", "--race", "toy", "--tosses", 4, "--solver", "daqp", "--lane", "direct", "--out", house, "--name", "run")
-    stopped = piezobench(house, *asked)
+def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
+    (root / "stop").touch()
+    run = root / "run"
+    asked = ("race", "--race", "toy", "--tosses", 4, "--solver", "daqp", "--lane", "direct", "--out", root, "--name", "run")
+    stopped = piezobench(root, *asked)
     assert stopped.returncode == 2, stopped.stderr
     assert "the coin rolled away; what is done is kept" in stopped.stderr
     assert len(list((run / "tasks").glob("*.npz"))) == 1
-    (house / "stop").unlink()
-    resumed = piezobench(house, "resume", run)
+    (root / "stop").unlink()
+    resumed = piezobench(root, "resume", run)
     assert resumed.returncode == 0, resumed.stderr
     assert "2 of 4 tosses show heads." in resumed.stdout
     rows = pd.read_parquet(run / "toy.parquet")
@@ -111,7 +111,7 @@ def test_a_new_room_races_stops_resumes_and_reports(house: Path) -> None:
         assert said in (run / name).read_text()
 
 
-def test_the_options_of_a_new_room_are_those_of_its_race_alone(house: Path) -> None:
-    refused = piezobench(house, "race", "--race", "loop", "--tosses", 4)
+def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> None:
+    refused = piezobench(root, "race", "--race", "loop", "--tosses", 4)
     assert refused.returncode == 2
     assert "only a toy has tosses; ask for --race toy" in refused.stderr

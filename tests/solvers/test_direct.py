@@ -400,3 +400,9 @@ def test_time_limit_of_highspy_counts_from_each_solve() -> None:
         solver.solve()
         assert solver._highs.getOptionValue("time_limit")[1] == before + 2.0  # type: ignore[attr-defined]
     assert before > 0
+
+
+def test_a_solver_whose_distribution_is_not_installed_is_absent_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = solvers.find("box_active_set")
+    monkeypatch.setattr(entry.load(), "distribution", "no_such_package")
+    assert "'no_such_package', which is not installed" in solvers.describe(entry).absent
