@@ -117,8 +117,8 @@ def _fit(fine: pd.DataFrame) -> tuple[pd.DataFrame, list[alt.TopLevelMixin]]:
     edges = np.logspace(low, high, BINS + 1)
     table = pd.DataFrame({"from_percent": edges[:-1], "to_percent": edges[1:], "recordings": np.histogram(errors, edges)[0]})
     x = alt.X(**charts.log("from_percent", "RMS error, % of the range", pd.Series(edges)))
-    plot = alt.Chart(charts.data(table)).mark_bar(color=charts.PALETTE[0]).encode(
-        x=x, x2="to_percent:Q", y=alt.Y("recordings:Q", title="recordings", axis=alt.Axis(tickMinStep=1)),
+    plot = alt.Chart(charts.data(table)).mark_rect(color=charts.PALETTE[0]).encode(
+        x=x, x2="to_percent:Q", y=alt.Y("recordings:Q", title="recordings", axis=alt.Axis(tickMinStep=1)), y2=alt.datum(0),
         tooltip=[alt.Tooltip("recordings:Q"), *(alt.Tooltip(f"{name}:Q", format=".3g") for name in ("from_percent", "to_percent"))])
     return table, [charts.finished(plot, None, 260)]
 
