@@ -87,7 +87,7 @@ def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None
     After the call at which ``most_ns`` are spent no other begins.
     """
     update, solve, keywords = solver.update, solver.solve, {} if start is None else {"warm_start": start}
-    updates, solves, answers, until = [], [], np.full(q.shape, np.nan), clock() + most_ns
+    updates, solves, answers, left_ns = [], [], np.full(q.shape, np.nan), most_ns
     with no_garbage_collection():
         for k in range(len(q)):
             Pk, qk = P[k], q[k]
@@ -99,7 +99,8 @@ def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None
             updates.append(between - begin)
             solves.append(end - between)
             _keep(answers[k], x)  # and not x itself, for which each call would take a new page of memory
-            if end > until:
+            left_ns -= end - begin
+            if left_ns < 0:
                 break
     return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[:len(solves)])
 
@@ -107,7 +108,7 @@ def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None
 def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timed:
     """The same timed inside compiled code, which takes the data once more for that; updates that are not compiled are timed here."""
     keywords = {} if start is None else {"warm_start": start}
-    updates, solves, answers, until = [], [], np.full(q.shape, np.nan), perf_counter_ns() + most_ns
+    updates, solves, answers, left_ns = [], [], np.full(q.shape, np.nan), most_ns
     with no_garbage_collection():
         for k in range(len(q)):
             taken = time_call(lambda k=k: solver.update(P=P[k], q=q[k]))  # type: ignore[misc]
@@ -115,7 +116,8 @@ def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = Non
             updates.append(taken if compiled is None else int(compiled[0]))
             solves.append(int(solved[0]))
             _keep(answers[k], np.asarray(solver.solution().x))
-            if perf_counter_ns() > until:
+            left_ns -= updates[-1] + solves[-1]
+            if left_ns < 0:
                 break
     return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[:len(solves)])
 
