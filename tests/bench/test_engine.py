@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, THIRD, TWO_CORES, Race
-from test_store import TIMES
+from test_store import without_times
 
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
@@ -17,7 +17,7 @@ from bench.timing import cores
 
 
 def same_but_for_times(run: Run, race: Race) -> None:
-    pd.testing.assert_frame_equal(run.rows(ONESHOT).drop(columns=TIMES), race.rows.drop(columns=TIMES))
+    pd.testing.assert_frame_equal(without_times(run.rows(ONESHOT)), without_times(race.rows))
 
 
 def places(run: Run) -> set[tuple[str, int]]:
