@@ -128,7 +128,7 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
         order = np.random.default_rng().permutation(len(q))
         first, other, spent = ask(child, task, P, q), ask(child, task, P[order], q[order]), ask(idle, nothing, P, q)
         if not (isinstance(first, Answered) and isinstance(other, Answered) and isinstance(spent, Answered)):
-            return ""
+            break
         more = min(_aside(block, IDLE * spent.used_ns) for block in (first, other))
         hard = first.calls_ns[order] > FEW * np.median(first.calls_ns)
         again = hard.any() and np.median(other.calls_ns[hard]) > FEW / 2 * np.median(other.calls_ns)
