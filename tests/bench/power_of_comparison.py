@@ -19,8 +19,9 @@ from bench.comparison.lines import CHANGES
 from bench.store import Run
 
 
-def race(folder: Path, name: str, factor: float, repeats: int, words: list[str]) -> Run:
-    """A race with the solver that waits, or what is there of that name."""
+def race(folder: Path, factor: float, repeats: int, number: int, words: list[str]) -> Run:
+    """A race with the solver that waits, or what is there of it."""
+    name = f"slowed{factor:g}-repeats{repeats}-{number}"
     if not (folder / name / "report.md").is_file():
         file = slowed_solver.write(folder / f"solver-{factor:g}", factor)
         subprocess.run([sys.executable, "-m", "bench", "race", *words, "--solver", str(file), "--repeats", str(repeats),
@@ -28,13 +29,14 @@ def race(folder: Path, name: str, factor: float, repeats: int, words: list[str])
     return Run.open(folder / name)
 
 
-def pair(folder: Path, name: str, factor: float, repeats: int, words: list[str]) -> RunComparison:
-    """Two races, the second with the solver slowed by a factor; says what is found."""
-    found = compare_runs(*(race(folder, f"{name}-{end}", of_end, repeats, words) for end, of_end in (("a", 1.0), ("b", factor))))
+def pair(folder: Path, number: int, factor: float, repeats: int, words: list[str]) -> RunComparison:
+    """Two races, the second with the solver slowed by a factor; says what is found. A first race is the first of every factor."""
+    second = race(folder, factor, repeats, 2 * number + 1, words)
+    found = compare_runs(race(folder, 1.0, repeats, 2 * number, words), second)
     lines = found.times.lines
     own, others = lines[lines.solver == "slowed"], lines[lines.solver != "slowed"]
     false = others if factor != 1.0 else lines
-    print(f"{name}: slowed {factor:g} times with {repeats} repeats; "
+    print(f"{second.path.name}: "
           + "; ".join(f"{line.timed} {line.ratio:.2f} ({line.ratio_low:.2f} to {line.ratio_high:.2f}), {line.finding}, could have shown "
                       f"{line.shown:.2f}" for line in own.itertuples())
           + f"; false lines {false.finding.isin(CHANGES).sum()} of {len(false)}", flush=True)
@@ -47,10 +49,10 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--pairs", type=int, default=6)
     asked, words = parser.parse_known_args()
-    same = [pair(asked.folder, f"same{i}", 1.0, 1, words) for i in range(asked.pairs)]
-    half = [pair(asked.folder, f"half{i}", 1.5, 1, words) for i in range(asked.pairs)]
+    same = [pair(asked.folder, i, 1.0, 1, words) for i in range(asked.pairs)]
+    half = [pair(asked.folder, i, 1.5, 1, words) for i in range(asked.pairs)]
     repeats = max(int(each.times.lines[each.times.lines.solver == "slowed"].repeats.min()) for each in same)
-    fifth = [pair(asked.folder, f"fifth{i}", 1.2, repeats, words) for i in range(asked.pairs)]
+    fifth = [pair(asked.folder, i, 1.2, repeats, words) for i in range(asked.pairs)]
     changed = [each.times.lines.finding.isin(CHANGES) for each in same]
     print(f"Nothing changed: {sum(map(sum, changed))} of {sum(map(len, changed))} lines differ.")
     for text, pairs in (("1.5 times, default effort", half), (f"1.2 times, {repeats} repeats", fifth)):
