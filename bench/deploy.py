@@ -55,23 +55,15 @@ CONTINUOUS = "recursive_active_set"
 
 @dataclass(frozen=True)
 class Rule:
-    """What is asked for.
-
-    Attributes
-    ----------
-    accuracy : float
-        Largest relative cost gap and violation.
-    deadline_us : float
-    lanes : tuple of Lane
-        Lanes that a controller can have.
-    misses : int
-        Deadlines that may be missed beyond the floor.
-    """
+    """What is asked for."""
 
     accuracy: float = 1e-9
+    """Largest relative cost gap and violation."""
     deadline_us: float = PERIOD_US
     lanes: tuple[Lane, ...] = (Lane.KERNEL, Lane.DIRECT)
+    """Lanes that a controller can have."""
     misses: int = 0
+    """Deadlines that may be missed beyond the floor."""
 
     @property
     def sentence(self) -> str:
@@ -82,38 +74,27 @@ class Rule:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One solver lane with its settings, and how it stands to the rule.
-
-    Attributes
-    ----------
-    solver, lane, tier : str
-        The tier is the most exact that it reaches on every problem, "" if it misses all.
-    settings : dict
-        Its rung, or its own.
-    gap, violation : float
-        The worst over the problems; infinite where one has no answer.
-    problems, right : int
-    samples, missed, beyond_floor : int
-        Deadlines.
-    time_us : float
-        Median as the report of the race has it.
-    tail : tuple of Percentile
-        For QUANTILES, each with value or reason.
-    """
+    """One solver lane with its settings, and how it stands to the rule."""
 
     solver: str
     lane: str
     tier: str
+    """The most exact that it reaches on every problem, "" if it misses all."""
     settings: dict[str, Any]
+    """Its rung, or its own."""
     gap: float
     violation: float
+    """The worst over the problems; infinite where one has no answer."""
     problems: int
     right: int
     samples: int
     missed: int
     beyond_floor: int
+    """Deadlines missed beyond those that the floor explains."""
     time_us: float
+    """Median as the report of the race has it."""
     tail: tuple[Percentile, ...]
+    """For QUANTILES, each with value or reason."""
 
     @property
     def name(self) -> str:
@@ -149,25 +130,17 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Decision:
-    """The choice and those that it was made among.
-
-    Attributes
-    ----------
-    chosen : Candidate
-    runners_up : tuple of Candidate
-        Those that qualify, too, in order.
-    refused : tuple of (Candidate, str)
-        The others, with why, the nearest first.
-    by : int
-        Index in QUANTILES of the percentile that decided.
-    """
+    """The choice and those that it was made among."""
 
     run: Run
     rule: Rule
     chosen: Candidate
     runners_up: tuple[Candidate, ...]
+    """Those that qualify, too, in order."""
     refused: tuple[tuple[Candidate, str], ...]
+    """The others, with why, the nearest first."""
     by: int
+    """Index in QUANTILES of the percentile that decided."""
 
     def sentences(self) -> list[str]:
         """Why, and what else there was."""

@@ -38,32 +38,21 @@ class DeploymentFile(json_file.Versioned):
 
 @dataclass(frozen=True)
 class Deployment:
-    """What a self-learning compensator starts from.
-
-    Attributes
-    ----------
-    model : HysteresisCreepModel
-    solver, lane : str
-        As of ``solvers.get``.
-    tier : str
-        What its answers reached.
-    settings : mapping
-        The solver's own, or its rung.
-    mode : "cyclic" or "continuous"
-    x_limits : pair of float
-        Limits of the drive in the input unit.
-    evidence : mapping
-        Run, machine, rule, figures and certificate; kept for people, not acted on.
-    """
+    """What a self-learning compensator starts from."""
 
     model: HysteresisCreepModel
     solver: str
     lane: str
+    """As of ``solvers.get``."""
     tier: str
+    """What its answers reached."""
     settings: Mapping[str, Any]
+    """The solver's own, or its rung."""
     mode: Mode
     x_limits: tuple[float, float]
+    """Limits of the drive in the input unit."""
     evidence: Mapping[str, Any] = field(default_factory=dict)
+    """Run, machine, rule, figures and certificate; kept for people, not acted on."""
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, whole or not at all."""

@@ -74,24 +74,6 @@ REFERENCES: dict[str, Callable[..., Vector]] = {
 @dataclass(frozen=True)
 class Situation:
     """One situation.
-
-    Attributes
-    ----------
-    seed : int
-        Its number.
-    plant : str
-        Kind of actuator, one of ``plants.names()``.
-    reference : str
-        One of ``REFERENCES``.
-    x_range, y_range : (float, float)
-        What its user believes the ranges of drive and output to be.
-    x_limits : (float, float)
-        What the amplifier gives.
-    y_ref : array (N,)
-        The reference, in the unit of the output.
-    sample_time : float
-    actuator_options, sensor_options : dict
-
     Examples
     --------
     >>> situation = Situation.draw(7, duration_s=2.0, sample_time=1e-3)
@@ -101,12 +83,18 @@ class Situation:
     """
 
     seed: int
+    """Its number."""
     plant: str
+    """Kind of actuator, one of ``plants.names()``."""
     reference: str
+    """One of ``REFERENCES``."""
     x_range: tuple[float, float]
     y_range: tuple[float, float]
+    """What its user believes the ranges of drive and output to be."""
     x_limits: tuple[float, float]
+    """What the amplifier gives."""
     y_ref: Vector
+    """The reference, in the unit of the output. Shape (N,)."""
     sample_time: float
     actuator_options: dict[str, Any]
     sensor_options: dict[str, Any]

@@ -54,22 +54,15 @@ class Excitation:
 
 @dataclass(frozen=True)
 class ExcitationReport:
-    """What the data say about the weights.
-
-    Attributes
-    ----------
-    unreached : tuple of str
-        Weights whose threshold the drive never reached.
-    undetermined : tuple of str
-        Combinations of the other weights that the data leave open, strongest members first.
-    condition : float
-        Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of
-        the machine, which is as far as rounding lets it be seen.
-    """
+    """What the data say about the weights."""
 
     unreached: tuple[str, ...]
+    """Weights whose threshold the drive never reached."""
     undetermined: tuple[str, ...]
+    """Combinations of the other weights that the data leave open, strongest members first."""
     condition: float
+    """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of the machine, which is as far
+    as rounding lets it be seen."""
 
 
 @dataclass(frozen=True)

@@ -53,38 +53,26 @@ def nothing(c: float, k: int) -> float:
 
 @dataclass(frozen=True)
 class Backend:
-    """One library behind one or more lanes.
-
-    Attributes
-    ----------
-    algorithm, licence, distribution : str
-        As of :class:`solvers.protocol.Solver`.
-    tolerances : mapping of str to function
-        The settings that change from rung to rung, each a function of c and k.
-    rungs : tuple of int
-        The exponents k, from loose to tight; without any the library has one rung.
-    polished : tuple of int
-        The exponents of the rungs that follow with ``polish``.
-    polish : mapping
-        Settings by which the library improves the answer that it ended with.
-    more : mapping
-        Settings of every rung.
-    always : mapping
-        Settings of every rung and of the default, too.
-    warm : bool
-        Whether a lane hands a starting point on to a library that uses it.
-    """
+    """One library behind one or more lanes."""
 
     algorithm: str
     licence: str
     distribution: str
+    """As of :class:`solvers.protocol.Solver`."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    """The settings that change from rung to rung, each a function of c and k."""
     rungs: tuple[int, ...] = ()
+    """The exponents k, from loose to tight; without any the library has one rung."""
     polished: tuple[int, ...] = ()
+    """The exponents of the rungs that follow with ``polish``."""
     polish: Mapping[str, Any] = field(default_factory=dict)
+    """Settings by which the library improves the answer that it ended with."""
     more: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of every rung."""
     always: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of every rung and of the default, too."""
     warm: bool = False
+    """Whether a lane hands a starting point on to a library that uses it."""
 
     def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
         """The settings of each rung for a problem of the constant c > 0.

@@ -64,38 +64,27 @@ Index = Annotated[int, msgspec.Meta(ge=0)]
 
 @dataclass(frozen=True)
 class Certificate:
-    """The ingredients of the proof.
-
-    Attributes
-    ----------
-    problem : str
-        SHA-256 of the data.
-    lower, upper, rows, equalities, pinned : tuple of int
-        The working set: variables at their bounds, active rows of G, rows of A that are independent, and variables
-        that nothing decides and that are set to zero.
-    convexity_shift : float
-        δ.
-    unique : bool
-        Whether x* is the only optimum (of the shifted problem).
-    x : tuple of float
-        x* rounded to double; :func:`exact_optimum` gives it exactly.
-    value : str
-        V(x*) as "p/q" in lowest terms.
-    value_rounded : float
-        V(x*) rounded to double.
-    """
+    """The ingredients of the proof."""
 
     problem: str
+    """SHA-256 of the data."""
     lower: tuple[Index, ...]
     upper: tuple[Index, ...]
     rows: tuple[Index, ...]
     equalities: tuple[Index, ...]
     pinned: tuple[Index, ...]
+    """The working set: variables at their bounds, active rows of G, rows of A that are independent, and variables that nothing decides and that
+    are set to zero."""
     convexity_shift: float
+    """δ."""
     unique: bool
+    """Whether x* is the only optimum (of the shifted problem)."""
     x: tuple[float, ...]
+    """x* rounded to double; :func:`exact_optimum` gives it exactly."""
     value: Annotated[str, msgspec.Meta(pattern=r"^-?[0-9]+(/[1-9][0-9]*)?$")]
+    """V(x*) as "p/q" in lowest terms."""
     value_rounded: float
+    """V(x*) rounded to double."""
 
     def to_json(self) -> str:
         """One JSON object; doubles survive the round trip bit by bit."""
@@ -118,22 +107,15 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far an answer x is from the optimum.
-
-    Attributes
-    ----------
-    absolute : float
-        V(x̂) − V* ≥ 0, exact and rounded once, where x̂ is the feasible point nearest to x.
-    relative : float
-        absolute / max(|V* + c|, 2^-52 |c|, smallest normal double). With c = ½Σx² the sum V + c is a sum of squared
-        errors; below 2^-52 |c| the sum V* + c is nothing but the rounding of c.
-    violation : float
-        ‖x − x̂‖∞, reported apart because an infeasible x can cost less than V*.
-    """
+    """How far an answer x is from the optimum."""
 
     absolute: float
+    """V(x̂) − V* ≥ 0, exact and rounded once, where x̂ is the feasible point nearest to x."""
     relative: float
+    """absolute / max(|V* + c|, 2^-52 |c|, smallest normal double). With c = ½Σx² the sum V + c is a sum of squared errors; below 2^-52 |c| the
+    sum V* + c is nothing but the rounding of c."""
     violation: float
+    """‖x − x̂‖∞, reported apart because an infeasible x can cost less than V*."""
 
 
 def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:

@@ -51,30 +51,20 @@ IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
 
 @dataclass(frozen=True)
 class RunComparison:
-    """What changed from run a to run b.
-
-    Attributes
-    ----------
-    a, b : Run
-    warnings : tuple of str
-        Why the two may not be comparable.
-    notes : tuple of str
-        Versions that differ.
-    doubts : tuple of str
-        Why what all solvers share may be theirs and not the machine's.
-    times : Times
-    rows : DataFrame
-        One row a row of either run: names, ``timed`` (how), ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``gap_a``,
-        ``gap_b``, ``status_a``, ``status_b``, ``changes`` (of CHANGES and OTHER_KINDS) and ``regression`` (worse otherwise than by its time).
-    """
+    """What changed from run a to run b."""
 
     a: Run
     b: Run
     warnings: tuple[str, ...]
+    """Why the two may not be comparable."""
     notes: tuple[str, ...]
+    """Versions that differ."""
     doubts: tuple[str, ...]
+    """Why what all solvers share may be theirs and not the machine's."""
     times: Times
     rows: pd.DataFrame
+    """One row a row of either run: names, ``timed`` (how), ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``gap_a``, ``gap_b``,
+    ``status_a``, ``status_b``, ``changes`` (of CHANGES and OTHER_KINDS) and ``regression`` (worse otherwise than by its time)."""
 
     @property
     def changed(self) -> pd.DataFrame:

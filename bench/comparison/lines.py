@@ -74,29 +74,20 @@ MOST_NAMED = 6
 
 @dataclass(frozen=True)
 class Times:
-    """What two runs say about times.
-
-    Attributes
-    ----------
-    lines : DataFrame
-        One row a line: LINE, ``rows``, ``ratio``, ``ratio_low``, ``ratio_high`` (95 %), ``shown`` (the smallest ratio that could have
-        been shown), ``p``, ``adjusted``, ``finding`` (slower, faster, SAME or CANNOT_TELL) and ``repeats`` that would do.
-    rows : DataFrame
-        One row a task: ``task``, ``timed``, ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted`` (NaN in lines that do not
-        differ) and ``change``.
-    machine : Series
-        By way of timing, the ratio that all share.
-    witnesses : int
-        Solvers that have times in both runs.
-    smallest : float
-        Smallest ratio that matters.
-    """
+    """What two runs say about times."""
 
     lines: pd.DataFrame
+    """One row a line: LINE, ``rows``, ``ratio``, ``ratio_low``, ``ratio_high`` (95 %), ``shown`` (the smallest ratio that could have been
+    shown), ``p``, ``adjusted``, ``finding`` (slower, faster, SAME or CANNOT_TELL) and ``repeats`` that would do."""
     rows: pd.DataFrame
+    """One row a task: ``task``, ``timed``, ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted`` (NaN in lines that do not differ) and
+    ``change``."""
     machine: pd.Series
+    """By way of timing, the ratio that all share."""
     witnesses: int
+    """Solvers that have times in both runs."""
     smallest: float
+    """Smallest ratio that matters."""
 
     def lanes(self, finding: str) -> int:
         """Solver lanes of which that is found, in turns or hot; of which nothing can be told, in turns and hot."""

@@ -29,25 +29,16 @@ DASHED, DOTTED = (5, 4), (1, 3)
 
 @dataclass(frozen=True)
 class Exhibit:
-    """A figure with its numbers and what they say.
-
-    Attributes
-    ----------
-    name : str
-        Of its files, without ending.
-    title, caption : str
-    sentences : tuple of str
-        The verdict in words, with numbers.
-    table : DataFrame
-        The numbers that are drawn.
-    chart : chart of Altair
-    """
+    """A figure with its numbers and what they say."""
 
     name: str
+    """Of its files, without ending."""
     title: str
     caption: str
     sentences: tuple[str, ...]
+    """The verdict in words, with numbers."""
     table: pd.DataFrame
+    """The numbers that are drawn."""
     chart: alt.TopLevelMixin
 
     def write(self, folder: Path) -> None:

@@ -69,19 +69,12 @@ class StepTime:
 
 @dataclass(frozen=True)
 class Replay:
-    """What a replay gave.
-
-    Attributes
-    ----------
-    x : array (N,)
-        Drives.
-    events : tuple of int
-        With learning: hand-overs, refusals, faults of the sensor, numerical faults.
-    time : StepTime or None
-    """
+    """What a replay gave."""
 
     x: Vector
+    """Drives. Shape (N,)."""
     events: tuple[int, ...]
+    """With learning: hand-overs, refusals, faults of the sensor, numerical faults."""
     time: StepTime | None
 
 

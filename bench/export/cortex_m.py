@@ -47,25 +47,17 @@ CORES = (Core("Cortex-M4F", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single pr
 
 @dataclass(frozen=True)
 class ControllerCost:
-    """What a step needs on one kind of controller.
-
-    Attributes
-    ----------
-    core : Core
-    flash_bytes, ram_bytes : int
-        Code and constants; the axis. The stack comes on top.
-    samples : int
-        That were listed.
-    median, largest : int or None
-        Instructions of a step over these samples, None where there are too many to be listed.
-    """
+    """What a step needs on one kind of controller."""
 
     core: Core
     flash_bytes: int
     ram_bytes: int
+    """Code and constants; the axis. The stack comes on top."""
     samples: int
+    """That were listed."""
     median: int | None
     largest: int | None
+    """Instructions of a step over these samples, None where there are too many to be listed."""
 
 
 def cross_build(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core) -> Path:

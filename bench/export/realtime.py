@@ -35,21 +35,15 @@ SLOWEST_HZ, FASTEST_HZ = 500.0, 1_000_000.0
 
 @dataclass(frozen=True)
 class Paced:
-    """One run on the schedule.
-
-    Attributes
-    ----------
-    rate_Hz : float
-    wake_ns, service_ns, response_ns : array (N,)
-    allowed : mapping
-        What the system allowed: memory, core, fifo → "yes" or why not.
-    """
+    """One run on the schedule."""
 
     rate_Hz: float
     wake_ns: Nanoseconds
     service_ns: Nanoseconds
     response_ns: Nanoseconds
+    """Shape (N,), like those before it."""
     allowed: dict[str, str]
+    """What the system allowed: memory, core, fifo → "yes" or why not."""
 
     @property
     def missed(self) -> int:
@@ -163,19 +157,12 @@ def histogram(times_ns: Nanoseconds) -> dict[float, int]:
 
 @dataclass(frozen=True)
 class RealTimeFigures:
-    """What the machine made of the schedule, a step that does nothing beside it, and what a step costs.
-
-    Attributes
-    ----------
-    step, null : Paced
-    highest_rate_Hz : float or None
-        None where it was not searched for.
-    cost : StepCost or None
-    """
+    """What the machine made of the schedule, a step that does nothing beside it, and what a step costs."""
 
     step: Paced
     null: Paced
     highest_rate_Hz: float | None
+    """None where it was not searched for."""
     cost: StepCost | None
 
     @property

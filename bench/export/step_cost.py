@@ -30,25 +30,16 @@ NOISE = 1e-3
 
 @dataclass(frozen=True)
 class StepCost:
-    """What was found, and why the rest was not.
-
-    Attributes
-    ----------
-    ns : float
-        Mean of a step in the fastest of some replays.
-    instructions : float or None
-        Mean of a step.
-    axis_bytes : int
-    controllers : tuple of ControllerCost
-    absent : tuple of str
-        What is not there, in sentences.
-    """
+    """What was found, and why the rest was not."""
 
     ns: float
+    """Mean of a step in the fastest of some replays."""
     instructions: float | None
+    """Mean of a step."""
     axis_bytes: int
     controllers: tuple[ControllerCost, ...]
     absent: tuple[str, ...]
+    """What is not there, in sentences."""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""

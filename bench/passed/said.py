@@ -24,28 +24,19 @@ LONGEST = 500
 
 @dataclass(frozen=True)
 class Said:
-    """What a solver says of its last answer.
-
-    Attributes
-    ----------
-    found : bool
-    status : str
-        In its own words, on one line.
-    iterations : int
-        ``UNSAID`` for none.
-    time_us : float
-        NaN for none.
-    y, z, z_box : array or None
-        Duals in qpsolvers' conventions.
-    """
+    """What a solver says of its last answer."""
 
     found: bool
     status: str
+    """In its own words, on one line."""
     iterations: int
+    """``UNSAID`` for none."""
     time_us: float
+    """NaN for none."""
     y: Vector | None
     z: Vector | None
     z_box: Vector | None
+    """Duals in qpsolvers' conventions."""
 
     @classmethod
     def of(cls, solution: Solution) -> Said:

@@ -48,31 +48,21 @@ class Window:
 
 @dataclass(frozen=True)
 class CertifiedForm:
-    """One scaling of a problem: the program in z, the weights w = ``to_weights`` z, and the proof of its optimum.
-
-    Attributes
-    ----------
-    qp : qpsolvers.Problem
-        Matrices dense or in compressed sparse columns.
-    c : float
-        Constant term of the cost.
-    to_weights : array or sparse matrix, shape (d, d)
-    certificate : Certificate
-    warm_start : array, shape (d,), optional
-        The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
-    cost_unit : float
-        One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum of squares.
-    windows : tuple of Window
-        Of which data are mixed that change from call to call.
-    """
+    """One scaling of a problem: the program in z, the weights w = ``to_weights`` z, and the proof of its optimum."""
 
     qp: Problem
+    """Matrices dense or in compressed sparse columns."""
     c: float
+    """Constant term of the cost."""
     to_weights: Any
+    """Shape (d, d)."""
     certificate: Certificate
     warm_start: Vector | None = None
+    """The optimum of the problem before this one, in the variables z of this one, where problems follow each other. Shape (d,)."""
     cost_unit: float = 0.0
+    """One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum of squares."""
     windows: tuple[Window, ...] = ()
+    """Of which data are mixed that change from call to call."""
 
     @cached_property
     def yardstick(self) -> float:
@@ -126,21 +116,14 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class RaceProblem:
-    """A problem as it is raced.
-
-    Attributes
-    ----------
-    set_name, name : str
-    forms : dict
-        By scaling, "scaled" and "raw".
-    validation : Validation, optional
-        Unseen data, for problems that come from an actuator.
-    """
+    """A problem as it is raced."""
 
     set_name: str
     name: str
     forms: dict[Scaling, CertifiedForm]
+    """By scaling, "scaled" and "raw"."""
     validation: Validation | None = None
+    """Unseen data, for problems that come from an actuator."""
 
     @property
     def d(self) -> int:

@@ -27,35 +27,24 @@ SEEDED = ("multi_sine", "random_walk")
 
 @dataclass(frozen=True)
 class Experiment:
-    """One building phase.
-
-    Attributes
-    ----------
-    plant, drive : str
-        Names of a simulated actuator and of a signal.
-    n, m : int
-        Orders of the model.
-    build_s : float
-        Length of the building phase in s.
-    reach : float
-        Share of the input range that the drive covers, from the low end up.
-    noise : float
-        Standard deviation of the sensor's noise as a share of the output's range; the quantum is half of it.
-    drift_per_s : float
-        Relative change of the actuator's gain per second.
-    proximal : float
-        As of ``IdentificationProblem``.
-    """
+    """One building phase."""
 
     plant: str
     drive: str
+    """Names of a simulated actuator and of a signal."""
     n: int = 5
     m: int = 3
+    """Orders of the model."""
     build_s: float = 8.0
+    """Length of the building phase in s."""
     reach: float = 1.0
+    """Share of the input range that the drive covers, from the low end up."""
     noise: float = 2e-4
+    """Standard deviation of the sensor's noise as a share of the output's range; the quantum is half of it."""
     drift_per_s: float = 0.0
+    """Relative change of the actuator's gain per second."""
     proximal: float = 1e-10
+    """As of ``IdentificationProblem``."""
     seed: int = 0
 
     def sensor(self) -> plants.Sensor:

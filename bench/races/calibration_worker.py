@@ -52,16 +52,11 @@ class Calibrated(Outcome):
 
 @dataclass(frozen=True)
 class Calibrate(Request):
-    """Answer each program at a rung, as in a race: after a set-up with other data.
-
-    Attributes
-    ----------
-    programs : tuple of (mapping, float, array (d, d), array (d,))
-        Programs by field with which a solver is set up, each with the constant that its ladder is made for, and the P and q that it answers.
-    rung : int
-    """
+    """Answer each program at a rung, as in a race: after a set-up with other data."""
 
     programs: tuple[tuple[Mapping[str, Any], float, Matrix, Vector], ...]
+    """Programs by field with which a solver is set up, each with the constant that its ladder is made for, and the P (d, d) and q (d,) that it
+    answers."""
     rung: int
 
     @classmethod

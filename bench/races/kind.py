@@ -20,39 +20,26 @@ from bench.timing import machine
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of race.
-
-    Attributes
-    ----------
-    name : str
-        That of its folder.
-    title : str
-        Of its reports.
-    summary : str
-        What it races, in a few words.
-    schema : Schema
-        Its table.
-    settings : type
-        Its settings; those that are made with :func:`bench.races.settings.option` are options of the command line.
-    race : callable (run, progress, workers)
-        Do every task that is not done yet (``run.is_done``) and save each (``run.save``); a resumed run calls it again.
-    report : callable (run)
-        Make the :class:`bench.report.report.Report` of a finished run.
-    own_problems : bool
-        Whether it has problems of its own and takes no problem sets.
-    spreads : bool
-        Whether it can use several workers.
-    """
+    """One kind of race."""
 
     name: str
+    """That of its folder."""
     title: str
+    """Of its reports."""
     summary: str
+    """What it races, in a few words."""
     schema: Schema
+    """Its table."""
     settings: type[RaceSettings]
+    """Its settings; those that are made with :func:`bench.races.settings.option` are options of the command line."""
     race: Callable[[Run, Progress, Workers], None]
+    """Do every task that is not done yet (``run.is_done``) and save each (``run.save``); a resumed run calls it again."""
     report: Callable[[Run], Report]
+    """Make the :class:`bench.report.report.Report` of a finished run."""
     own_problems: bool = False
+    """Whether it has problems of its own and takes no problem sets."""
     spreads: bool = False
+    """Whether it can use several workers."""
 
     def check(self, workers: Workers) -> None:
         """RaceError where the race cannot be spread like that."""

@@ -16,27 +16,17 @@ Draw = Callable[[pd.DataFrame], list[alt.TopLevelMixin]]
 
 @dataclass(frozen=True)
 class Table:
-    """A table with its cells as text; a page sorts its columns by the numbers that cells begin with.
-
-    Attributes
-    ----------
-    title : str
-    headings : sequence of str
-    rows : sequence of sequences of str
-    left : int
-        Columns of names, aligned to the left.
-    filters : sequence of str
-        Headings of the columns that a page offers a choice for.
-    note : str
-        What stands above it.
-    """
+    """A table with its cells as text; a page sorts its columns by the numbers that cells begin with."""
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     left: int = 1
+    """Columns of names, aligned to the left."""
     filters: Sequence[str] = ("lane", "tier", "status")
+    """Headings of the columns that a page offers a choice for."""
     note: str = ""
+    """What stands above it."""
 
     @property
     def choices(self) -> dict[str, list[str]]:
@@ -52,24 +42,15 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot or several of the same data.
-
-    Attributes
-    ----------
-    name : str
-        Of the files of its data and, in Markdown, of its picture.
-    title : str
-    definition : str
-        What is drawn and how it is defined, in sentences.
-    data : DataFrame
-        Everything that is drawn.
-    plots : sequence of charts
-    """
+    """One plot or several of the same data."""
 
     name: str
+    """Of the files of its data and, in Markdown, of its picture."""
     title: str
     definition: str
+    """What is drawn and how it is defined, in sentences."""
     data: pd.DataFrame
+    """Everything that is drawn."""
     plots: Sequence[alt.TopLevelMixin]
 
     @classmethod
@@ -85,35 +66,24 @@ class Figure:
 
 @dataclass(frozen=True)
 class Report:
-    """What a run says and shows.
-
-    Attributes
-    ----------
-    verdict : sequence of str
-        At most three sentences, which open every rendering.
-    ranking : Table
-        The short table of the first screen; its note says what the figures mean.
-    summary : DataFrame
-        Everything, as ``summary.csv`` and for machines.
-    figures : sequence of Figure
-        The first is the picture of the first screen; those without plots are left out.
-    notes : sequence of str
-        Further findings.
-    tables, definitions, limits
-        What stands below.
-    terminal : Table, optional
-        The short table where a line has 100 columns, if it differs.
-    """
+    """What a run says and shows."""
 
     verdict: Sequence[str]
+    """At most three sentences, which open every rendering."""
     ranking: Table
+    """The short table of the first screen; its note says what the figures mean."""
     summary: pd.DataFrame
+    """Everything, as ``summary.csv`` and for machines."""
     figures: Sequence[Figure] = ()
+    """The first is the picture of the first screen; those without plots are left out."""
     notes: Sequence[str] = ()
+    """Further findings."""
     tables: Sequence[Table] = ()
     definitions: Sequence[str] = ()
     limits: Sequence[str] = ("One machine, one run: compare ratios, not microseconds.",)
+    """What stands below."""
     terminal: Table | None = None
+    """The short table where a line has 100 columns, if it differs."""
     drawn: Sequence[Figure] = field(init=False)
 
     def __post_init__(self) -> None:

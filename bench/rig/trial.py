@@ -19,23 +19,16 @@ HINDSIGHT_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What a stage did.
-
-    Attributes
-    ----------
-    x, y : array (N, 2)
-        Drives in V and measured platform in µm along ``rig.y_ref``.
-    loop : array (M, 2)
-        Measured platform along ``rig.loop_ref``, without learning, directly afterwards.
-    learners : tuple of SelfLearningCompensator
-        As they are in the end; empty without learning.
-    """
+    """What a stage did."""
 
     rig: Rig
     x: Matrix
     y: Matrix
+    """Drives in V and measured platform in µm along ``rig.y_ref``. Shape (N, 2)."""
     loop: Matrix
+    """Measured platform along ``rig.loop_ref``, without learning, directly afterwards. Shape (M, 2)."""
     learners: tuple[SelfLearningCompensator, ...] = ()
+    """As they are in the end; empty without learning."""
 
     @property
     def error_um(self) -> Matrix:

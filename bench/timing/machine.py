@@ -62,26 +62,18 @@ TOLERATED_PREEMPTIONS = 1e-3
 
 @dataclass(frozen=True)
 class Counters:
-    """Where the system's counters stand; zero where it has none.
-
-    Attributes
-    ----------
-    seconds : float
-        On the monotonic clock.
-    stolen, busy, ticks : int
-        Time of all cores that a hypervisor gave to others, that they worked, and all time, in clock ticks.
-    switches : int
-        Context switches.
-    throttled : int
-        How often a core was slowed down since it was hot.
-    """
+    """Where the system's counters stand; zero where it has none."""
 
     seconds: float
+    """On the monotonic clock."""
     stolen: int
     busy: int
     ticks: int
+    """Time of all cores that a hypervisor gave to others, that they worked, and all time, in clock ticks."""
     switches: int
+    """Context switches."""
     throttled: int
+    """How often a core was slowed down since it was hot."""
 
 
 def counters() -> Counters:

@@ -32,23 +32,16 @@ QUANTILES = (0.5, 0.99, 0.999, 0.9999)
 
 @dataclass(frozen=True)
 class Percentile:
-    """A percentile with its interval, or the reason why there is none.
-
-    Attributes
-    ----------
-    q : float
-        As a share of one.
-    value, low, high : float or None
-        The percentile and the ends of its interval, in the unit of the sample; all None where it is refused.
-    reason : str
-        "", or what a refused percentile needs.
-    """
+    """A percentile with its interval, or the reason why there is none."""
 
     q: float
+    """As a share of one."""
     value: float | None = None
     low: float | None = None
     high: float | None = None
+    """The percentile and the ends of its interval, in the unit of the sample; all None where it is refused."""
     reason: str = ""
+    """Nothing, or what a refused percentile needs."""
 
     @property
     def name(self) -> str:

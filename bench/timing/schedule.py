@@ -40,27 +40,18 @@ def due(first_due: int, k: int, period_ns: int) -> int:
 
 @dataclass(frozen=True)
 class Timeline:
-    """What happened on the schedule; times in ns from the first due time on, one entry a solve.
-
-    Attributes
-    ----------
-    samples : int
-        Samples that came due.
-    solved : array (M,)
-        The sample that each solve began with.
-    data_ns : array (M,)
-        What bringing P and q up to that sample took, apart from the solver.
-    began, updated, ended : array (M,)
-        Begin, end of the solver's update, end.
-    period_ns : int
-    """
+    """What happened on the schedule; times in ns from the first due time on, one entry a solve."""
 
     samples: int
+    """Samples that came due."""
     solved: Index
+    """The sample that each solve began with. Shape (M,)."""
     data_ns: Nanoseconds
+    """What bringing P and q up to that sample took, apart from the solver. Shape (M,)."""
     began: Nanoseconds
     updated: Nanoseconds
     ended: Nanoseconds
+    """Begin, end of the solver's update, end. Shape (M,)."""
     period_ns: int = PERIOD_NS
 
     @property

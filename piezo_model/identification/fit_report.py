@@ -29,39 +29,27 @@ def percent(value: float) -> str:
 
 @dataclass(frozen=True)
 class Fit:
-    """Error of the forward model.
-
-    Attributes
-    ----------
-    samples : int
-        Samples counted.
-    skipped : int
-        Samples before them.
-    rms_percent, max_percent : float
-        Error over the counted part, per cent of the output's full range.
-    rms, max : float
-        The same in the output's unit.
-    skipped_max_percent : float
-        Largest error over the skipped part.
-    line_percent, cubic_percent : float
-        RMS error of the best line and the best cubic over the counted part.
-    line : pair of float
-        Constant and slope of the best line, unit amplitudes.
-    span : float
-        The output's full range, a transient apart, in its unit.
-    """
+    """Error of the forward model."""
 
     samples: int
+    """Samples counted."""
     skipped: int
+    """Samples before them."""
     rms_percent: float
     max_percent: float
+    """Error over the counted part, per cent of the output's full range."""
     rms: float
     max: float
+    """The same in the output's unit."""
     skipped_max_percent: float
+    """Largest error over the skipped part."""
     line_percent: float
     cubic_percent: float
+    """RMS error of the best line and the best cubic over the counted part."""
     line: tuple[float, float]
+    """Constant and slope of the best line, unit amplitudes."""
     span: float
+    """The output's full range, a transient apart, in its unit."""
 
     def headline(self, unit: str, where: str = "") -> str:
         """What the fit is worth, in one sentence."""

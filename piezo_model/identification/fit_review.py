@@ -34,51 +34,33 @@ TWO_SIDED = 1.96
 
 @dataclass(frozen=True)
 class Weight:
-    """One unknown.
-
-    Attributes
-    ----------
-    name : str
-    value : float
-        In unit amplitudes, with w_H0 = 1.
-    half_width : float
-        Of the 95 % interval; NaN at a bound and where it was not reached.
-    excitation : float
-        RMS of the operator's signal in unit amplitudes.
-    reached, at_bound : bool
-    """
+    """One unknown."""
 
     name: str
     value: float
+    """In unit amplitudes, with w_H0 = 1."""
     half_width: float
+    """Of the 95 % interval; NaN at a bound and where it was not reached."""
     excitation: float
+    """RMS of the operator's signal in unit amplitudes."""
     reached: bool
     at_bound: bool
 
 
 @dataclass(frozen=True)
 class Review:
-    """A recording and what its model makes of it.
-
-    Attributes
-    ----------
-    model : HysteresisCreepModel
-    x, y, y_model : array (N,)
-        As they were fitted, in the units of the recording; a lag and an offset that were removed are so here, too.
-    skipped : int
-        Samples at the start that are not counted.
-    weights : tuple of Weight
-    sentences : tuple of str
-        What the identification, or the validation, says.
-    """
+    """A recording and what its model makes of it."""
 
     model: HysteresisCreepModel
     x: Vector
     y: Vector
     y_model: Vector
+    """As they were fitted, in the units of the recording; a lag and an offset that were removed are so here, too. Shape (N,)."""
     skipped: int
+    """Samples at the start that are not counted."""
     weights: tuple[Weight, ...]
     sentences: tuple[str, ...]
+    """What the identification, or the validation, says."""
 
     @property
     def error(self) -> Vector:

@@ -35,39 +35,26 @@ SAMPLES = 200_000
 
 @dataclass(frozen=True)
 class Order:
-    """Orders with their cross-validated error.
-
-    Attributes
-    ----------
-    n, m, d : int
-        Orders and number of unknowns.
-    error_percent, standard_error : float
-        RMS error (5) on data left out, per cent of the input's range, and its standard error over the stretches.
-    """
+    """Orders with their cross-validated error."""
 
     n: int
     m: int
     d: int
+    """Orders and number of unknowns."""
     error_percent: float
     standard_error: float
+    """RMS error (5) on data left out, per cent of the input's range, and its standard error over the stretches."""
 
 
 @dataclass(frozen=True)
 class OrderSelection:
-    """All orders that were looked at, and the one to take.
-
-    Attributes
-    ----------
-    orders : tuple of Order
-    best : Order
-        With the smallest error.
-    chosen : Order
-        With the fewest unknowns within one standard error of it.
-    """
+    """All orders that were looked at, and the one to take."""
 
     orders: tuple[Order, ...]
     best: Order
+    """With the smallest error."""
     chosen: Order
+    """With the fewest unknowns within one standard error of it."""
 
     @property
     def misfit(self) -> bool:

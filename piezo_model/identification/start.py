@@ -38,24 +38,16 @@ BETTER = 0.998
 
 @dataclass(frozen=True)
 class Start:
-    """States before the first sample.
-
-    Attributes
-    ----------
-    first : float
-        Input at the first sample, unit amplitudes.
-    slopes : tuple of n floats
-        dz/dr between the thresholds, within −1 and 1: all 1 came down from far above, all −1 up from far below.
-    level : float or None
-        Input in unit amplitudes at which creep had rested; None where the plays are.
-    branch : float
-        How creep had come to its level, as of ``OperatorState.at_rest``.
-    """
+    """States before the first sample."""
 
     first: float
+    """Input at the first sample, unit amplitudes."""
     slopes: tuple[float, ...]
+    """dz/dr between the thresholds, within −1 and 1: all 1 came down from far above, all −1 up from far below."""
     level: float | None
+    """Input in unit amplitudes at which creep had rested; None where the plays are."""
     branch: float = 0.0
+    """How creep had come to its level, as of ``OperatorState.at_rest``."""
 
     @classmethod
     def rested(cls, s: ModelStructure, first: float, at: float, branch: float = 0.0, *, creep: bool) -> Start:

@@ -29,30 +29,20 @@ SAME = 1.001
 
 @dataclass(frozen=True)
 class Validation:
-    """What a model is worth on a recording.
-
-    Attributes
-    ----------
-    fit : Fit
-        The figures that an identification reports, with ``shift`` removed.
-    shift : float
-        Offset of the sensor against the session of the identification, output unit.
-    start : OperatorState
-        States before the first sample, as they were found.
-    fitted_rms_percent : float or None
-        What the identification reported.
-    beyond_percent : float
-        How far the drive leaves the range that the model was identified over, per cent of that range.
-    unit : str
-        Of the output.
-    """
+    """What a model is worth on a recording."""
 
     fit: Fit
+    """The figures that an identification reports, with ``shift`` removed."""
     shift: float
+    """Offset of the sensor against the session of the identification, output unit."""
     start: OperatorState
+    """States before the first sample, as they were found."""
     fitted_rms_percent: float | None
+    """What the identification reported."""
     beyond_percent: float
+    """How far the drive leaves the range that the model was identified over, per cent of that range."""
     unit: str
+    """Of the output."""
 
     def to_dict(self) -> dict[str, Any]:
         """Figures and sentences as JSON can hold them."""

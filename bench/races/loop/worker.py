@@ -30,27 +30,18 @@ LOOK_EVERY_S = 0.01
 
 @dataclass(frozen=True)
 class Decision:
-    """The end of a learning phase of one axis.
-
-    Attributes
-    ----------
-    sample : int
-        When it came.
-    taken : bool
-        Whether the new weights were taken over.
-    weights : array (d,)
-        Those in use from then on.
-    problem : IdentificationProblem or None
-        What was to be solved; None where it did not come to that.
-    learned_until : int
-        Last sample that was learned from; the solver began there.
-    """
+    """The end of a learning phase of one axis."""
 
     sample: int
+    """When it came."""
     taken: bool
+    """Whether the new weights were taken over."""
     weights: Vector
+    """Those in use from then on. Shape (d,)."""
     problem: IdentificationProblem | None
+    """What was to be solved; None where it did not come to that."""
     learned_until: int
+    """Last sample that was learned from; the solver began there."""
     error_old: float
     error_new: float
     message: str

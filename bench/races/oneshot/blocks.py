@@ -44,24 +44,17 @@ SEEN, QUICKEST, SEEN_NS, SLOW_NS = 8, 5.0, 2_000, 1_000_000
 
 @dataclass
 class Tally:
-    """What the blocks of a task gave, and what was wrong with them.
-
-    Attributes
-    ----------
-    updates, solves : list of arrays
-    answers : list of arrays (n, d)
-    gaps : dict
-        The larger of relative cost gap and violation of the answers that were sampled, by call; infinite for no answer.
-    fault : (Status, str) or None
-        The first thing that is wrong with the way in which it was timed.
-    """
+    """What the blocks of a task gave, and what was wrong with them."""
 
     updates: list[Nanoseconds] = field(default_factory=list)
     solves: list[Nanoseconds] = field(default_factory=list)
     answers: list[Matrix] = field(default_factory=list)
+    """Shape (n, d)."""
     gaps: dict[int, float] = field(default_factory=dict)
+    """The larger of relative cost gap and violation of the answers that were sampled, by call; infinite for no answer."""
     preemptions: int = 0
     fault: tuple[Status, str] | None = None
+    """The first thing that is wrong with the way in which it was timed."""
 
     @property
     def count(self) -> int:

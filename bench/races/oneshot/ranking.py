@@ -33,17 +33,10 @@ ASKED = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-
 
 @dataclass(frozen=True)
 class Result:
-    """What a solver lane took at one tier, and on how many problems its answer reached it.
-
-    Attributes
-    ----------
-    us : float
-        Median over the problems, NaN without any answer.
-    right, problems : int
-    worst_gap : float
-    """
+    """What a solver lane took at one tier, and on how many problems its answer reached it."""
 
     us: float
+    """Median over the problems, NaN without any answer."""
     right: int
     problems: int
     worst_gap: float

@@ -47,23 +47,15 @@ class Answered(Outcome):
 
 @dataclass(frozen=True)
 class OneShot(Request):
-    """Set a solver up, solve one problem, and keep the solver for the blocks that follow.
-
-    Attributes
-    ----------
-    task : Task
-    fields : mapping
-        The program by field.
-    warm_start : array (d,), optional
-        What every solve starts from; None for cold solves.
-    c : float
-        The constant that the solver's ladder is made for.
-    """
+    """Set a solver up, solve one problem, and keep the solver for the blocks that follow."""
 
     task: Task
     fields: Mapping[str, Any]
+    """The program by field."""
     warm_start: Vector | None = None
+    """What every solve starts from; None for cold solves. Shape (d,)."""
     c: float = 1.0
+    """The constant that the solver's ladder is made for."""
 
     @classmethod
     def of(cls, task: Task, form: Any) -> Self:

@@ -26,17 +26,11 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Judge:
-    """The optima of a stream, to hold answers against.
-
-    Attributes
-    ----------
-    stream : StreamProblem
-    best : array (N, d)
-        The optimum of each sample in doubles.
-    """
+    """The optima of a stream, to hold answers against."""
 
     stream: StreamProblem
     best: Matrix
+    """The optimum of each sample in doubles. Shape (N, d)."""
 
     @classmethod
     def of(cls, stream: StreamProblem) -> Judge:

@@ -50,30 +50,19 @@ class Instant:
 
 @dataclass(frozen=True, eq=False)
 class StreamProblem:
-    """A stream of rows and what is known of its optima.
-
-    Attributes
-    ----------
-    name : str
-    start : qpsolvers.Problem
-        The program before the first row.
-    c : float
-        Its constant.
-    answer : array (d,)
-        Its proven optimum, in use before the first answer.
-    rows : array (N, d + 1)
-        (ξ, x) of each sample.
-    forgetting : float
-        λ.
-    instants : tuple of Instant
-    """
+    """A stream of rows and what is known of its optima."""
 
     name: str
     start: Problem
+    """The program before the first row."""
     c: float
+    """Its constant."""
     answer: Vector
+    """Its proven optimum, in use before the first answer. Shape (d,)."""
     rows: Matrix
+    """(ξ, x) of each sample. Shape (N, d + 1)."""
     forgetting: float
+    """λ."""
     instants: tuple[Instant, ...]
 
     @property

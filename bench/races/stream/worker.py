@@ -41,50 +41,33 @@ KERNEL_BLOCK = 2_000
 
 @dataclass
 class Streamed(Outcome):
-    """What came back from a stream.
-
-    Attributes
-    ----------
-    timeline : Timeline, optional
-        On the schedule; None in the kernel lane.
-    answers : array (M, d)
-        Of each solve, NaN where it gave none; in the kernel lane of the first way along the rows.
-    kernel_ns : array (K,)
-        What each row took in the kernel lane.
-    """
+    """What came back from a stream."""
 
     timeline: Timeline | None = None
+    """On the schedule; None in the kernel lane."""
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
+    """Of each solve, NaN where it gave none; in the kernel lane of the first way along the rows. Shape (M, d)."""
     kernel_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """What each row took in the kernel lane. Shape (K,)."""
 
 
 @dataclass(frozen=True)
 class StreamRequest(Request):
-    """Follow a stream.
-
-    Attributes
-    ----------
-    task : Task
-    fields : mapping
-        The start's program by field.
-    start : array (d,)
-        What is in use before the first answer; every solver may start from it.
-    rows : array (N, d + 1)
-    forgetting : float
-    kernel_samples : int
-        The most rows in the kernel lane.
-    give_up : int
-        As of :func:`bench.timing.schedule.follow`.
-    """
+    """Follow a stream."""
 
     task: Task
     fields: Mapping[str, Any]
+    """The start's program by field."""
     c: float
     start: Vector
+    """What is in use before the first answer; every solver may start from it. Shape (d,)."""
     rows: Matrix
+    """Shape (N, d + 1)."""
     forgetting: float
     kernel_samples: int
+    """The most rows in the kernel lane."""
     give_up: int
+    """As of :func:`bench.timing.schedule.follow`."""
     period_ns: int = PERIOD_NS
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
