@@ -20,19 +20,12 @@
  */
 #include "box_lanes.h"
 
-enum { STRIP = PARTS == 1 ? BOX_STRIP : BOX_STRIP / 3 }; /* columns of the factor that stay in registers */
+enum { STRIP = PARTS == 1 ? 8 : PARTS == 2 ? 4 : 2 }; /* columns of the factor that stay in registers */
 #define SAFE_PIVOT ((real)1e-13)     /* least share of the diagonal of P that a pivot has */
 #define RESIDUAL ((real)64)          /* times the rounding of g: so much of g_F may be left */
 #define SMALLEST ((real)1e-30)       /* diagonal below which a lane is left */
 
 CORE_INLINE real *row8(const BoxLanes *s, real *matrix, int i) { return lane8(matrix, triangle_row(s->d + 1, i)); }
-/* 1 where a variable is free, else 0. */
-CORE_INLINE vec8 freedom(const BoxLanes *s, int i)
-{
-    const vec8 side = load(lane8(s->side, i));
-    return where_less(zeros(), mul(side, side), zeros(), splat(1));
-}
-
 /* Write S; 1 where the diagonal is positive and finite. */
 static vec8 take_scale(const BoxLanes *s)
 {
@@ -45,51 +38,52 @@ static vec8 take_scale(const BoxLanes *s)
     return fine;
 }
 
+/* g = q + P x, two rows at a time. */
 static void gradient(const BoxLanes *s)
 {
     const int d = s->d;
-    for (int i = 0; i < d; ++i) {
-        store(lane8(s->g, i), load(row8(s, s->data, i) + d * LANES));
+    real *const at = s->x, *const g = s->g;
+    int i = 0;
+    for (int j = 0; j < d; ++j) {
+        store(lane8(g, j), load(row8(s, s->data, j) + d * LANES));
     }
-    for (int i = 0; i < d; ++i) {
-        const real *const row = row8(s, s->data, i);
-        const vec8 x = load(lane8(s->x, i));
-        vec8 even = plus_product(load(lane8(s->g, i)), load(row + i * LANES), x), odd = zeros(); /* so that no sum waits for the one before */
-        int j = i + 1;
-        for (; j + 1 < d; j += 2) {
-            const vec8 entry = load(row + j * LANES), next = load(row + (j + 1) * LANES);
-            odd = plus_product(odd, entry, load(lane8(s->x, j)));
-            even = plus_product(even, next, load(lane8(s->x, j + 1)));
-            store(lane8(s->g, j), plus_product(load(lane8(s->g, j)), entry, x));
-            store(lane8(s->g, j + 1), plus_product(load(lane8(s->g, j + 1)), next, x));
+    for (; i + 1 < d; i += 2) {
+        const real *const row = row8(s, s->data, i), *const next = row8(s, s->data, i + 1);
+        const vec8 x = load(lane8(at, i)), x_next = load(lane8(at, i + 1)), beside = load(row + (i + 1) * LANES);
+        vec8 sum = plus_product(plus_product(load(lane8(g, i)), load(row + i * LANES), x), beside, x_next);
+        vec8 sum_next = plus_product(plus_product(load(lane8(g, i + 1)), beside, x), load(next + (i + 1) * LANES), x_next);
+        for (int j = i + 2; j < d; ++j) {
+            const vec8 entry = load(row + j * LANES), entry_next = load(next + j * LANES), x_j = load(lane8(at, j));
+            sum = plus_product(sum, entry, x_j);
+            sum_next = plus_product(sum_next, entry_next, x_j);
+            store(lane8(g, j), plus_product(plus_product(load(lane8(g, j)), entry, x), entry_next, x_next));
         }
-        if (j < d) {
-            const vec8 entry = load(row + j * LANES);
-            odd = plus_product(odd, entry, load(lane8(s->x, j)));
-            store(lane8(s->g, j), plus_product(load(lane8(s->g, j)), entry, x));
-        }
-        store(lane8(s->g, i), add(even, odd));
+        store(lane8(g, i), sum);
+        store(lane8(g, i + 1), sum_next);
+    }
+    if (i < d) {
+        store(lane8(g, i), plus_product(load(lane8(g, i)), load(row8(s, s->data, i) + i * LANES), load(lane8(at, i))));
     }
 }
 
-/* A strip of columns from j on of row i of the factor: U_ij = A_ij - sum over k < i of (U_ki / D_k) U_kj. What is beyond the row's end
- * belongs to the row below, which is not there yet. */
-static void strip_of_row(const BoxLanes *s, int i, int j)
+/* So many columns from j on of row i of the factor: U_ij = P_ij - sum over k < i of (U_ki / D_k) U_kj, zero where i or j is at a bound. */
+CORE_INLINE void strip_of_row(const BoxLanes *s, int i, int j, int columns)
 {
+    const real *const source = row8(s, s->data, i) + j * LANES, *above = s->U + j * LANES;
     real *const to = row8(s, s->U, i) + j * LANES;
-    vec8 sum[STRIP];
-    for (int c = 0; c < STRIP; ++c) {
-        sum[c] = load(to + c * LANES);
+    const vec8 is_free = load(lane8(s->free, i));
+    vec8 sum[LANES];
+    for (int c = 0; c < columns; ++c) {
+        sum[c] = load(source + c * LANES);
     }
-    for (int k = 0; k < i; ++k) {
-        const real *const above = row8(s, s->U, k) + j * LANES;
+    for (int k = 0; k < i; ++k, above += (s->d - k + 1) * LANES) {
         const vec8 share = load(lane8(s->column, k));
-        for (int c = 0; c < STRIP; ++c) {
+        for (int c = 0; c < columns; ++c) {
             sum[c] = less_product(sum[c], share, load(above + c * LANES));
         }
     }
-    for (int c = 0; c < STRIP; ++c) {
-        store(to + c * LANES, sum[c]);
+    for (int c = 0; c < columns; ++c) {
+        store(to + c * LANES, mul(mul(is_free, load(lane8(s->free, j + c))), sum[c]));
     }
 }
 
@@ -97,26 +91,36 @@ static void strip_of_row(const BoxLanes *s, int i, int j)
 static vec8 factorise(const BoxLanes *s)
 {
     const int d = s->d;
+    real *const inverse = s->inverse, *const column = s->column;
     vec8 safe = splat(1);
     for (int i = 0; i < d; ++i) {
         real *const row = row8(s, s->U, i);
-        const real *const source = row8(s, s->data, i);
-        const vec8 is_free = freedom(s, i), held = sub(splat(1), is_free), diagonal = load(source + i * LANES);
-        vec8 pivot;
-        store(row + i * LANES, plus_product(held, is_free, diagonal));
-        for (int c = i + 1; c < d; ++c) {
-            store(row + c * LANES, mul(mul(is_free, freedom(s, c)), load(source + c * LANES)));
+        const real *above = s->U;
+        const vec8 is_free = load(lane8(s->free, i)), diagonal = load(row8(s, s->data, i) + i * LANES);
+        vec8 right = load(lane8(s->g, i)), pivot = diagonal;
+        int j = i + 1;
+        for (int k = 0; k < i; ++k, above += (d - k + 1) * LANES) {
+            const vec8 entry = load(above + i * LANES), share = mul(entry, load(lane8(inverse, k)));
+            store(lane8(column, k), share);
+            pivot = less_product(pivot, share, entry);
+            right = less_product(right, share, load(above + d * LANES));
         }
-        store(row + d * LANES, where_less(zeros(), is_free, sub(zeros(), load(lane8(s->g, i))), load(lane8(s->x, i))));
-        for (int k = 0; k < i; ++k) {
-            store(lane8(s->column, k), mul(load(row8(s, s->U, k) + i * LANES), load(lane8(s->inverse, k))));
-        }
-        for (int j = i; j <= d; j += STRIP) {
-            strip_of_row(s, i, j);
-        }
-        pivot = load(row + i * LANES);
+        store(row + d * LANES, right);
+        /* The division first, since every row waits for the one before. */
         safe = where_less(mul(mul(splat(SAFE_PIVOT), is_free), diagonal), pivot, safe, zeros());
-        store(lane8(s->inverse, i), over(splat(1), pivot));
+        store(lane8(inverse, i), over(splat(1), where_less(zeros(), is_free, pivot, splat(1))));
+        for (; j + STRIP <= d; j += STRIP) {
+            strip_of_row(s, i, j, STRIP);
+        }
+        switch (d - j) {
+        case 7: strip_of_row(s, i, j, 7); break;
+        case 6: strip_of_row(s, i, j, 6); break;
+        case 5: strip_of_row(s, i, j, 5); break;
+        case 4: strip_of_row(s, i, j, 4); break;
+        case 3: strip_of_row(s, i, j, 3); break;
+        case 2: strip_of_row(s, i, j, 2); break;
+        case 1: strip_of_row(s, i, j, 1); break;
+        }
     }
     return safe;
 }
@@ -125,14 +129,14 @@ static vec8 factorise(const BoxLanes *s)
 static void substitute_back(const BoxLanes *s)
 {
     const int d = s->d;
-    for (int j = d - 1; j >= 0; --j) {
-        const vec8 found = mul(load(row8(s, s->U, j) + d * LANES), load(lane8(s->inverse, j)));
-        const vec8 x = where_less(zeros(), freedom(s, j), found, load(lane8(s->x, j)));
-        store(lane8(s->x, j), x);
-        for (int i = 0; i < j; ++i) {
-            real *const row = row8(s, s->U, i);
-            store(row + d * LANES, less_product(load(row + d * LANES), load(row + j * LANES), x));
+    for (int i = d - 1; i >= 0; --i) {
+        const real *const row = row8(s, s->U, i);
+        vec8 right = load(row + d * LANES);
+        for (int j = d - 1; j > i; --j) {
+            right = plus_product(right, load(row + j * LANES), load(lane8(s->x, j)));
         }
+        right = mul(sub(zeros(), right), load(lane8(s->inverse, i)));
+        store(lane8(s->x, i), where_less(zeros(), load(lane8(s->free, i)), right, load(lane8(s->x, i))));
     }
 }
 
@@ -150,7 +154,7 @@ static vec8 exchange(const BoxLanes *s, vec8 *broken)
     tolerance = mul(splat(4 * (real)d * REAL_EPSILON), largest);
     for (int i = 0; i < d; ++i) {
         const vec8 side = load(lane8(s->side, i)), x = load(lane8(s->x, i)), g = mul(load(lane8(s->scale, i)), load(lane8(s->g, i)));
-        const vec8 is_free = freedom(s, i), left = mul(is_free, magnitude(g));
+        const vec8 is_free = load(lane8(s->free, i)), left = mul(is_free, magnitude(g));
         const vec8 outside = where_less(x, load(lane8(s->lb, i)), splat(-1), where_less(load(lane8(s->ub, i)), x, splat(1), zeros()));
         const vec8 kept = where_less(tolerance, mul(side, g), zeros(), side);
         const vec8 next = where_less(zeros(), is_free, outside, kept), change = sub(next, side);
@@ -172,6 +176,7 @@ int box_lanes_solve(const BoxLanes *s)
         for (int i = 0; i < s->d; ++i) {
             const vec8 side = load(lane8(s->side, i)), upper = where_less(zeros(), side, load(lane8(s->ub, i)), zeros());
             store(lane8(s->x, i), where_less(side, zeros(), load(lane8(s->lb, i)), upper));
+            store(lane8(s->free, i), where_less(zeros(), mul(side, side), zeros(), splat(1)));
         }
         gradient(s);
         safe = mul(fine, factorise(s));

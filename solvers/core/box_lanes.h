@@ -9,7 +9,6 @@
 #include "room.h"
 
 enum { BOX_ROUNDS = 24 }; /* systems after which a lane is left to whoever can do more */
-enum { BOX_STRIP = 6 };   /* vectors that the factor may write beyond its end */
 
 typedef struct {
     int d;
@@ -17,7 +16,7 @@ typedef struct {
     real *lb, *ub, *x;   /* d */
     real *side;          /* d: -1 at the lower bound, 1 at the upper, 0 free; where it begins and what it found */
     real *solved;        /* one vector: 1 where x is the minimiser */
-    real *U, *inverse, *column, *g, *scale; /* room: triangle(d + 1) + BOX_STRIP, and d each */
+    real *U, *free, *inverse, *column, *g, *scale; /* room: triangle(d + 1), and d each */
 } BoxLanes;
 
 /* Entries of the upper triangle of a matrix of this order. */
@@ -26,12 +25,13 @@ CORE_INLINE int triangle(int order) { return order * (order + 1) / 2; }
 CORE_INLINE int triangle_row(int order, int i) { return i * (2 * order - i - 1) / 2; }
 
 /* Room that a solve needs besides the program, in numbers. */
-CORE_INLINE int box_lanes_room(int d) { return LANES * (triangle(d + 1) + BOX_STRIP + 4 * d); }
+CORE_INLINE int box_lanes_room(int d) { return LANES * (triangle(d + 1) + 5 * d); }
 CORE_INLINE real *lane8(real *v, int i) { return v + (size_t)i * LANES; }
 
 CORE_INLINE void box_lanes_take_room(BoxLanes *s, Room *room)
 {
-    s->U = reals(room, triangle(s->d + 1) + BOX_STRIP, LANES);
+    s->U = reals(room, triangle(s->d + 1), LANES);
+    s->free = reals(room, s->d, LANES);
     s->inverse = reals(room, s->d, LANES);
     s->column = reals(room, s->d, LANES);
     s->g = reals(room, s->d, LANES);
