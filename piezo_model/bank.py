@@ -39,12 +39,13 @@ Index = NDArray[np.int64]
 LANES, BLOCK = 8, 32
 """Actuators of a tile; most rows that are gathered before they are added, as of ``core/bank.h``."""
 GOLDEN = 0.6180339887498949
-"""Tile t begins the fraction of t times this of an interval late: evenly spread, however many tiles there are."""
+"""Tile t begins the fraction of t times this of an interval late, evenly spread however many tiles there are, and t whole ones, so that
+checkpoints are spread, too."""
 MEMORY = ("learning", "left", "probation", "level", "squares_in_use", "squares_candidate", "predicted", "established", "noted", "revert",
           "wait", "in_half", "low", "high", "low_before", "high_before", "last_x", "last_y", "way", "x_lowest", "x_highest", "hand_overs",
           "refusals", "faults", "alone")
 """What each learner remembers beside vectors, in the order of ``core/bank.h``."""
-FORMAT, VERSION = "piezobench-bank", 1
+FORMAT, VERSION = "piezobench-bank", 2
 
 
 class CompensatorBank:
@@ -93,13 +94,13 @@ class CompensatorBank:
         self._pool: ThreadPoolExecutor | None = None
         self._slots: Index = np.empty(0, np.int64)
         self._tiles = 0
-        self._table: Matrix = np.empty((0, 0))
+        self._tables: list[Matrix] = []
         self._allocate(-(-count // LANES))
         self.add(count, x_limits, learn)
 
     def _allocate(self, tiles: int) -> None:
         """Make room for so many tiles, the first of them as they are."""
-        s, shape, before, tiles_before = self.structure, self.structure.shape, self._table, self._tiles
+        s, shape, before, tiles_before = self.structure, self.structure.shape, self._tables, self._tiles
         self._tiles = tiles
         core = State(face.bank_bytes(*shape, tiles), lambda block: face.bank_setup(block, *shape, tiles))
         self._core = core
@@ -115,18 +116,20 @@ class CompensatorBank:
                              ("outer_low", arrays.outer.low), ("outer_high", arrays.outer.high)):
             core[name][:] = values[:s.dead_zones]
         places = core.places
-        first, numbers = places["tile"]
-        table = core.block[first:first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
-        self._table = table
-        self._views = {}
-        for name, (at, length) in places.items():
-            begin = (at - first) // 8
-            if begin >= 0 and name != "tile":
-                self._views[name] = table[:, begin:begin + length].reshape(tiles, length // LANES, LANES)
-        if tiles_before:
-            table[:tiles_before] = before
+        self._views, self._tables = {}, []
+        for part in ("driver", "learner", "note"):
+            first, numbers = places[part]
+            table = core.block[first:first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
+            self._tables.append(table)
+            for name, (at, length) in places.items():
+                begin = (at - first) // 8
+                if begin >= 0 and begin + length <= numbers and name != part:
+                    self._views[name] = table[:, begin:begin + length].reshape(tiles, length // LANES, LANES)
+        for table, old in zip(self._tables, before, strict=False):
+            table[:tiles_before] = old
         counts = self._views["counts"].view(np.int64)
-        late = np.floor(np.arange(tiles) * GOLDEN % 1.0 * self.interval).astype(np.int64)
+        number = np.arange(tiles)
+        late = np.floor(number * GOLDEN % 1.0 * self.interval).astype(np.int64) + number % (checkpoint // self.interval) * self.interval
         counts[tiles_before:, 0, 0] = late[tiles_before:]
         self._views["w_H"][tiles_before:, 0] = 1.0
         self._room = [block(face.bank_room_bytes(*shape)) for _ in range(self.threads)]
@@ -165,7 +168,7 @@ class CompensatorBank:
         for name in self._views:
             if name != "counts":
                 self._set(name, new, 0.0)
-        self._set("seen_y", new, math.nan)
+        self._views["seen"][new // LANES, 1::2, new % LANES] = math.nan
         self._set("limits", new, np.column_stack([low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale]))
         self._set("fade", new, np.array([0.0, s.y_centre]))
         memory = np.zeros(len(MEMORY))

@@ -10,21 +10,27 @@
 
 #define FARTHEST ((real)1e6) /* as in compensator.c */
 
-static int count_of_numbers(Shape s)
-{
-    const int d = unknowns(s), states = (1 + s.rates) * (s.n + 1);
-    return 2 * states + 4 * (s.n + 1) + s.zones + creep_weights(s) + 1 + 4 + 2 + 2 * BANK_BLOCK + MEMORY_LENGTH + 3 * d
-        + 3 * triangle(d + 1) + 2 * (d + 1);
-}
+enum { TOGETHER = 32 }; /* tiles that go through many samples together: so many stay in the second-level cache */
 
-static int64_t tile_bytes(Shape s) { return 64 + (int64_t)sizeof(real) * LANES * count_of_numbers(s); }
+static int64_t vectors(int count) { return (int64_t)sizeof(real) * LANES * count; }
+static int states(Shape s) { return (1 + s.rates) * (s.n + 1); }
+static int64_t driver_bytes(Shape s) { return 64 + vectors(states(s) + 4 * (s.n + 1) + s.zones + creep_weights(s) + 1 + 4 + 2); }
+static int64_t learner_bytes(Shape s)
+{
+    const int d = unknowns(s);
+    return vectors(states(s) + MEMORY_LENGTH + 2 * d + triangle(d + 1) + 2 * BANK_BLOCK);
+}
+static int64_t note_bytes(Shape s) { return vectors(2 * (triangle(unknowns(s) + 1) + unknowns(s) + 1)); }
 
 static int64_t parameter_bytes(Shape s)
 {
-    return room_bytes(sizeof(BankSettings)) + (int64_t)sizeof(real) * padded((1 + s.rates) * (s.n + 1) + 4 * s.zones);
+    return room_bytes(sizeof(BankSettings)) + (int64_t)sizeof(real) * padded(states(s) + 4 * s.zones);
 }
 
-int64_t bank_bytes(Shape s, int64_t tiles) { return HEAD_BYTES + parameter_bytes(s) + tiles * tile_bytes(s); }
+int64_t bank_bytes(Shape s, int64_t tiles)
+{
+    return HEAD_BYTES + parameter_bytes(s) + tiles * (driver_bytes(s) + learner_bytes(s) + note_bytes(s));
+}
 
 Bank bank_at(void *memory)
 {
@@ -40,7 +46,9 @@ Bank bank_at(void *memory)
     b.zone_high = reals(&room, 1, b.shape.zones);
     b.outer_low = reals(&room, 1, b.shape.zones);
     b.outer_high = reals(&room, 1, b.shape.zones);
-    b.tiles = (char *)memory + HEAD_BYTES + parameter_bytes(b.shape);
+    b.drivers = (char *)memory + HEAD_BYTES + parameter_bytes(b.shape);
+    b.learners = b.drivers + b.head->tiles * driver_bytes(b.shape);
+    b.notes = b.learners + b.head->tiles * learner_bytes(b.shape);
     return b;
 }
 
@@ -57,7 +65,8 @@ Tile tile_at(const Bank *b, int64_t tile)
 {
     const Shape s = b->shape;
     Tile t;
-    Room room = {b->tiles + tile * tile_bytes(s)};
+    Room room = {b->drivers + tile * driver_bytes(s)};
+    t.number = (int)tile;
     t.counts = room_for(&room, sizeof *t.counts);
     t.play = reals(&room, s.n + 1, LANES);
     t.creep = reals(&room, s.rates * (s.n + 1), LANES);
@@ -70,15 +79,15 @@ Tile tile_at(const Bank *b, int64_t tile)
     t.offset = reals(&room, 1, LANES);
     t.limits = reals(&room, 4, LANES);
     t.fade = reals(&room, 2, LANES);
-    t.seen_x = reals(&room, BANK_BLOCK, LANES);
-    t.seen_y = reals(&room, BANK_BLOCK, LANES);
+    room.at = b->learners + tile * learner_bytes(s);
     t.old_play = reals(&room, s.n + 1, LANES);
     t.old_creep = reals(&room, s.rates * (s.n + 1), LANES);
     t.memory = reals(&room, MEMORY_LENGTH, LANES);
     t.in_use = reals(&room, b->d, LANES);
     t.candidate = reals(&room, b->d, LANES);
-    t.side = reals(&room, b->d, LANES);
     t.gram = reals(&room, triangle(b->d + 1), LANES);
+    t.seen = reals(&room, 2 * BANK_BLOCK, LANES);
+    room.at = b->notes + tile * note_bytes(s);
     t.older = take_note(&room, b->d);
     t.newer = take_note(&room, b->d);
     return t;
@@ -178,7 +187,7 @@ static void hand_over(const Bank *b, const Tile *t, vec8 which)
     put_where(which, t->fade, add(load(t->fade), sub(before, drive_now(b, t))));
 }
 
-vec8 tile_step(const Bank *b, const Tile *t, vec8 y_ref, vec8 y, void *room)
+static vec8 tile_step(const Bank *b, const Tile *t, vec8 y_ref, vec8 y, void *room)
 {
     const BankSettings *const p = b->settings;
     const vec8 last = load(t->play), reach = splat(p->max_step), x_centre = splat(p->x_centre), x_scale = splat(p->x_scale);
@@ -200,4 +209,34 @@ vec8 tile_step(const Bank *b, const Tile *t, vec8 y_ref, vec8 y, void *room)
     unit = over(sub(x, x_centre), x_scale);
     advance_lanes(b, unit, t->play, t->creep);
     return x;
+}
+
+/* Have the memory on its way that the next step of this tile needs, while the tile before it is at work. */
+static void fetch_tile(const Bank *b, int64_t tile)
+{
+    const Tile t = tile_at(b, tile);
+    const int block = (int)b->settings->block;
+    fetch(t.counts, driver_bytes(b->shape));
+    if ((t.counts->sample + 1) % block == 0) {
+        fetch(t.old_play, learner_bytes(b->shape) - vectors(2 * (BANK_BLOCK - block)));
+    }
+}
+
+void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples, void *room)
+{
+    const int64_t width = b->head->tiles * LANES;
+    for (int64_t begin = first; begin < last; begin += TOGETHER) {
+        const int64_t end = begin + TOGETHER < last ? begin + TOGETHER : last;
+        for (int64_t k = 0; k < samples; ++k) {
+            for (int64_t i = begin; i < end; ++i) {
+                const Tile t = tile_at(b, i);
+                const int64_t at = k * width + i * LANES;
+                if (i + 1 < last) {
+                    fetch_tile(b, i + 1);
+                }
+                store(x + at, tile_step(b, &t, load(y_ref + at), load(y + at), room));
+            }
+        }
+    }
+    finish_optima(b, room);
 }

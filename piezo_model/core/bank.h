@@ -39,7 +39,7 @@ typedef struct {
     BankSettings *settings;
     real *r, *a;                                        /* of play, and of creep by rates */
     real *zone_low, *zone_high, *outer_low, *outer_high; /* as in regressors.h */
-    char *tiles;
+    char *drivers, *learners, *notes; /* the three parts of the tiles, each of all tiles in turn: what every sample, a block, a fault needs */
 } Bank;
 
 /* Samples so far, with those that the tile began late; samples that wait for their block to be full; whether there has been a drive. */
@@ -59,15 +59,16 @@ enum {
 };
 
 typedef struct {
+    int number;
     TileCounts *counts;
     real *play, *creep, *w_H, *W_H, *w_H_inverse, *r_H_inverse, *w_S, *w_K, *offset;
-    real *limits;                /* lowest and highest drive in the input unit, then in unit amplitudes */
-    real *fade;                  /* bump and last finite reference */
-    real *seen_x, *seen_y;       /* of the samples that wait, unit amplitudes */
-    real *old_play, *old_creep;  /* states before them */
-    real *memory;                /* MEMORY_LENGTH */
-    real *in_use, *candidate, *side;
-    real *gram;                  /* triangle(d + 1) */
+    real *limits; /* lowest and highest drive in the input unit, then in unit amplitudes */
+    real *fade;   /* bump and last finite reference */
+    real *old_play, *old_creep; /* states before the samples that wait */
+    real *memory;               /* MEMORY_LENGTH */
+    real *in_use, *candidate;
+    real *gram;                 /* triangle(d + 1) */
+    real *seen;                 /* drive and output of each sample that waits, unit amplitudes */
     TileNote older, newer;
 } Tile;
 
@@ -82,7 +83,8 @@ CORE_API void bank_setup(void *memory, Shape shape, int64_t tiles);
 CORE_API void tile_invert(const Bank *b, const Tile *t);
 /* Forget what the lanes where `which` is 1 have learned but for the weights in use, `level` being their mean squared error so far. */
 CORE_API void tile_begin_anew(const Bank *b, const Tile *t, vec8 which, vec8 level);
-/* Take the outputs that the last drives produced, and drive for these references; all in the units of the structure. */
-CORE_API vec8 tile_step(const Bank *b, const Tile *t, vec8 y_ref, vec8 y, void *room);
+/* Step the tiles from `first` up to `last`: take the outputs (samples, 8 tiles) that the drives before each sample produced, and drive
+ * for these references; all in the units of the structure. */
+CORE_API void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples, void *room);
 
 #endif

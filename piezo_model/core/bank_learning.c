@@ -18,15 +18,31 @@
 
 enum { ROW_TILE = PARTS == 1 ? 4 : 2 }; /* rows and columns of the Gram matrix that are summed at a time */
 
-/* Room of one thread: the block's rows, padded by zeros, and what it judged of them; states; a program; the solver for one lane. */
+/* Room of one thread: the block's rows, padded by zeros, and what it judged of them; states; the programs of a tile; the queue of those
+ * that one system does not solve, with whose they are and how many systems they took; the solver for one lane. */
 typedef struct {
     real *rows, *good, *play, *creep;
-    BoxLanes program;
+    BoxLanes program, queue;
+    int32_t *owner, *rounds; /* of each lane of the queue; the owner is actuator + 1, 0 where there is none */
     real *P, *q, *lb, *ub;
     void *single;
 } Workspace;
 
 CORE_INLINE int row_length(int d) { return (d + 1 + ROW_TILE - 1) / ROW_TILE * ROW_TILE; }
+
+static BoxLanes take_programs(Room *room, int d)
+{
+    BoxLanes s;
+    s.d = d;
+    s.data = reals(room, triangle(d + 1), LANES);
+    s.lb = reals(room, d, LANES);
+    s.ub = reals(room, d, LANES);
+    s.side = reals(room, d, LANES);
+    s.x = reals(room, d, LANES);
+    s.solved = reals(room, 1, LANES);
+    box_lanes_take_room(&s, room);
+    return s;
+}
 
 static Workspace workspace_at(const Bank *b, void *memory)
 {
@@ -37,13 +53,10 @@ static Workspace workspace_at(const Bank *b, void *memory)
     w.good = reals(&room, BANK_BLOCK, LANES);
     w.play = reals(&room, operators, LANES);
     w.creep = reals(&room, b->shape.rates * operators, LANES);
-    w.program.d = d;
-    w.program.data = reals(&room, triangle(d + 1), LANES);
-    w.program.lb = reals(&room, d, LANES);
-    w.program.ub = reals(&room, d, LANES);
-    w.program.x = reals(&room, d, LANES);
-    w.program.solved = reals(&room, 1, LANES);
-    box_lanes_take_room(&w.program, &room);
+    w.program = take_programs(&room, d);
+    w.queue = take_programs(&room, d);
+    w.owner = integers(&room, LANES);
+    w.rounds = integers(&room, LANES);
     w.P = reals(&room, d, d);
     w.q = reals(&room, 1, d);
     w.lb = reals(&room, 1, d);
@@ -56,8 +69,8 @@ static Workspace workspace_at(const Bank *b, void *memory)
 int64_t bank_room_bytes(Shape s)
 {
     const int d = unknowns(s), operators = s.n + 1;
-    const int64_t vectors = BANK_BLOCK * (row_length(d) + 1) + (1 + s.rates) * operators + triangle(d + 1) + 3 * d + 1;
-    return (int64_t)sizeof(real) * (LANES * vectors + box_lanes_room(d) + d * d + 3 * d) + 64 + box_bytes(d);
+    const int64_t vectors = BANK_BLOCK * (row_length(d) + 1) + (1 + s.rates) * operators + 2 * (triangle(d + 1) + 4 * d + 1) + 2;
+    return (int64_t)sizeof(real) * (LANES * vectors + 2 * box_lanes_room(d) + d * d + 3 * d) + 64 + box_bytes(d);
 }
 
 #define MEMORY(name) lane8(t->memory, name)
@@ -91,9 +104,6 @@ void tile_begin_anew(const Bank *b, const Tile *t, vec8 which, vec8 level)
         }
     }
     copy_where(which, t->candidate, t->in_use, d);
-    for (int i = 0; i < d; ++i) {
-        put_where(which, lane8(t->side, i), zeros());
-    }
     put_where(which, MEMORY(LEVEL), level);
     put_where(which, MEMORY(ESTABLISHED), zeros());
     put_where(which, MEMORY(REVERT), zeros());
@@ -171,7 +181,7 @@ static Block go_through(const Bank *b, const Tile *t, const Workspace *w, int sa
     memcpy(w->creep, t->old_creep, sizeof(real) * LANES * (size_t)(b->shape.rates * (b->shape.n + 1)));
     for (int k = 0; k < samples; ++k) {
         real *const row = lane8(w->rows, k * row_length(d));
-        const vec8 x = load(lane8(t->seen_x, k)), y = load(lane8(t->seen_y, k));
+        const vec8 x = load(lane8(t->seen, 2 * k)), y = load(lane8(t->seen, 2 * k + 1));
         vec8 fault, in_use, candidate;
         const vec8 good = judge(t, x, y, &fault);
         write_row(b, w, good, x, y, row);
@@ -237,13 +247,13 @@ static void add_rows(const Bank *b, const Tile *t, const Workspace *w, int sampl
 }
 
 /* The optimum of one lane by the exact solver, beginning with every variable free; 1 where it has one. */
-static int solve_alone(const Bank *b, const Workspace *w, real *side, int l)
+static int solve_alone(const Bank *b, const Workspace *w, const BoxLanes *program, int l)
 {
     const int d = b->d;
     Box s;
     int status;
     for (int i = 0; i < d; ++i) {
-        const real *const row = lane8(w->program.data, triangle_row(d + 1, i)) + l;
+        const real *const row = lane8(program->data, triangle_row(d + 1, i)) + l;
         for (int j = i; j < d; ++j) {
             w->P[i * d + j] = w->P[j * d + i] = row[j * LANES];
         }
@@ -257,46 +267,107 @@ static int solve_alone(const Bank *b, const Workspace *w, real *side, int l)
     status = status == OK ? box_take_linear(&s, w->q) : status;
     status = status == OK ? box_solve(&s, 0) : status;
     for (int i = 0; i < d && status == OK; ++i) {
-        w->program.x[i * LANES + l] = s.answer[i];
-        side[i * LANES + l] = s.answer[i] <= w->lb[i] ? -1 : 0;
+        program->x[i * LANES + l] = s.answer[i];
     }
     return status == OK;
 }
 
-/* The optimum of each of these lanes becomes its candidate; a lane whose data have none begins anew. */
-static void optimise(const Bank *b, const Tile *t, Workspace *w, vec8 which)
+/* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none. */
+static void finish(const Bank *b, const Workspace *w, const BoxLanes *program, int l, int actuator, int solved)
+{
+    const Tile tile = tile_at(b, actuator / LANES), *const t = &tile;
+    const int lane = actuator % LANES;
+    if (!solved) {
+        MEMORY(ALONE)[lane] += 1;
+        solved = solve_alone(b, w, program, l);
+    }
+    for (int i = 0; i < b->d && solved; ++i) {
+        t->candidate[i * LANES + lane] = program->x[i * LANES + l];
+    }
+    if (!solved) {
+        MEMORY(NOTED)[lane] = 0; /* what has just been noted is no better */
+        tile_begin_anew(b, t, with_lane(zeros(), lane, 1), load(MEMORY(LEVEL)));
+    }
+}
+
+/* Solve one system of each program in the queue. */
+static void move_queue_on(const Bank *b, const Workspace *w)
+{
+    real solved[LANES], broken[LANES];
+    vec8 more;
+    store(solved, box_lanes_round(&w->queue, &more));
+    store(broken, more);
+    for (int l = 0; l < LANES; ++l) {
+        if (w->owner[l] > 0 && (++w->rounds[l] == BOX_ROUNDS || !(broken[l] > 0))) {
+            finish(b, w, &w->queue, l, w->owner[l] - 1, solved[l] > 0);
+            w->owner[l] = 0;
+        }
+    }
+}
+
+static void line_up(const Bank *b, const Workspace *w, int l, int actuator)
+{
+    int into = 0;
+    while (w->owner[into] > 0) {
+        into = (into + 1) % LANES;
+        if (into == 0) {
+            move_queue_on(b, w);
+        }
+    }
+    box_lanes_move(&w->program, l, &w->queue, into);
+    w->owner[into] = actuator + 1;
+    w->rounds[into] = 1;
+}
+
+/* Wait for the candidates of the tiles from `first` to `last`. */
+static void wait_for(const Bank *b, const Workspace *w, int first, int last)
+{
+    for (int l = 0; l < LANES; ++l) {
+        while (w->owner[l] > first * LANES && w->owner[l] <= (last + 1) * LANES) {
+            move_queue_on(b, w);
+        }
+    }
+}
+
+void finish_optima(const Bank *b, void *room)
+{
+    const Workspace w = workspace_at(b, room);
+    wait_for(b, &w, 0, (int)b->head->tiles - 1);
+}
+
+/* The optimum of each of these lanes becomes its candidate: at once where one system is enough, else when the queue is done with it. */
+static void optimise(const Bank *b, const Tile *t, const Workspace *w, vec8 which)
 {
     const int d = b->d;
-    vec8 mean = zeros(), without;
-    real wanted[LANES], solved[LANES], none[LANES] = {0};
-    memcpy(w->program.data, t->gram, sizeof(real) * LANES * (size_t)triangle(d + 1));
+    const BoxLanes *const program = &w->program;
+    vec8 mean = zeros(), found, more;
+    real wanted[LANES], solved[LANES], broken[LANES];
+    memcpy(program->data, t->gram, sizeof(real) * LANES * (size_t)triangle(d + 1));
     for (int i = 0; i < d; ++i) {
         mean = add(mean, load(lane8(t->gram, triangle_row(d + 1, i) + i)));
     }
     mean = over(mean, splat((real)d));
     for (int i = 0; i < d; ++i) {
-        real *const row = lane8(w->program.data, triangle_row(d + 1, i));
+        real *const row = lane8(program->data, triangle_row(d + 1, i));
         const vec8 diagonal = load(row + i * LANES), share = where_less(zeros(), diagonal, smaller(diagonal, mean), mean);
-        const vec8 rho = mul(splat(b->settings->proximal), share);
+        const vec8 rho = mul(splat(b->settings->proximal), share), before = load(lane8(t->candidate, i)), lower = splat(lower_bound(b, i));
         store(row + i * LANES, add(diagonal, rho));
-        store(row + d * LANES, less_product(load(row + d * LANES), rho, load(lane8(t->candidate, i))));
-        store(lane8(w->program.lb, i), splat(lower_bound(b, i)));
-        store(lane8(w->program.ub, i), splat(REAL_INFINITY));
+        store(row + d * LANES, less_product(load(row + d * LANES), rho, before));
+        store(lane8(program->lb, i), lower);
+        store(lane8(program->ub, i), splat(REAL_INFINITY));
+        store(lane8(program->side, i), where_less(lower, before, zeros(), splat(-1))); /* the bounds that held the optimum before */
     }
-    w->program.side = t->side;
-    box_lanes_solve(&w->program);
+    found = box_lanes_round(program, &more);
+    copy_where(mul(which, found), t->candidate, program->x, d);
     store(wanted, which);
-    memcpy(solved, w->program.solved, sizeof solved);
+    store(solved, found);
+    store(broken, more);
     for (int l = 0; l < LANES; ++l) {
-        if (wanted[l] > 0 && !(solved[l] > 0)) {
-            none[l] = solve_alone(b, w, t->side, l) ? 0 : 1;
-            ++MEMORY(ALONE)[l];
+        if (wanted[l] > 0 && broken[l] > 0) {
+            line_up(b, w, l, t->number * LANES + l);
+        } else if (wanted[l] > 0 && !(solved[l] > 0)) {
+            finish(b, w, program, l, t->number * LANES + l, 0);
         }
-    }
-    without = load(none);
-    copy_where(mul(which, neither(without)), t->candidate, w->program.x, d);
-    if (sum8(without) > 0) {
-        tile_begin_anew(b, t, without, load(MEMORY(LEVEL)));
     }
 }
 
@@ -443,13 +514,14 @@ vec8 observe(const Bank *b, const Tile *t, vec8 y, void *room)
     const BankSettings *const p = b->settings;
     const int at = (int)t->counts->waiting;
     vec8 fresh = zeros();
-    store(lane8(t->seen_x, at), load(t->play)); /* the play of threshold 0 is the drive */
-    store(lane8(t->seen_y, at), over(sub(y, splat(p->y_centre)), splat(p->y_scale)));
+    store(lane8(t->seen, 2 * at), load(t->play)); /* the play of threshold 0 is the drive */
+    store(lane8(t->seen, 2 * at + 1), over(sub(y, splat(p->y_centre)), splat(p->y_scale)));
     ++t->counts->waiting;
     ++t->counts->sample;
     if (t->counts->sample % p->block == 0) {
         if (sum8(load(MEMORY(LEARNING))) > 0) {
             Workspace w = workspace_at(b, room);
+            wait_for(b, &w, t->number, t->number);
             fresh = end_block(b, t, &w, at + 1);
         }
         memcpy(t->old_play, t->play, sizeof(real) * LANES * (size_t)(s.n + 1));

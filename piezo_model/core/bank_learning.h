@@ -7,6 +7,8 @@
 
 /* Take the outputs of the last drives; 1 in the lanes whose weights in use are new. */
 CORE_API vec8 observe(const Bank *b, const Tile *t, vec8 y, void *room);
+/* Wait for the optima that are still in the queue of this room. */
+CORE_API void finish_optima(const Bank *b, void *room);
 
 /* Lane by lane a where `which` is 1, else b. */
 CORE_INLINE vec8 choose(vec8 which, vec8 a, vec8 b) { return where_less(zeros(), which, a, b); }

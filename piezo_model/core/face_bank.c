@@ -13,7 +13,7 @@ FACE(bank_bytes)
 
 FACE(bank_room_bytes) { return size_for(bank_room_bytes, a); }
 
-/* Where the settings and the parts of the first tile stand; "tile" is that tile as a whole. */
+/* Where the settings and the parts of the first tile stand; "driver", "learner" and "note" are what it has of each part of the bank. */
 FACE(bank_setup)
 {
     void *const memory = take_state(a, 0);
@@ -27,19 +27,20 @@ FACE(bank_setup)
     }
     bank_setup(memory, s, tiles);
     Bank b = bank_at(memory);
-    const Tile t = tile_at(&b, 0);
+    const Tile t = tile_at(&b, 0), next = tile_at(&b, 1);
     const Py_ssize_t operators = s.n + 1, creep = s.rates * operators, entries = triangle(b.d + 1);
     const Part parts[] = {
         {"settings", b.settings, sizeof *b.settings / sizeof(real)}, {"r", b.r, operators}, {"a", b.a, s.rates},
         {"zone_low", b.zone_low, s.zones}, {"zone_high", b.zone_high, s.zones}, {"outer_low", b.outer_low, s.zones},
-        {"outer_high", b.outer_high, s.zones}, {"tile", b.tiles, ((char *)tile_at(&b, 1).counts - b.tiles) / (Py_ssize_t)sizeof(real)},
+        {"outer_high", b.outer_high, s.zones}, {"driver", t.counts, (real *)next.counts - (real *)t.counts},
+        {"learner", t.old_play, next.old_play - t.old_play}, {"note", t.older.gram, next.older.gram - t.older.gram},
         {"counts", t.counts, LANES}, {"play", t.play, operators * LANES}, {"creep", t.creep, creep * LANES},
         {"w_H", t.w_H, operators * LANES}, {"w_S", t.w_S, s.zones * LANES}, {"w_K", t.w_K, creep_weights(s) * LANES},
         {"offset", t.offset, LANES}, {"limits", t.limits, 4 * LANES}, {"fade", t.fade, 2 * LANES},
-        {"seen_x", t.seen_x, BANK_BLOCK * LANES}, {"seen_y", t.seen_y, BANK_BLOCK * LANES},
+        {"seen", t.seen, 2 * BANK_BLOCK * LANES},
         {"old_play", t.old_play, operators * LANES}, {"old_creep", t.old_creep, creep * LANES},
         {"memory", t.memory, MEMORY_LENGTH * LANES}, {"in_use", t.in_use, b.d * LANES}, {"candidate", t.candidate, b.d * LANES},
-        {"side", t.side, b.d * LANES}, {"gram", t.gram, entries * LANES}};
+        {"gram", t.gram, entries * LANES}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
@@ -74,13 +75,7 @@ FACE(bank_run)
     const int64_t last = take_integer(a, first, good(a) ? b.head->tiles : 0);
     if (good(a)) {
         begin_long_if(a, samples * (last - first) > 8);
-        for (int64_t i = first; i < last; ++i) {
-            const Tile t = tile_at(&b, i);
-            for (int64_t k = 0; k < samples; ++k) {
-                const int64_t at = k * width + i * LANES;
-                store(x + at, tile_step(&b, &t, load(y_ref + at), load(y + at), room));
-            }
-        }
+        bank_step(&b, first, last, y_ref, y, x, samples, room);
     }
     return finish_integer(a, 0);
 }

@@ -166,26 +166,45 @@ static vec8 exchange(const BoxLanes *s, vec8 *broken)
     return mul(solved, sub(splat(1), *broken));
 }
 
-int box_lanes_solve(const BoxLanes *s)
+vec8 box_lanes_round(const BoxLanes *s, vec8 *broken)
 {
     const vec8 fine = take_scale(s);
+    vec8 safe, solved;
+    for (int i = 0; i < s->d; ++i) {
+        const vec8 side = load(lane8(s->side, i)), upper = where_less(zeros(), side, load(lane8(s->ub, i)), zeros());
+        store(lane8(s->x, i), where_less(side, zeros(), load(lane8(s->lb, i)), upper));
+        store(lane8(s->free, i), where_less(zeros(), mul(side, side), zeros(), splat(1)));
+    }
+    gradient(s);
+    safe = mul(fine, factorise(s));
+    substitute_back(s);
+    gradient(s);
+    solved = mul(safe, exchange(s, broken));
+    *broken = mul(safe, *broken);
+    return solved;
+}
+
+int box_lanes_solve(const BoxLanes *s)
+{
     int rounds = 0;
     vec8 broken, solved;
     do {
-        vec8 safe;
-        for (int i = 0; i < s->d; ++i) {
-            const vec8 side = load(lane8(s->side, i)), upper = where_less(zeros(), side, load(lane8(s->ub, i)), zeros());
-            store(lane8(s->x, i), where_less(side, zeros(), load(lane8(s->lb, i)), upper));
-            store(lane8(s->free, i), where_less(zeros(), mul(side, side), zeros(), splat(1)));
-        }
-        gradient(s);
-        safe = mul(fine, factorise(s));
-        substitute_back(s);
-        gradient(s);
-        solved = mul(safe, exchange(s, &broken));
-        broken = mul(safe, broken);
+        solved = box_lanes_round(s, &broken);
         ++rounds;
     } while (sum8(broken) > 0 && rounds < BOX_ROUNDS);
     store(s->solved, solved);
     return rounds;
+}
+
+void box_lanes_move(const BoxLanes *from, int lane, const BoxLanes *to, int into)
+{
+    const int entries = triangle(from->d + 1);
+    for (int i = 0; i < entries; ++i) {
+        to->data[i * LANES + into] = from->data[i * LANES + lane];
+    }
+    for (int i = 0; i < from->d; ++i) {
+        to->lb[i * LANES + into] = from->lb[i * LANES + lane];
+        to->ub[i * LANES + into] = from->ub[i * LANES + lane];
+        to->side[i * LANES + into] = from->side[i * LANES + lane];
+    }
 }

@@ -41,5 +41,10 @@ CORE_INLINE void box_lanes_take_room(BoxLanes *s, Room *room)
 /* Solve from the sides as they are; how many systems that took. A lane whose `solved` is 0 afterwards has no answer. The bounds are
  * finite where a side says that a variable is at one, and lb < ub. */
 CORE_API int box_lanes_solve(const BoxLanes *s);
+/* Solve one system and exchange; 1 where x is the minimiser. The lanes in `broken` have another system to solve; a lane in neither has
+ * no answer. */
+CORE_API vec8 box_lanes_round(const BoxLanes *s, vec8 *broken);
+/* Let the program of a lane go on in a lane of another eight. */
+CORE_API void box_lanes_move(const BoxLanes *from, int lane, const BoxLanes *to, int into);
 
 #endif

@@ -276,6 +276,19 @@ CORE_INLINE int first_equal8(vec8 a, real number)
 #endif
 }
 
+/* Have so much memory on its way to the first-level cache, where the compiler knows how; what is computed stays the same. */
+CORE_INLINE void fetch(const void *memory, int64_t bytes)
+{
+#if defined(__GNUC__)
+    for (int64_t i = 0; i < bytes; i += 64) {
+        __builtin_prefetch((const char *)memory + i);
+    }
+#else
+    (void)memory;
+    (void)bytes;
+#endif
+}
+
 /* n rounded up to whole blocks of eight. */
 CORE_INLINE int padded(int n) { return (n + LANES - 1) / LANES * LANES; }
 
