@@ -18,21 +18,6 @@ TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need
 DASK = str(Path(sys.executable).with_name("dask"))
 
 
-@pytest.fixture(scope="session")
-def piezobench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CommandLine]:
-    command = CommandLine(tmp_path_factory.mktemp("calls"))
-    yield command
-    command.close()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What is kept between races is kept apart from the user's."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 @dataclass(frozen=True)
 class Race:
     run: Run

@@ -19,7 +19,7 @@ def thresholds(s: dict[str, Any]) -> Vector:
 def hysteresis_and_creep(s: dict[str, Any], x: Vector, z_H: Vector, z_K: Matrix) -> tuple[Matrix, Matrix]:
     """Outputs (N, n + 1) of the plays and, summed over the rates, of creep, from states (n + 1,) and (J, n + 1)."""
     r, z_H, z_K = thresholds(s), z_H.copy(), z_K.copy()
-    share = np.array([[1.0 - np.exp(-rate * s["sample_time"])] for rate in s["creep_rates"]]).reshape(-1, 1)
+    share = np.array([[-np.expm1(-rate * s["sample_time"])] for rate in s["creep_rates"]]).reshape(-1, 1)
     H, K = np.empty((x.size, r.size)), np.empty((x.size, r.size))
     for k, value in enumerate(x):
         z_H = np.maximum(value - r, np.minimum(value + r, z_H))

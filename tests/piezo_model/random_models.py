@@ -6,12 +6,22 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.random import Generator
 from numpy.typing import NDArray
+from plain_model import rows
 
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 
 Vector = NDArray[np.float64]
+
+signals = st.lists(st.floats(-2, 2), min_size=1, max_size=40).map(np.array)
+thresholds = st.lists(st.floats(0, 1.5), min_size=1, max_size=5).map(lambda values: np.sort(np.array(values)))
+seeds = st.integers(0, 2**32 - 1)
+
+
+def a_state(r: Vector, x: float, seed: int) -> Vector:
+    """States of plays with thresholds r that an input may have left at x."""
+    return x + r * np.random.default_rng(seed).uniform(-1, 1, r.size)
 
 
 @dataclass
@@ -25,6 +35,35 @@ class Case:
     @property
     def structure(self) -> ModelStructure:
         return self.model.structure
+
+    @property
+    def x_tolerance(self) -> float:
+        """1e-12 of the range, and what the floating-point numbers of its place on the axis can hold."""
+        return 1e-12 * self.structure.x_scale + 4 * float(np.spacing(abs(self.structure.x_centre) + self.structure.x_scale))
+
+    @property
+    def y_tolerance(self) -> float:
+        return 1e-12 * self.structure.y_scale + 4 * float(np.spacing(abs(self.structure.y_centre) + self.structure.y_scale))
+
+    def reference(self, size: int = 120) -> Vector:
+        return self.structure.y_centre + self.structure.y_scale * drive(self.rng, size)
+
+    def a_drive(self, size: int = 120) -> Vector:
+        return self.structure.x_centre + self.structure.x_scale * drive(self.rng, size)
+
+    def recording(self, size: int) -> tuple[Vector, Vector]:
+        """Input and an output that reaches all of its range."""
+        return self.a_drive(size), self.structure.y_centre + self.structure.y_scale * 1.2 * drive(self.rng, size)
+
+    def program(self, x: Vector, y: Vector, counted: NDArray[np.bool_], forgetting: float) -> tuple[Vector, Vector, float]:
+        """P, q and c of equation (6) from a dense matrix of all rows."""
+        s, size = self.structure, self.structure.n + 1
+        unit_x, unit_y = (x - s.x_centre) / s.x_scale, (y - s.y_centre) / s.y_scale
+        Xi = rows(s.to_dict(), unit_x, unit_y, self.state.play[:size], self.state.creep.reshape(-1, s.lanes)[:, :size])
+        Xi, x = Xi[counted], unit_x[counted]
+        weight = forgetting ** np.arange(x.size - 1.0, -1.0, -1.0)
+        weighted = Xi * weight[:, None]
+        return weighted.T @ Xi / weight.sum(), weighted.T @ x / weight.sum(), 0.5 * float(weight @ x**2) / weight.sum()
 
 
 def ascending(rng: Generator, count: int) -> Vector:

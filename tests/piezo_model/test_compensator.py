@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_models import Case, cases, drive
+from random_models import Case, cases
 
 from piezo_model.compensator import Compensator
 from piezo_model.model import HysteresisCreepModel
@@ -12,54 +12,21 @@ from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 
 
-def y_tolerance(case: Case) -> float:
-    """1e-12 of the range, and what the floating-point numbers of its place on the axis can hold."""
-    s = case.structure
-    return 1e-12 * s.y_scale + 4 * np.spacing(abs(s.y_centre) + s.y_scale)
-
-
-def x_tolerance(case: Case) -> float:
-    s = case.structure
-    return 1e-12 * s.x_scale + 4 * np.spacing(abs(s.x_centre) + s.x_scale)
-
-
-def reference(case: Case, size: int = 120) -> np.ndarray:
-    return case.structure.y_centre + case.structure.y_scale * drive(case.rng, size)
-
-
-def a_drive(case: Case, size: int = 120) -> np.ndarray:
-    return case.structure.x_centre + case.structure.x_scale * drive(case.rng, size)
-
-
 def chunks(case: Case, values: np.ndarray) -> list[np.ndarray]:
     return np.split(values, np.sort(case.rng.integers(0, values.size, 3)))
-
-
-@given(cases())
-def test_the_model_after_the_compensator_reproduces_the_reference(case: Case) -> None:
-    y_ref = reference(case)
-    x = Compensator(case.model, state=case.state).run(y_ref)
-    np.testing.assert_allclose(case.model.simulate(x, case.state.copy()), y_ref, rtol=0, atol=y_tolerance(case))
-
-
-@given(cases())
-def test_the_compensator_after_the_model_gives_the_drive_back(case: Case) -> None:
-    x = a_drive(case)
-    y = case.model.simulate(x, case.state.copy())
-    np.testing.assert_allclose(Compensator(case.model, state=case.state).run(y), x, rtol=0, atol=x_tolerance(case))
 
 
 @settings(max_examples=40)
 @given(cases())
 def test_sample_by_sample_and_in_chunks_the_round_trip_is_the_same(case: Case) -> None:
-    y_ref = reference(case, 60)
+    y_ref = case.reference(60)
     whole = Compensator(case.model, state=case.state).run(y_ref)
     by_chunk, by_sample = (Compensator(case.model, state=case.state) for _ in range(2))
     np.testing.assert_array_equal(np.concatenate([by_chunk.run(part) for part in chunks(case, y_ref)]), whole)
-    np.testing.assert_allclose([by_sample.step(y) for y in y_ref], whole, rtol=0, atol=x_tolerance(case))
+    np.testing.assert_allclose([by_sample.step(y) for y in y_ref], whole, rtol=0, atol=case.x_tolerance)
     actuator = case.state.copy()
     for y, x in zip(y_ref, whole, strict=True):
-        assert case.model.simulate([x], actuator)[0] == pytest.approx(y, rel=0, abs=y_tolerance(case))
+        assert case.model.simulate([x], actuator)[0] == pytest.approx(y, rel=0, abs=case.y_tolerance)
 
 
 @settings(max_examples=40)
@@ -69,9 +36,9 @@ def test_the_states_are_those_of_the_actuator_that_saw_the_limited_drive(case: C
     limits = (s.x_centre - 0.3 * s.x_scale, s.x_centre + 0.4 * s.x_scale)
     rate = 0.05 * s.x_scale / s.sample_time
     compensator = Compensator(case.model, limits, rate, case.state)
-    x = compensator.run(reference(case))
-    assert np.all((x >= limits[0] - x_tolerance(case)) & (x <= limits[1] + x_tolerance(case)))
-    assert np.all(np.abs(np.diff(x)) <= rate * s.sample_time + x_tolerance(case))
+    x = compensator.run(case.reference())
+    assert np.all((x >= limits[0] - case.x_tolerance) & (x <= limits[1] + case.x_tolerance))
+    assert np.all(np.abs(np.diff(x)) <= rate * s.sample_time + case.x_tolerance)
     case.model.simulate(x, actuator)
     np.testing.assert_allclose(compensator.state.play, actuator.play, rtol=0, atol=1e-12)
     np.testing.assert_allclose(compensator.state.creep, actuator.creep, rtol=0, atol=1e-12)
@@ -81,28 +48,28 @@ def test_the_states_are_those_of_the_actuator_that_saw_the_limited_drive(case: C
 @given(cases())
 def test_after_saturation_the_reference_is_met_again_at_once(case: Case) -> None:
     s, actuator = case.structure, case.state.copy()
-    x_free = a_drive(case, 80)
+    x_free = case.a_drive(80)
     y_ref = case.model.simulate(x_free, case.state.copy())
     y_ref[:40] += 5 * s.y_scale  # out of reach: the drive saturates and leaves another history than was wanted
     x = Compensator(case.model, (s.x_centre - 1.2 * s.x_scale, s.x_centre + 1.2 * s.x_scale), state=case.state).run(y_ref)
     y = case.model.simulate(x, actuator)
     inside = (x > s.x_centre - 1.199 * s.x_scale) & (x < s.x_centre + 1.199 * s.x_scale)
-    np.testing.assert_allclose(y[inside], y_ref[inside], rtol=0, atol=y_tolerance(case))
+    np.testing.assert_allclose(y[inside], y_ref[inside], rtol=0, atol=case.y_tolerance)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @settings(max_examples=20)
 @given(case=cases(), where=st.integers(0, 39))
 def test_a_reference_that_is_not_finite_holds_the_drive(bad: float, case: Case, where: int) -> None:
-    y_ref = reference(case, 40)
+    y_ref = case.reference(40)
     y_ref[where] = bad
     x = Compensator(case.model, state=case.state).run(y_ref)
     before = x[where - 1] if where else case.structure.x_centre + case.structure.x_scale * case.state.play[0]
     assert np.all(np.isfinite(x))
-    assert x[where] == pytest.approx(before, rel=0, abs=x_tolerance(case))
+    assert x[where] == pytest.approx(before, rel=0, abs=case.x_tolerance)
     y = case.model.simulate(x, case.state.copy())
     others = np.arange(40) != where
-    np.testing.assert_allclose(y[others], y_ref[others], rtol=0, atol=y_tolerance(case))
+    np.testing.assert_allclose(y[others], y_ref[others], rtol=0, atol=case.y_tolerance)
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_models import a_drive, structure, true_model
 from plain_model import simulate_file
 
 from piezo_model.identification.identify import choose_creep_rates, identify
@@ -11,26 +12,8 @@ from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.structure import ModelStructure
 
 REPOSITORY = Path(__file__).parents[2]
-
-
-def structure(**changes: object) -> ModelStructure:
-    return ModelStructure.equidistant(**{"n": 3, "m": 1, "x_range": (0, 100), "y_range": (-20, 20), "creep_rates": (10.0, 1.0),
-                                         "sample_time": 5e-3, "offset": True, **changes})
-
-
-def true_model(s: ModelStructure) -> HysteresisCreepModel:
-    v = np.full(s.d, 0.1)
-    v[s.slices[1]] = np.linspace(0.8, 1.2, s.dead_zones)
-    return HysteresisCreepModel.from_weights(s, s.slope_map @ v)
-
-
-def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
-    """Volts over all of the range, ``fine`` samples a period."""
-    t = np.arange(size * fine) / fine
-    return 50 + 30 * np.sin(t / 40) + 20 * np.sin(t / 131 + 1)
 
 
 def sentences(model: HysteresisCreepModel, words: str) -> list[str]:
@@ -38,20 +21,6 @@ def sentences(model: HysteresisCreepModel, words: str) -> list[str]:
 
 
 # Models that are in the class.
-
-
-@pytest.mark.parametrize("offset", [False, True])
-@pytest.mark.parametrize("rates", [(), (1.0,), (10.0, 1.0, 0.1)])
-def test_the_weights_of_a_model_in_the_class_are_recovered(offset: bool, rates: tuple[float, ...]) -> None:
-    s = structure(offset=offset, creep_rates=rates)
-    truth, state, x = true_model(s), OperatorState.at_rest(s, 0.2), a_drive()
-    model = identify(x, truth.simulate(x, state.copy()), s, state=state, proximal=1e-14)
-    np.testing.assert_allclose(model.weights, truth.weights, rtol=0, atol=1e-7)
-    assert model.report["fit"]["skipped"] == 0
-    assert model.report["certificate"]["cost_gap"] < 1e-9
-    assert model.report["lag"]["samples"] == 0.0
-    assert sentences(model, "no lag that is worth removing")
-    assert identify(x, truth.simulate(x, state.copy()), s, state=state).report["fit"]["max_percent"] < 1e-4
 
 
 def test_the_default_solver_and_another_one_give_the_same_model() -> None:

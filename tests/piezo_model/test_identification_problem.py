@@ -2,9 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
-from random_models import Case, cases, drive
 
 import solvers
 from piezo_model.data_basis import DataBasis
@@ -65,45 +62,6 @@ def test_bounds_are_active_in_noisy_data_so_that_the_agreement_means_something()
     w = optimum(problem, "box_active_set")
     s = problem.structure
     assert np.sum(w[s.slices[0]] == 0.0) + np.sum(w[s.slices[2]] == 0.0) > 0
-
-
-@settings(max_examples=40)
-@given(cases(), st.sampled_from(FORMS))
-def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(case: Case, form: tuple[Coordinates, Scaling]) -> None:
-    s, rng = case.structure, case.rng
-    basis = DataBasis(s, case.state)
-    basis.update(s.x_centre + s.x_scale * drive(rng, 300), s.y_centre + s.y_scale * 1.5 * drive(rng, 300))
-    reference, w = rng.uniform(0, 1, s.d), rng.uniform(0, 1, s.d)
-    problem = basis.problem(reference, proximal=1e-4)
-    v, v_ref = s.inverse_slope_map @ w, s.inverse_slope_map @ reference
-    acting = s.slope_map @ np.where(problem.reached, v, v_ref)  # the data see unreached weights at their reference
-    rho = 1e-4 * np.mean(np.diag(s.slope_map.T @ problem.P @ s.slope_map))
-    expected = problem.cost(acting) + 0.5 * rho * np.sum((v - v_ref) ** 2)
-    f = problem.form(*form)
-    z = f.variables(w)
-    unit = s.x_scale**2 if form[1] == "raw" else 1.0
-    assert 0.5 * z @ f.qp.P @ z + f.qp.q @ z + f.c == pytest.approx(unit * expected, rel=1e-9, abs=1e-9 * unit)
-    np.testing.assert_allclose(f.weights(z), w, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(f.qp.P, f.qp.P.T)
-    if form[1] == "scaled":
-        np.testing.assert_array_equal(np.diag(f.qp.P), np.ones(s.d))
-
-
-@settings(max_examples=40)
-@given(cases(), st.integers(0, 2**32 - 1))
-def test_box_and_cone_admit_the_same_weights(case: Case, seed: int) -> None:
-    s, rng = case.structure, np.random.default_rng(seed)
-    basis = DataBasis(s, case.state)
-    basis.update(s.x_centre + s.x_scale * drive(rng, 200), s.y_centre + s.y_scale * drive(rng, 200))
-    problem = basis.problem(min_slope=0.05)
-    v = rng.uniform(-0.02, 1, s.d)
-    assume(np.min(np.abs(v - s.lower_bounds(0.05))) > 1e-6)
-    admissible = bool(np.all(v >= s.lower_bounds(0.05)))
-    for form in FORMS:
-        f = problem.form(*form)
-        z = f.variables(s.slope_map @ v)
-        inside = bool(np.all(z >= f.qp.lb)) and (f.qp.G is None or bool(np.all(f.qp.G @ z <= f.qp.h)))
-        assert inside == admissible
 
 
 def test_physical_units_do_what_they_say() -> None:

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 from random_models import Case, cases
 
 from piezo_model.json_file import convert, decoded
@@ -15,15 +14,6 @@ from piezo_model.structure import ModelStructure, StructureError
 def equidistant(**changes: Any) -> ModelStructure:
     return ModelStructure.equidistant(**{"n": 5, "m": 3, "x_range": (0.0, 150.0), "y_range": (-20.0, 20.0),
                                          "creep_rates": (10.0, 1.0), "sample_time": 125e-6, **changes})
-
-
-def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:
-    s = equidistant()
-    assert s.d == 18
-    assert s.weight_names == ("w_H1", "w_H2", "w_H3", "w_H4", "w_H5", "w'_S-3", "w'_S-2", "w'_S-1", "w'_S0", "w'_S1", "w'_S2",
-                              "w'_S3", "w_K0", "w_K1", "w_K2", "w_K3", "w_K4", "w_K5")
-    np.testing.assert_allclose(s.play_thresholds, np.arange(1, 6) / 6)
-    np.testing.assert_allclose(s.dead_zone_thresholds, np.arange(-3, 4) / 4)
 
 
 def test_creep_weights_do_not_grow_with_the_rates_and_go_without_them() -> None:
@@ -42,30 +32,6 @@ def test_thresholds_in_units_are_measured_from_the_centres() -> None:
     np.testing.assert_allclose(s.play_thresholds, [0.2, 0.4])
     assert s.dead_zone_thresholds == (-0.5, 0.0, 0.25)
     assert s.middle == 1
-
-
-@given(cases(), st.integers(0, 2**32 - 1))
-def test_slopes_are_the_partial_sums_of_the_weights_outwards_from_zero(case: Case, seed: int) -> None:
-    s = case.structure
-    w = np.random.default_rng(seed).normal(size=s.d)
-    v, w_S, middle = s.inverse_slope_map @ w, w[s.slices[1]], s.middle
-    expected = np.concatenate([np.cumsum(w_S[middle::-1])[::-1], np.cumsum(w_S[middle:])[1:]])
-    np.testing.assert_allclose(v[s.slices[1]], expected, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(s.slope_map @ v, w, rtol=0, atol=1e-13)
-    others = np.setdiff1d(np.arange(s.d), np.arange(s.d)[s.slices[1]])
-    np.testing.assert_array_equal(v[others], w[others])
-
-
-@given(cases())
-def test_slopes_are_the_derivative_of_the_inverse_superposition_between_thresholds(case: Case) -> None:
-    s, model = case.structure, case.model
-    r = np.array(s.dead_zone_thresholds)
-    middles = np.concatenate([[r[0] - 0.1], 0.5 * (r[1:] + r[:-1]), [r[-1] + 0.1]])
-    low, high = np.where(r > 0, -np.inf, r), np.where(r < 0, np.inf, r)
-    inside = (middles[:, None] < low) | (middles[:, None] > high)
-    derivative = inside @ model.w_S_inverse
-    expected = np.insert(model.slopes, s.middle, model.slopes[s.middle])  # the slope at zero holds on both sides of it
-    np.testing.assert_allclose(derivative, expected, rtol=1e-12)
 
 
 def test_bounds_are_zero_for_weights_the_least_slope_for_slopes_and_none_for_the_offset() -> None:

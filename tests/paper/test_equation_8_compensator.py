@@ -1,8 +1,11 @@
+"""(8): x = H⁻¹[S⁻¹[y_r] − K[x]], with the inverses of H and S in closed form and K already advanced with the drive before."""
+
 import numpy as np
 from hypothesis import given
 from plain_model import one_sided_dead_zones
 from random_models import Case, cases, drive
 
+from piezo_model.compensator import Compensator
 from piezo_model.inverse import inverse_play_states, invert_play, invert_superposition
 from piezo_model.operators import dead_zone, play
 
@@ -57,3 +60,17 @@ def test_the_states_of_the_inverse_belong_to_those_of_the_operator_at_every_samp
     inverse_outputs, _ = play(outputs @ w, inverse_r, inverse_play_states(w, z))
     for own, of_inverse in zip(outputs, inverse_outputs, strict=True):
         np.testing.assert_allclose(of_inverse, inverse_play_states(w, own), rtol=0, atol=1e-13)
+
+
+@given(cases())
+def test_the_model_after_the_compensator_reproduces_the_reference(case: Case) -> None:
+    y_ref = case.reference()
+    x = Compensator(case.model, state=case.state).run(y_ref)
+    np.testing.assert_allclose(case.model.simulate(x, case.state.copy()), y_ref, rtol=0, atol=case.y_tolerance)
+
+
+@given(cases())
+def test_the_compensator_after_the_model_gives_the_drive_back(case: Case) -> None:
+    x = case.a_drive()
+    y = case.model.simulate(x, case.state.copy())
+    np.testing.assert_allclose(Compensator(case.model, state=case.state).run(y), x, rtol=0, atol=case.x_tolerance)

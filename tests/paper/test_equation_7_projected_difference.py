@@ -1,4 +1,4 @@
-"""The paper's recursion: its stability limit, its two forms of constraints, its exact projection."""
+"""(7) as a difference equation, w ← Proj_K(w − η (P w + q)): its stability limit, its two forms of constraints, its exact projection."""
 
 import tracemalloc
 

@@ -1,4 +1,4 @@
-"""A learning phase with any solver, and the settings."""
+"""Fig. 1: after the data basis is built, the weights are learned from it while the compensator is at work, by any solver."""
 
 import math
 
@@ -11,9 +11,7 @@ from qpsolvers import Problem
 from piezo_model import SelfLearningCompensator
 from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.json_file import convert
 from piezo_model.learning.events import Phase
-from piezo_model.learning.settings import LearningSettings
 from piezo_model.learning.solving import solved, step_ratio
 
 
@@ -87,26 +85,3 @@ def test_options_reach_the_solver() -> None:
         learning("projected_difference", solver_options={"step_ratio": 3.0})
     with pytest.raises(ValueError, match="steps must not be negative"):
         solved("projected_difference", {"steps": -1}, Problem(np.eye(1), np.zeros(1)), np.zeros(1))
-
-
-# Settings
-
-
-@pytest.mark.parametrize(("options", "sentence"), [
-    ({"mode": "sideways"}, "mode must be one of cyclic, continuous, not 'sideways'"),
-    ({"build_s": 0.0}, "build_s must be a positive number of seconds up to 1e.09, not 0.0"),
-    ({"learn_s": float("nan")}, "learn_s must be a positive number of seconds up to 1e.09, not nan"),
-    ({"proximal": -1.0}, "proximal must be at least 0 and below 1, not -1.0"),
-    ({"samples_to_solve": 0}, "samples_to_solve must be a whole number of at least 1, not 0"),
-    ({"solver": "nobody"}, "there is no solver 'nobody'"),
-])
-def test_settings_that_cannot_be_are_refused_in_one_sentence(options: dict[str, object], sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence.replace("(", r"\(")):
-        LearningSettings(**options)  # type: ignore[arg-type]
-
-
-def test_settings_survive_their_dictionary_and_unknown_ones_are_named() -> None:
-    settings_ = LearningSettings(x_limits=(0.0, 1.0), solver_options={"lane": "kernel"})
-    assert convert(settings_.to_dict(), LearningSettings) == settings_
-    with pytest.raises(ValueError, match="there is no field 'speed'"):
-        convert({"speed": 1}, LearningSettings)

@@ -1,0 +1,59 @@
+"""(1): H[x] = Σ w_Hi H_rHi[x] of plays, whose laws are those of Prandtl and Ishlinskii, and S over one-sided dead zones."""
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from plain_model import one_sided_dead_zones
+from random_models import a_state, seeds, signals, thresholds
+
+from piezo_model.operators import dead_zone, play
+
+
+def resampled(x: np.ndarray, seed: int) -> np.ndarray:
+    """The same path at another speed: every step in random smaller steps, with waits."""
+    rng, path = np.random.default_rng(seed), [x[:1]]
+    for a, b in pairwise(x):
+        path.append(a + (b - a) * np.sort(np.append(rng.uniform(0, 1, rng.integers(0, 4)), 1.0)))
+        path.append(np.full(rng.integers(0, 3), b))
+    return np.concatenate(path)
+
+
+@given(signals, thresholds, seeds)
+def test_play_forgets_the_speed_at_which_a_path_is_driven(x: np.ndarray, r: np.ndarray, seed: int) -> None:
+    z = a_state(r, x[0], seed)
+    fast, slow = play(x, r, z)[1], play(resampled(x, seed), r, z)[1]
+    np.testing.assert_allclose(slow, fast, rtol=0, atol=1e-14)
+
+
+@given(signals, thresholds, seeds)
+def test_a_larger_swing_wipes_out_all_smaller_ones_before_it(x: np.ndarray, r: np.ndarray, seed: int) -> None:
+    z = a_state(r, x[0], seed)
+    low, high = x.min() - 2 * r[-1], x.max() + 2 * r[-1]
+    extremes = np.array([low, high, low, 0.3])
+    with_past, without = play(np.append(x, extremes), r, z)[0], play(extremes, r, np.full(r.size, low))[0]
+    np.testing.assert_array_equal(with_past[-3:], without[-3:])
+
+
+@given(st.floats(-1, 0), st.floats(0, 1), thresholds, seeds)
+def test_minor_loops_between_the_same_extremes_are_congruent(low: float, high: float, r: np.ndarray, seed: int) -> None:
+    loop = np.concatenate([np.linspace(low, high, 30), np.linspace(high, low, 30)])
+    shapes = []
+    for before in (2.0 + 2 * r[-1], -2.0 - 2 * r[-1]):  # two histories: from above and from below
+        outputs = play(np.concatenate([[before], loop, loop]), r, np.full(r.size, before))[0][-60:]
+        shapes.append(outputs - outputs[0])
+    np.testing.assert_allclose(*shapes, rtol=0, atol=1e-14)
+
+
+@given(signals, thresholds, seeds)
+def test_play_stays_within_its_threshold_and_keeps_the_order_of_inputs(x: np.ndarray, r: np.ndarray, seed: int) -> None:
+    z = a_state(r, x[0], seed)
+    lower, upper = play(x, r, z)[0], play(x + np.random.default_rng(seed).uniform(0, 1, x.size), r, z)[0]
+    assert np.all(np.abs(lower - x[:, None]) <= r + 1e-15)
+    assert np.all(lower <= upper)
+
+
+@given(signals, st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=6).map(np.array))
+def test_dead_zones_follow_their_definition(u: np.ndarray, r: np.ndarray) -> None:
+    np.testing.assert_array_equal(dead_zone(u, r), one_sided_dead_zones(r, u))

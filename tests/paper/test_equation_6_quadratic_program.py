@@ -1,0 +1,95 @@
+"""(6): the weights are those of the least cost among all that give an invertible model: a box in the slopes of S⁻¹, a cone in its weights."""
+
+from itertools import product
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from known_models import a_drive, structure, true_model
+from random_models import Case, cases, drive
+
+from piezo_model.data_basis import DataBasis
+from piezo_model.identification.identify import identify
+from piezo_model.identification_problem import Coordinates, Scaling
+from piezo_model.operator_state import OperatorState
+
+FORMS = list(product(get_args(Coordinates), get_args(Scaling)))
+
+
+@given(cases(), st.integers(0, 2**32 - 1))
+def test_slopes_are_the_partial_sums_of_the_weights_outwards_from_zero(case: Case, seed: int) -> None:
+    s = case.structure
+    w = np.random.default_rng(seed).normal(size=s.d)
+    v, w_S, middle = s.inverse_slope_map @ w, w[s.slices[1]], s.middle
+    expected = np.concatenate([np.cumsum(w_S[middle::-1])[::-1], np.cumsum(w_S[middle:])[1:]])
+    np.testing.assert_allclose(v[s.slices[1]], expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(s.slope_map @ v, w, rtol=0, atol=1e-13)
+    others = np.setdiff1d(np.arange(s.d), np.arange(s.d)[s.slices[1]])
+    np.testing.assert_array_equal(v[others], w[others])
+
+
+@given(cases())
+def test_slopes_are_the_derivative_of_the_inverse_superposition_between_thresholds(case: Case) -> None:
+    s, model = case.structure, case.model
+    r = np.array(s.dead_zone_thresholds)
+    middles = np.concatenate([[r[0] - 0.1], 0.5 * (r[1:] + r[:-1]), [r[-1] + 0.1]])
+    low, high = np.where(r > 0, -np.inf, r), np.where(r < 0, np.inf, r)
+    inside = (middles[:, None] < low) | (middles[:, None] > high)
+    derivative = inside @ model.w_S_inverse
+    expected = np.insert(model.slopes, s.middle, model.slopes[s.middle])  # the slope at zero holds on both sides of it
+    np.testing.assert_allclose(derivative, expected, rtol=1e-12)
+
+
+@settings(max_examples=40)
+@given(cases(), st.sampled_from(FORMS))
+def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(case: Case, form: tuple[Coordinates, Scaling]) -> None:
+    s, rng = case.structure, case.rng
+    basis = DataBasis(s, case.state)
+    basis.update(s.x_centre + s.x_scale * drive(rng, 300), s.y_centre + s.y_scale * 1.5 * drive(rng, 300))
+    reference, w = rng.uniform(0, 1, s.d), rng.uniform(0, 1, s.d)
+    problem = basis.problem(reference, proximal=1e-4)
+    v, v_ref = s.inverse_slope_map @ w, s.inverse_slope_map @ reference
+    acting = s.slope_map @ np.where(problem.reached, v, v_ref)  # the data see unreached weights at their reference
+    rho = 1e-4 * np.mean(np.diag(s.slope_map.T @ problem.P @ s.slope_map))
+    expected = problem.cost(acting) + 0.5 * rho * np.sum((v - v_ref) ** 2)
+    f = problem.form(*form)
+    z = f.variables(w)
+    unit = s.x_scale**2 if form[1] == "raw" else 1.0
+    assert 0.5 * z @ f.qp.P @ z + f.qp.q @ z + f.c == pytest.approx(unit * expected, rel=1e-9, abs=1e-9 * unit)
+    np.testing.assert_allclose(f.weights(z), w, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(f.qp.P, f.qp.P.T)
+    if form[1] == "scaled":
+        np.testing.assert_array_equal(np.diag(f.qp.P), np.ones(s.d))
+
+
+@settings(max_examples=40)
+@given(cases(), st.integers(0, 2**32 - 1))
+def test_box_and_cone_admit_the_same_weights(case: Case, seed: int) -> None:
+    s, rng = case.structure, np.random.default_rng(seed)
+    basis = DataBasis(s, case.state)
+    basis.update(s.x_centre + s.x_scale * drive(rng, 200), s.y_centre + s.y_scale * drive(rng, 200))
+    problem = basis.problem(min_slope=0.05)
+    v = rng.uniform(-0.02, 1, s.d)
+    assume(np.min(np.abs(v - s.lower_bounds(0.05))) > 1e-6)
+    admissible = bool(np.all(v >= s.lower_bounds(0.05)))
+    for form in FORMS:
+        f = problem.form(*form)
+        z = f.variables(s.slope_map @ v)
+        inside = bool(np.all(z >= f.qp.lb)) and (f.qp.G is None or bool(np.all(f.qp.G @ z <= f.qp.h)))
+        assert inside == admissible
+
+
+@pytest.mark.parametrize("offset", [False, True])
+@pytest.mark.parametrize("rates", [(), (1.0,), (10.0, 1.0, 0.1)])
+def test_the_weights_of_a_model_in_the_class_are_recovered(offset: bool, rates: tuple[float, ...]) -> None:
+    s = structure(offset=offset, creep_rates=rates)
+    truth, state, x = true_model(s), OperatorState.at_rest(s, 0.2), a_drive()
+    model = identify(x, truth.simulate(x, state.copy()), s, state=state, proximal=1e-14)
+    np.testing.assert_allclose(model.weights, truth.weights, rtol=0, atol=1e-7)
+    assert model.report["fit"]["skipped"] == 0
+    assert model.report["certificate"]["cost_gap"] < 1e-9
+    assert model.report["lag"]["samples"] == 0.0
+    assert any("no lag that is worth removing" in sentence for sentence in model.report["sentences"])
+    assert identify(x, truth.simulate(x, state.copy()), s, state=state).report["fit"]["max_percent"] < 1e-4

@@ -1,0 +1,23 @@
+"""Fig. 2: the trajectory of (7) meets the boundary of the admissible set, slides along it, and ends at the optimum."""
+
+import numpy as np
+from figures import Figures
+
+from bench.experiment import boundary
+
+
+def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(figures: Figures) -> None:
+    t = figures.table("fig2_boundary")
+    first = int(np.argmax(t.on_boundary))
+    assert not t.on_boundary.iloc[0]
+    assert t.on_boundary.iloc[first:].all()
+    assert (t.w_held >= t.w_held.iloc[-1]).all()
+    assert (t.unprojected_held[first:] < t.w_held.iloc[-1]).all()
+    assert np.ptp(t.w_free[first:]) > 0.0
+
+
+def test_the_trajectory_ends_at_the_optimum_of_the_whole_problem() -> None:
+    part = boundary.Slice(("a", "b"), np.array([[1.0, 0.6], [0.6, 1.0]]), np.array([0.5, -1.0]), np.zeros(2), np.array([0.0, 1.0]))
+    path, free = boundary.trajectory(part, np.array([1.0, 3.0]), steps=2000)
+    np.testing.assert_allclose(path[-1], part.optimum, atol=1e-9)
+    np.testing.assert_allclose(path[1:], np.maximum(free[:-1], 0.0), atol=1e-12)

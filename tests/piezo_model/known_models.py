@@ -1,0 +1,23 @@
+"""Recordings of a model that is known, which an identification has to find again."""
+
+import numpy as np
+
+from piezo_model.model import HysteresisCreepModel
+from piezo_model.structure import ModelStructure
+
+
+def structure(**changes: object) -> ModelStructure:
+    return ModelStructure.equidistant(**{"n": 3, "m": 1, "x_range": (0, 100), "y_range": (-20, 20), "creep_rates": (10.0, 1.0),
+                                         "sample_time": 5e-3, "offset": True, **changes})
+
+
+def true_model(s: ModelStructure) -> HysteresisCreepModel:
+    v = np.full(s.d, 0.1)
+    v[s.slices[1]] = np.linspace(0.8, 1.2, s.dead_zones)
+    return HysteresisCreepModel.from_weights(s, s.slope_map @ v)
+
+
+def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
+    """Volts over all of the range, ``fine`` samples a period."""
+    t = np.arange(size * fine) / fine
+    return 50 + 30 * np.sin(t / 40) + 20 * np.sin(t / 131 + 1)
