@@ -13,7 +13,6 @@ from time import perf_counter_ns
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
@@ -35,11 +34,9 @@ from piezo_model.learning.sensor_guard import SensorGuard
 from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import multi_sine
+from solvers.arrays import Matrix, Vector
 from solvers.descent import limit
 from solvers.kernel.recursive_active_set import RecursiveActiveSet
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 SAMPLES = 64_000
 SHORT = 4_000

@@ -9,16 +9,14 @@ else: what it takes longer is the machine's floor, over the same time.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 import solvers
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.races.stream.stream_problem import make
 from bench.timing.schedule import PERIOD_NS
+from solvers.arrays import Nanoseconds
 from solvers.core import face
-
-Nanoseconds = NDArray[np.int64]
 
 SAMPLES = 1_000_000
 STREAM = 4_000

@@ -20,8 +20,7 @@ from piezo_model.inverse_model import all_weights, model_of
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 BUMP, DECAY = range(2)
 """Entries of the fade memory: what is still added to the drive since the last change of model, the factor by which it

@@ -18,19 +18,17 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.compensator import BUMP, CORRECTION, Compensator
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 
 try:
     import control
 except ImportError as error:
     raise ImportError("piezo_model.control_systems needs python-control: pip install 'piezobench[ecosystem]'") from error
-
-Vector = NDArray[np.float64]
 
 
 def initial_states(structure: ModelStructure, state: OperatorState | None = None) -> Vector:

@@ -24,10 +24,8 @@ from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Matrix, Vector
 from solvers.core import padded
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 BLOCK = 64
 """BASIS_BLOCK of ``core/data_basis.h``."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.identification.identify import identify
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin
@@ -23,8 +24,6 @@ try:
     from sklearn.utils.validation import check_is_fitted, validate_data
 except ImportError as error:
     raise ImportError("piezo_model.estimator needs scikit-learn 1.6 or later: pip install 'piezobench[ecosystem]'") from error
-
-Vector = NDArray[np.float64]
 
 
 class HysteresisRegressor(RegressorMixin, BaseEstimator):

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model import plants
 from piezo_model.references import changing_amplitude, from_samples, set_point_steps, smoothed
 from piezo_model.signals import decaying_triangle, multi_sine, random_walk, raster_scan, staircase
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
 CYCLE_S = 10.0

@@ -25,12 +25,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Matrix, Vector
 
 if TYPE_CHECKING:
     from qpsolvers import Problem
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Coordinates = Literal["slope", "weight"]
 Scaling = Literal["scaled", "raw"]
 

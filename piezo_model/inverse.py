@@ -14,9 +14,8 @@ Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 
 def invert_play(weights: Vector, thresholds: Vector) -> tuple[Vector, Vector]:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 
 def all_weights(model: HysteresisCreepModel) -> Vector:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
@@ -29,12 +29,11 @@ from piezo_model.inverse import invert_play, invert_superposition
 from piezo_model.json_file import Number
 from piezo_model.operator_state import OperatorArrays, OperatorState, States, SuperpositionArrays, pad
 from piezo_model.structure import SMALLEST, ModelStructure
+from solvers.arrays import Vector
 
 if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
     from piezo_model.recordings import Recording
-
-Vector = NDArray[np.float64]
 
 
 class ModelError(ValueError):

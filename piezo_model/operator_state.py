@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 from solvers.core import padded
-
-Vector = NDArray[np.float64]
 
 
 class States(TypedDict):

@@ -18,12 +18,10 @@ Prandtl–Ishlinskii Approach", European Journal of Control 9 (2003) 407–418, 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model.core import face
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from solvers.arrays import Matrix, Vector
 
 
 def _as_vector(values: ArrayLike) -> Vector:

@@ -6,11 +6,10 @@ The same rules hold: the unit of the limits, low ≤ s ≤ high, and nothing but
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model.signals import positive, scaled, share_between, times
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 
 def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:

@@ -10,16 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.core import State, face
 from piezo_model.identification_problem import Coordinates
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Matrix, Vector
 from solvers.core import padded
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 class RegressorArrays(NamedTuple):

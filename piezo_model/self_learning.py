@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model import compensator_file, json_file
 from piezo_model.compensator import Compensator, CompensatorMemory
@@ -33,8 +33,7 @@ from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 
 class Memory(TypedDict):

@@ -15,9 +15,8 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 
 def times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:

@@ -21,14 +21,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.json_file import LARGEST
+from solvers.arrays import Matrix, Vector
 from solvers.core import padded
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-
 
 SMALLEST = 1.0 / LARGEST
 SAMPLE_TIMES = 1e-9, 1e9

@@ -19,12 +19,11 @@ from enum import StrEnum
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Nanoseconds = NDArray[np.int64]
+from solvers.arrays import Matrix as Matrix
+from solvers.arrays import Nanoseconds as Nanoseconds
+from solvers.arrays import Vector as Vector
 
 
 class Lane(StrEnum):

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
+from solvers.arrays import Mask
 from solvers.protocol import Matrix, Vector, box, dense
 
 Index = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 
 class Program:

@@ -17,6 +17,22 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile("piezobench", deadline=None)
 settings.load_profile("piezobench")
 
+SHARED = {"figures": "experiment", "wide_race": "wide race", "clean_race": "small races", "faulty_race": "small races"}
+"""What takes long to make, and the group of the tests that share it: one process runs them all."""
+LONGEST = ("small races", "wide race", "experiment")
+"""Groups that begin first, so that all processes end together; files are groups, too."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Group the tests for ``--dist loadgroup``."""
+    if not hasattr(config, "workerinput"):
+        return
+    groups = {item: next((SHARED[name] for name in getattr(item, "fixturenames", ()) if name in SHARED), item.path.name) for item in items}
+    for item, group in groups.items():
+        item.add_marker(pytest.mark.xdist_group(group))
+    items.sort(key=lambda item: LONGEST.index(groups[item]) if groups[item] in LONGEST else len(LONGEST))
+
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
@@ -26,10 +42,11 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What is kept between races is kept apart from the user's."""
+def cache_of_its_own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What is kept between races is kept apart from the user's, for all processes of the session."""
+    folder = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_CACHE_HOME", str((folder.parent if hasattr(request.config, "workerinput") else folder) / "cache"))
         yield
 
 

@@ -39,13 +39,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import nctdtrinc
 
 from bench.report.words import marked
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 LEVEL, POWER = 0.05, 0.95
 """The tails of θ are heavier than those of Student's law, so that nine times in ten ask for more of it."""

@@ -31,10 +31,11 @@ from bench.experiment.style import (
     beside,
     plot,
 )
-from bench.rig.rig import CREEP_RATES, LEVELS, Rig, Vector, at_low_end
+from bench.rig.rig import CREEP_RATES, LEVELS, Rig, at_low_end
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
 from piezo_model.signals import staircase
+from solvers.arrays import Vector
 
 NOISE = 2e-4
 """Standard deviation of the sensor's noise, of the range."""

@@ -22,9 +22,10 @@ from qpsolvers import Problem
 import solvers
 from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit, Line, axis, plot
 from bench.report.charts import data
-from bench.rig.rig import Matrix, Vector, at_low_end
+from bench.rig.rig import at_low_end
 from bench.rig.trial import Trial
 from piezo_model import DataBasis, IdentificationProblem
+from solvers.arrays import Matrix, Vector
 
 STEPS = 400
 STEP_RATIO = 0.02

@@ -17,7 +17,6 @@ from typing import Any
 import altair as alt
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bench.experiment.hindsight import tracking_error
 from bench.experiment.robustness import SAMPLE_TIME, learner_of
@@ -25,8 +24,7 @@ from bench.experiment.style import CONTINUOUS, LEARNED, STRAIGHT, Exhibit, axis
 from bench.report.charts import data
 from piezo_model import plants
 from piezo_model.family import CYCLE_S, Situation
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 GAIN = 0.2
 """Share of an error that is added up a sample; in 1/s, divided by the sampling period."""

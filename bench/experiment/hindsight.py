@@ -7,14 +7,12 @@ best of a few rounds counts.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState
 from piezo_model.identification.fitting import optimum
 from piezo_model.plants import Plant
 from piezo_model.plants.protocol import Memory
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 ROUNDS = 4
 SOLVER = "box_active_set"

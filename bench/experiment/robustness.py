@@ -12,7 +12,6 @@ from typing import Any
 import altair as alt
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bench.experiment.hindsight import floor, tracking_error
 from bench.experiment.style import CONTINUOUS, HINDSIGHT, LEARNED, Exhibit, axis
@@ -20,8 +19,6 @@ from bench.report.charts import data
 from piezo_model import Compensator, HysteresisCreepModel, OperatorState, SelfLearningCompensator
 from piezo_model.family import CYCLE_S, Situation
 from piezo_model.learning.settings import Mode
-
-Vector = NDArray[np.float64]
 
 FIRST_SEED = 5000
 """No rule of the learning was chosen on the situations from here on."""

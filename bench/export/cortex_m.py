@@ -21,8 +21,7 @@ from bench.export.c_source import export, render
 from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import HysteresisCreepModel
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-arm"
 PACKAGES = {COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi", EMULATOR: "qemu-user"}

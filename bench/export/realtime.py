@@ -24,8 +24,7 @@ from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import StepCost
 from bench.timing.percentiles import QUANTILES, needed, percentile
 from piezo_model import HysteresisCreepModel
-
-Nanoseconds = NDArray[np.int64]
+from solvers.arrays import Nanoseconds
 
 MET = 0.9999
 SEARCH_S = 3.0

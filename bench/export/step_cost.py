@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.export.building import COUNTABLE, FAST, build, instructions_per_step, replay, tool, write_sources
 from bench.export.cortex_m import CORES, ControllerCost, controller_cost
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import Compensator, HysteresisCreepModel
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 TIMED, COUNTED, LISTED = 40_000, 8_000, 512
 """Samples to time here, to count here, and at most to list under an emulator."""

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from solvers.arrays import Vector
 from solvers.protocol import Nanoseconds
-
-Vector = NDArray[np.float64]
 
 
 @dataclass

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Solution
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 UNSAID = -1
 MOST = 2**53

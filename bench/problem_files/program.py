@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, vstack
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 INFINITY = 1e20
 SYMMETRY = 1e-12

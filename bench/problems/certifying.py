@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import qpsolvers
-from numpy.typing import NDArray
 from qpsolvers import Problem
 from qpsolvers.exceptions import QPError
 from scipy.sparse import csc_matrix
@@ -26,9 +25,9 @@ from scipy.sparse import csc_matrix
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
 from piezo_model.child_process import START_LIMIT_S, LateError, LostError
+from solvers.arrays import Vector
 from solvers.certificate import Certificate, NotCertified, certify
 
-Vector = NDArray[np.float64]
 S = TypeVar("S")
 T = TypeVar("T")
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, diags, vstack
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
+
 PASSES = 10
 
 

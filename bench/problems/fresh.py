@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 from qpsolvers import Problem
 
-from bench.problems.protocol import CertifiedForm, Matrix
+from bench.problems.protocol import CertifiedForm
+from solvers.arrays import Matrix
 from solvers.certificate import NotCertified, certify
 
 LEAST = 0.9

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Literal, NotRequired, TypedDict
 
 import numpy as np
 import qpsolvers
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.problem_files.npz import QP_FIELDS, opened, packed, packed_program, unpacked, unpacked_program
@@ -22,10 +21,8 @@ from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStruct
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
+from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, certify
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 __all__ = ["QP_FIELDS", "SCALINGS", "CertifiedForm", "ProblemSet", "ProblemSetError", "RaceProblem", "Validation",
            "certified"]

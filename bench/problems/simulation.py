@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.problems.protocol import RaceProblem, Validation, certified
 from piezo_model import DataBasis, ModelStructure, OperatorState, plants
 from piezo_model.signals import SIGNALS, decaying_triangle
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 SAMPLE_TIME = 125e-6
 VALIDATION_S = 2.0

@@ -25,7 +25,7 @@ import numpy as np
 from bench.passed.progress import Progress
 from bench.passed.task import UNASKED
 from bench.problems import find
-from bench.problems.protocol import RaceProblem, Vector
+from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import calibration_store
 from bench.races.calibration_worker import Answer, Calibrate, Calibrated
@@ -34,6 +34,7 @@ from bench.races.settings import RaceSettings
 from bench.store import Run
 from piezo_model.identification_problem import Scaling
 from solvers import Lane, Tier
+from solvers.arrays import Vector
 from solvers.registry import Described
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)

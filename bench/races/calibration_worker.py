@@ -8,18 +8,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.said import real
 from bench.problem_files.npz import QP_FIELDS
+from solvers.arrays import Matrix, Vector
 from solvers.protocol import Solver
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.references import smoothed
@@ -22,9 +21,7 @@ from piezo_model.signals import decaying_triangle, random_walk, staircase
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
 from piezo_model.stage.stage import Stage
-
-Matrix = NDArray[np.float64]
-Vector = NDArray[np.float64]
+from solvers.arrays import Matrix, Vector
 
 AXES = ("x", "y")
 LEVELS = 9

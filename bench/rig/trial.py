@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.rig.rig import AXES, Matrix, Rig, Vector, percent, rms
+from bench.rig.rig import AXES, Rig, percent, rms
 from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.stage.learning import SelfLearningStage
 from piezo_model.stage.stage import Stage
+from solvers.arrays import Matrix, Vector
 
 HINDSIGHT_ROUNDS = 4
 

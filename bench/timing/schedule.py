@@ -22,8 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Nanoseconds = NDArray[np.int64]
-Index = NDArray[np.int64]
+from solvers.arrays import Index, Nanoseconds
 
 PERIOD_NS = 125_000
 PERIOD_US = PERIOD_NS / 1e3

@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
-from numpy.typing import NDArray
 
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fitting import optimum
@@ -20,9 +19,7 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solvers.arrays import Mask, Vector
 
 BLOCKS = 16
 """Blocks to a way through the whole range, up to about MOST_BLOCKS in all."""

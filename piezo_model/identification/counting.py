@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.identification.fitting import IdentificationError, accumulate, optimum
 from piezo_model.identification.start import find_start
@@ -19,8 +18,7 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 HEAD, LONGEST_HEAD = 200_000, 500_000
 """Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""

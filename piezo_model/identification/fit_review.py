@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 
 from piezo_model.identification.fitting import accumulate
@@ -25,8 +24,8 @@ from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 LONGEST = 1_000_000
 """Samples that are looked at, from the start."""
 TWO_SIDED = 1.96

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 import solvers
 from piezo_model.data_basis import DataBasis
@@ -14,9 +13,8 @@ from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 from solvers.certificate import certify, exact_cost_gap
-
-Vector = NDArray[np.float64]
 
 
 class IdentificationError(ValueError):

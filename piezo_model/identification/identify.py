@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, get_args
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model.identification.counting import count, require, y_range
 from piezo_model.identification.fit_report import Fit, FitReport, Offset
@@ -26,8 +25,8 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 LagChoice = Literal["estimate", "remove", "ignore"]
 
 IN_MEMORY = 5_000_000

@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.identification import rivals
 from piezo_model.identification.baseline import Baseline, cross_validate
@@ -23,8 +22,7 @@ from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 LOOK = 12_000
 """Samples that explanations are tried on."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fit_report import Lag
 from piezo_model.identification.fitting import IdentificationError, error_percent, optimum
@@ -12,8 +9,6 @@ from piezo_model.identification.sensor_lag import HALF_WIDTH, minimise_over_lag,
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
 
 LAG_SAMPLES = 100_000
 """Samples that the lag is estimated from: enough for it, and a second of work."""

@@ -14,12 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from solvers.arrays import Matrix, Vector
 
 KNOTS = 24
 PURE = 0.9

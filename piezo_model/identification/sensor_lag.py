@@ -19,10 +19,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 HALF_WIDTH = 32
 """Samples that the interpolation reaches to each side."""

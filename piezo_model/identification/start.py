@@ -15,13 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.operator_state import OperatorArrays, OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-
-Vector = NDArray[np.float64]
 
 LEVELS = tuple(np.linspace(-1.0, 1.0, 9).tolist())
 COARSEST, COARSE, FINEST = 0.5, 2.0**-5, 2.0**-16

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.compensator import Compensator
 from piezo_model.core import State, face
@@ -22,8 +21,6 @@ from piezo_model.learning.learner import Learner
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.learning.solving import STEPPED, samples, solved, step_ratio
 from piezo_model.model import HysteresisCreepModel
-
-Vector = NDArray[np.float64]
 
 
 class CyclicLearning(Learner):

@@ -19,13 +19,12 @@ from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from piezo_model.json_file import Number, convert
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 Span = tuple[float, float, float, float]
 """Lowest and highest drive and output, in unit amplitudes."""
 

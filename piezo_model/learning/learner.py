@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.compensator import Compensator
 from piezo_model.core import State
@@ -23,8 +22,8 @@ from piezo_model.learning.sensor_guard import fresh_memory
 from piezo_model.learning.settings import LearningSettings
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 Loop = Callable[..., tuple[int, int]]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.core import face
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 Verdicts = NDArray[np.int64]
 
 

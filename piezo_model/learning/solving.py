@@ -8,16 +8,15 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import solvers
+from solvers.arrays import Vector
 
 if TYPE_CHECKING:
     from qpsolvers import Problem
 
     from solvers.protocol import Solver
 
-Vector = NDArray[np.float64]
 STEPPED = "projected_difference"
 """The solver that takes a step a sample, in the core."""
 

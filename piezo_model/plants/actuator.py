@@ -26,7 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.core import face
 from piezo_model.operators import creep_gain
-from piezo_model.plants.protocol import Memory, Plant, Vector, replace
+from piezo_model.plants.protocol import Memory, Plant, replace
+from solvers.arrays import Vector
 
 
 def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:

@@ -22,7 +22,8 @@ import numpy as np
 
 from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator
-from piezo_model.plants.protocol import Memory, Vector
+from piezo_model.plants.protocol import Memory
+from solvers.arrays import Vector
 
 
 @dataclass(kw_only=True, eq=False)

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
+
 Memory = dict[str, NDArray[Any]]
 
 

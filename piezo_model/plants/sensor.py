@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.plants.protocol import Memory, Plant, Vector, replace
+from piezo_model.plants.protocol import Memory, Plant, replace
+from solvers.arrays import Vector
 
 
 def gain_from(first: int, count: int, sample_time: float, rate_per_s: float, swing: float, period_s: float) -> Vector:

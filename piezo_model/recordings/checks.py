@@ -20,9 +20,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_model.recordings.pieces import RecordingError, Vector, check_sample_time, limited, rechunk
+from piezo_model.recordings.pieces import RecordingError, check_sample_time, limited, rechunk
 from piezo_model.recordings.tables import Table
 from piezo_model.recordings.time_rounding import Rounding, printed_digit
+from solvers.arrays import Vector
 
 CHUNK = 65536
 TIME_TOLERANCE = 0.01

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from piezo_model.recordings.pieces import Vector
+from solvers.arrays import Vector
 
 if TYPE_CHECKING:
     import pandas as pd

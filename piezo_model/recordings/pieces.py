@@ -6,12 +6,9 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.structure import SAMPLE_TIMES
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from solvers.arrays import Matrix
 
 BUFFER_BYTES = 1 << 18
 """Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""

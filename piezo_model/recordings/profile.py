@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_model.recordings.checks import ABSURD
-from piezo_model.recordings.pieces import Matrix
 from piezo_model.recordings.tables import Table
+from solvers.arrays import Matrix
 
 LEAST_LOOP = 0.004
 """Area of a loop, as a share of the product of both ranges, from which its sense tells input from output."""

@@ -23,8 +23,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import Matrix, RecordingError, check_sample_time, first_line
+from piezo_model.recordings.pieces import RecordingError, check_sample_time, first_line
 from piezo_model.units import canonical, split_unit
+from solvers.arrays import Matrix
 
 HEAD_BYTES = 1 << 18
 """Bytes at the start of a file by which its format is told; the header of a text must lie within them."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recordings.pieces import Vector
+from solvers.arrays import Vector
 
 MOST_DECIMALS = 15
 FEW = 8

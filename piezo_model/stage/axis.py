@@ -29,10 +29,9 @@ from scipy.linalg import expm
 
 from piezo_model.core import face
 from piezo_model.plants.actuator import Actuator
-from piezo_model.plants.protocol import Memory, Plant, Vector, replace
+from piezo_model.plants.protocol import Memory, Plant, replace
 from piezo_model.plants.sensor import gain_from
-
-Matrix = NDArray[np.float64]
+from solvers.arrays import Vector
 
 FOREVER_S = 1e12
 """A sampling period in which every creep has settled; the states of an actuator do not depend on its own."""

@@ -13,12 +13,10 @@ D C is diagonal. Its diagonal, the gains C₁₁ and C₂₂, is not known apart
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model.operators import creep, play
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from solvers.arrays import Matrix, Vector
 
 PLAYS = 16
 RATES_PER_RECORDING = (1.0, 10.0, 100.0)

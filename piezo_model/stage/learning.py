@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model.self_learning import SelfLearningCompensator
-
-Matrix = NDArray[np.float64]
+from solvers.arrays import Matrix
 
 
 class SelfLearningStage:

@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.plants.protocol import Memory, replace
 from piezo_model.stage.axis import Axis
-
-Matrix = NDArray[np.float64]
+from solvers.arrays import Matrix
 
 
 def coupled(C: Matrix, p: Matrix) -> Matrix:

@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.passed.outcome import Outcome
@@ -22,9 +21,8 @@ from bench.passed.request import Request, attempt
 from bench.passed.said import Said, real
 from bench.passed.task import Task
 from bench.timing.clock import Effort, time_kernel, time_pairs
+from solvers.arrays import Vector
 from solvers.protocol import Nanoseconds, Solver
-
-Vector = NDArray[np.float64]
 
 NO_LIMIT = -1
 

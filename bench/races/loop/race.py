@@ -33,11 +33,12 @@ from bench.races.calibration import Found, Who, measurements, rungs_of
 from bench.races.field import entries_of, field_of
 from bench.races.loop.worker import Decision, Driven, LoopRequest
 from bench.races.settings import RaceSettings, settings_of
-from bench.rig.rig import AXES, RANGE_UM, Matrix, Rig, Vector
+from bench.rig.rig import AXES, RANGE_UM, Rig
 from bench.rig.trial import straight
 from bench.store import Run, Schema
 from piezo_model import IdentificationProblem
 from solvers import Status, Tier
+from solvers.arrays import Matrix, Vector
 from solvers.certificate import NotCertified, certify, exact_cost_gap
 from solvers.registry import Described, Entry
 

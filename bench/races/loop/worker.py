@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.passed.outcome import Outcome
@@ -18,11 +17,9 @@ from bench.passed.task import Task
 from bench.rig.rig import Rig
 from piezo_model import IdentificationProblem, SelfLearningCompensator
 from piezo_model.stage.learning import SelfLearningStage
+from solvers.arrays import Matrix, Vector
 from solvers.protocol import Solver
 from solvers.registry import add_file
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 LOOK_EVERY_S = 0.01
 """How often the learners are looked at; far shorter than any phase but the one of learning."""

@@ -16,12 +16,13 @@ import numpy as np
 from bench.passed.outcome import Outcome
 from bench.passed.task import Task
 from bench.problems.fresh import FreshData
-from bench.problems.protocol import CertifiedForm, Matrix, RaceProblem
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import TOLERANCE, relative_gap
 from bench.races.oneshot.worker import Answered, Block, End, OneShot
 from bench.timing.clock import LONG_NS, Effort
 from solvers import Status, Tier
+from solvers.arrays import Matrix
 from solvers.protocol import Nanoseconds
 
 LEAST_NS = 40

@@ -26,10 +26,10 @@ from bench.store import Schema
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_US
 from solvers import Status
+from solvers.arrays import Nanoseconds
 
 NAN = float("nan")
 
-Nanoseconds = NDArray[np.int64]
 
 MEDIANS = ("setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99",
            "solve_us_p99_low", "solve_us_p99_high", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us")

@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.passed.outcome import Outcome
@@ -23,10 +22,8 @@ from bench.passed.said import Said, real
 from bench.passed.task import Task
 from bench.processes.worker import seen
 from bench.timing.clock import Timed, time_block, time_call, time_kernel
+from solvers.arrays import Matrix, Vector
 from solvers.protocol import Nanoseconds, Solver
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 

@@ -41,8 +41,6 @@ from bench.timing.schedule import PERIOD_NS, runs
 from solvers import Lane, Status, Tier
 from solvers.registry import Described
 
-Vector = NDArray[np.float64]
-
 KIND = "stream"
 FLOOR_EVERY = 10
 NAN = float("nan")

@@ -13,15 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.races.stream.stream_problem import StreamProblem, references
+from solvers.arrays import Index, Matrix, Vector
 from solvers.certificate import exact_cost_gap
 from solvers.forgetting import absorb
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from typing import Annotated, TypedDict
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
@@ -31,11 +30,9 @@ from piezo_model import DataBasis, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.json_file import FileName, decoded
 from piezo_model.regressors import regressor_rows
+from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, Index, certify
 from solvers.forgetting import absorb
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

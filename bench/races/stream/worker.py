@@ -19,19 +19,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.task import Task
 from bench.timing.clock import no_garbage_collection
-from bench.timing.schedule import PERIOD_NS, Nanoseconds, Timeline, follow
+from bench.timing.schedule import PERIOD_NS, Timeline, follow
+from solvers.arrays import Matrix, Nanoseconds, Vector
 from solvers.forgetting import absorb
 from solvers.protocol import Lane, Solver
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 WARM_UP = 800
 """Samples of the same sequence, on the same schedule, with a solver object of their own and not counted."""

@@ -11,8 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet as arrow_parquet
 
 from piezo_model.recordings.arrow_columns import matrix_of
-from piezo_model.recordings.pieces import BUFFER_BYTES, Matrix, RecordingError, ahead, first_line
+from piezo_model.recordings.pieces import BUFFER_BYTES, RecordingError, ahead, first_line
 from piezo_model.recordings.tables import Column, Kind, Reading
+from solvers.arrays import Matrix
 
 NAME = "a Parquet file"
 ORDER = 10

@@ -20,10 +20,11 @@ import pyarrow.csv as arrow_csv
 from piezo_model.recordings.arrow_columns import numbers
 from piezo_model.recordings.clocks import ClockError, ClockReader, is_clock
 from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
-from piezo_model.recordings.pieces import Matrix, RecordingError, first_line
+from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.sampling_remark import sample_time_in
 from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading
 from piezo_model.recordings.text_rows import LONGEST_LINE, TextRows, end_of_rows
+from solvers.arrays import Matrix
 
 NAME = "plain text"
 ORDER = 100
