@@ -1,22 +1,20 @@
 """Proofs of programs that come from anywhere, kept between races under a hash of the data that they are proofs of.
 
-They lie in the user's cache, ``$XDG_CACHE_HOME/piezobench/proofs`` or ``~/.cache/piezobench/proofs``, one JSON file a program. What
-could not be proven is kept too, with the reason and the work that was allowed, since neither depends on the machine.
+They lie in the user's cache, one JSON file a program. What could not be proven is kept too, with the reason and the work that was
+allowed, since neither depends on the machine.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 from qpsolvers import Problem
 
+from bench.passed import user_cache
 from piezo_model import json_file
-from piezo_model.atomic_file import write_text
 from solvers.certificate import Certificate, NotCertified
 from solvers.exact.problem import DoubleProblem
 
@@ -30,11 +28,6 @@ class Found:
 
     proofs: list[str]
     refusal: str
-
-
-def folder() -> Path:
-    """Where proofs are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "piezobench" / "proofs"
 
 
 def key(programs: Sequence[Problem], work: float) -> str:
@@ -55,7 +48,7 @@ def load(key: str) -> list[Certificate] | None:
         For the reason that is kept.
     """
     try:
-        found = json_file.read(folder() / f"{key}.json", Found)
+        found = json_file.read(user_cache.folder("proofs") / f"{key}.json", Found)
         proofs = [Certificate.from_json(text) for text in found.proofs]
     except ValueError:  # not there, or damaged: it is found again
         return None
@@ -66,5 +59,4 @@ def load(key: str) -> list[Certificate] | None:
 
 def save(key: str, proofs: Sequence[Certificate], refusal: str = "") -> None:
     """Keep what was found."""
-    folder().mkdir(parents=True, exist_ok=True)
-    write_text(folder() / f"{key}.json", json.dumps(asdict(Found([proof.to_json() for proof in proofs], refusal))))
+    user_cache.keep(user_cache.folder("proofs") / f"{key}.json", json.dumps(asdict(Found([proof.to_json() for proof in proofs], refusal))))

@@ -1,6 +1,6 @@
 """What calibrations found, and the problems that they were made on, kept between races.
 
-Both are in the user's cache, ``$XDG_CACHE_HOME/piezobench`` or ``~/.cache/piezobench``, under a hash of all that they follow from:
+Both are in the user's cache, under a hash of all that they follow from:
 this package's version, the set with its options and seed, and for a finding the scaling, the solver's version and its ladder.
 """
 
@@ -9,14 +9,13 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench.passed import user_cache
 from bench.passed.progress import Progress
 from bench.problem_files.program import ProblemFileError
 from bench.problems import make
@@ -24,7 +23,6 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem, Window
 from bench.races.settings import RaceSettings
 from piezo_model import json_file
-from piezo_model.atomic_file import write_text
 from piezo_model.identification_problem import Scaling
 from solvers import Tier
 from solvers.registry import Described
@@ -39,11 +37,6 @@ RULE = 4
 Findings = Mapping[Tier, tuple[int | None, bool]]
 
 
-def folder() -> Path:
-    """Where they are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "piezobench"
-
-
 def key(settings: RaceSettings, of_set: str, scaling: Scaling, solver: Described) -> str:
     """What a finding follows from, as a file name; "" for a solver without a version, which may change at any time."""
     return _hashed(*_problems(settings, of_set), scaling, solver.name, solver.lane, solver.version, solver.ladder) if solver.version else ""
@@ -51,7 +44,7 @@ def key(settings: RaceSettings, of_set: str, scaling: Scaling, solver: Described
 
 def load(key: str) -> Findings:
     """What was found; nothing where there is nothing that can be read."""
-    path = folder() / "settings" / f"{key}.json"
+    path = user_cache.folder("settings") / f"{key}.json"
     try:
         return json_file.read(path, dict[Tier, tuple[int | None, bool]]) if key else {}
     except ValueError:  # not there, or damaged: it is found again
@@ -61,9 +54,7 @@ def load(key: str) -> Findings:
 def save(key: str, findings: Findings) -> None:
     """Keep what was found."""
     if key:
-        path = folder() / "settings" / f"{key}.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(findings))
+        user_cache.keep(user_cache.folder("settings") / f"{key}.json", json.dumps(findings))
 
 
 def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[RaceProblem]:
@@ -71,7 +62,7 @@ def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[Ra
 
     Data are mixed as for timing; the first of a form's windows is what a solver is set up with.
     """
-    kept = folder() / "problems" / _hashed(*_problems(settings, of_set))
+    kept = user_cache.folder("problems") / _hashed(*_problems(settings, of_set))
     whole = len(make(of_set, settings.seed, settings.set_options))
     count = min(whole, settings.limit or whole)
     paths = [[kept / f"{i:03d}-{mixture}.npz" for mixture in range(MIXTURES)] for i in range(count)]

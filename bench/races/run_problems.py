@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
+from bench.passed import user_cache
 from bench.passed.progress import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
-from bench.races import calibration_store
 from bench.races.settings import RaceSettings
 from bench.store import Run
 
@@ -43,7 +43,7 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
 
 def watched_folders(run: Run) -> tuple[str, ...]:
     """What solvers must not look into."""
-    return str(run.path.resolve()), str(calibration_store.folder())
+    return str(run.path.resolve()), str(user_cache.folder())
 
 
 def keep_proofs(run: Run, problems: Iterable[RaceProblem]) -> None:

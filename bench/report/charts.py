@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from importlib.metadata import version
 from typing import Any
 
 import altair as alt
@@ -17,6 +19,7 @@ import numpy as np
 import pandas as pd
 import vl_convert
 
+from bench.passed import user_cache
 from bench.timing.schedule import PERIOD_US
 
 COLOURS = {"kernel": "#d55e00", "direct": "#0072b2", "qpsolvers": "#009e73", "cvxpy": "#cc79a7", "codegen": "#e69f00"}
@@ -45,9 +48,18 @@ CONFIG: dict[str, Any] = {
 
 
 def library() -> str:
-    """The JavaScript that draws, of the version that Altair writes for; it holds no end of a script element."""
-    text: str = vl_convert.javascript_bundle(vl_version=vega_lite_version())  # type: ignore[call-arg]
-    return text.replace("</script", "<\\/script")
+    """The JavaScript that draws, of the version that Altair writes for; it holds no end of a script element.
+
+    It is kept where it can be, since to put it together takes longer than to write a page.
+    """
+    kept = user_cache.folder("vega") / f"{alt.SCHEMA_VERSION}-{version('vl-convert-python')}.js"
+    if kept.is_file():
+        return kept.read_text(encoding="utf-8")
+    bundle: str = vl_convert.javascript_bundle(vl_version=vega_lite_version())  # type: ignore[call-arg]
+    bundle = bundle.replace("</script", "<\\/script")
+    with suppress(OSError):
+        user_cache.keep(kept, bundle)
+    return bundle
 
 
 def vega_lite_version() -> str:

@@ -14,6 +14,7 @@ from command_line import CommandLine
 from hostile_files import DEEP, LONG, spoiled, spoiled_documents, spoiled_tables
 from pyarrow import parquet
 
+from bench.passed import user_cache
 from bench.problem_files import ProblemFileError
 from bench.problems import proof_cache
 from bench.problems.protocol import RaceProblem
@@ -184,7 +185,7 @@ def test_a_damaged_proof_is_found_again(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     proof_cache.save("key", [])
     assert proof_cache.load("key") == []
-    path = proof_cache.folder() / "key.json"
+    path = user_cache.folder("proofs") / "key.json"
     for what, text in spoiled_documents({"proofs": [], "refusal": ""}):
         path.write_bytes(text)
         try:

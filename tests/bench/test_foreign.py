@@ -19,11 +19,12 @@ from program_files import INF, Drawn, draw, write_mat, write_qps
 from qpsolvers import Problem
 from scipy.io import savemat
 
+from bench.passed import user_cache
 from bench.passed.outcome import Outcome
 from bench.passed.task import Task
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import QP_FIELDS
-from bench.problems import ProblemSetError, RaceProblem, make, proof_cache
+from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import Prover, Provers
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
@@ -382,7 +383,7 @@ def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_proc
         assert [{s: f.certificate for s, f in problem.forms.items()} for problem in again.problems()] == [
             {s: f.certificate for s, f in proven.forms.items()}]
         assert "falls without bound" in again.left_out["endless"]
-    for kept in proof_cache.folder().glob("*.json"):
+    for kept in user_cache.folder("proofs").glob("*.json"):
         kept.write_text(kept.read_text()[:40])
     np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.5]), lb=np.zeros(2))
     other = next(make("foreign", options=options).problems())
