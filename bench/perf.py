@@ -16,12 +16,12 @@ import numpy as np
 from qpsolvers import Problem
 
 import solvers
+from bench.bank_figures import COST_HEADINGS, STEP_HEADINGS, cost_by_count, steps_in_real_time, where_memory_takes_over
 from bench.problems import find
 from bench.report.console import console, print_table
 from bench.worst_case import HEADINGS, worst_case_figures
 from piezo_model import (
     Compensator,
-    CompensatorBank,
     DataBasis,
     ModelStructure,
     OperatorState,
@@ -35,6 +35,7 @@ from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import multi_sine
 from solvers.arrays import Matrix, Vector
+from solvers.core import BUILT_WITH
 from solvers.descent import limit
 from solvers.kernel.recursive_active_set import RecursiveActiveSet
 
@@ -146,31 +147,6 @@ def learning_loop_figures() -> list[tuple[str, str, str, str]]:
             _figure("  of it, the recursive solver", fastest(lambda: solver.append_many(rows[:SHORT]), SHORT, 400), None)]
 
 
-def bank_figures() -> list[tuple[str, str, str, str]]:
-    """A step of a bank whose actuators all learn, at d = 18 and 800 Hz, by the number of actuators.
-
-    Where memory takes over, the figures rise: the parts that a step touches no longer fit into the next cache.
-    """
-    s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 1.25e-3)
-    found = []
-    for count in (8, 80, 800, 2000, 7000, 10_000):
-        row = [f"{count}"]
-        for hand_over_s in (0.1, 0.01):
-            bank = CompensatorBank(s, count, hand_over_s=hand_over_s)
-            y, times = np.full(count, np.nan), []
-            for k in range(240 + 4 * bank.interval):
-                y_ref = 15.0 * np.sin(0.02 * k + np.arange(count))
-                begin = perf_counter_ns()
-                x = bank.step(y_ref, y)
-                times.append(perf_counter_ns() - begin)
-                y = (x - 75.0) / 4.0 + 0.5 * np.sin(x / 10.0)
-            # Each phase of the interval has its own share of the work: the fastest of each, and their mean.
-            phases = np.array(times[-4 * bank.interval:]).reshape(4, bank.interval).min(axis=0)
-            row.append(f"{phases.mean() / count:.1f}")
-        found.append((row[0], row[1], row[2], f"{bank.bytes_per_actuator:.0f}"))
-    return found
-
-
 def recursive_rows(s: ModelStructure, x: Vector, y: Vector) -> Matrix:
     """Rows (Ξ, x) of samples, (N, d + 1), in slope coordinates."""
     r, r_S, T = np.array((0.0, *s.play_thresholds)), np.array(s.dead_zone_thresholds), s.slope_map
@@ -200,6 +176,14 @@ def show() -> None:
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     print_table(("what", "ours, ns", "NumPy, ns", "ratio"),
                 [*data_basis_figures(), *projected_step_figures(), *learning_loop_figures()])
-    console.print("Fastest of several runs on one core; compare ratios.")
+    console.print(f"Fastest of several runs on one core; compare ratios. {BUILT_WITH}.")
     print_table(HEADINGS, worst_case_figures())
-    print_table(("actuators of a bank", "10 optima a second, ns a sample of one", "100 optima, ns", "bytes of one"), bank_figures())
+    costs = cost_by_count()
+    print_table(COST_HEADINGS, costs)
+    console.print(where_memory_takes_over(costs))
+
+
+def show_bank(count: int, rate_Hz: float, seconds: float, threads: int, optima_per_s: float) -> None:
+    """Step a bank in real time and print the distribution."""
+    print_table(STEP_HEADINGS, steps_in_real_time(count, rate_Hz, seconds, threads, optima_per_s))
+    console.print(f"Period {1e6 / rate_Hz:.0f} µs, {optima_per_s:g} exact optima a second of each, {seconds:g} s each; {BUILT_WITH}.")

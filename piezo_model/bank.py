@@ -92,8 +92,8 @@ class CompensatorBank:
         self.interval = self.block * blocks
         """Samples from one optimum of an actuator to the next."""
         self._pool: ThreadPoolExecutor | None = None
-        self._slots: Index = np.empty(0, np.int64)
         self._tiles = 0
+        self._place(np.empty(0, np.int64))
         self._tables: list[Matrix] = []
         self._allocate(-(-count // LANES))
         self.add(count, x_limits, learn)
@@ -134,6 +134,11 @@ class CompensatorBank:
         self._views["w_H"][tiles_before:, 0] = 1.0
         self._room = [block(face.bank_room_bytes(*shape)) for _ in range(self.threads)]
 
+    def _place(self, slots: Index) -> None:
+        """Say in which lane of all tiles each actuator is."""
+        self._slots = slots
+        self._in_order = slots.size == self._tiles * LANES and bool(np.all(slots[1:] > slots[:-1]))
+
     def __len__(self) -> int:
         return self._slots.size
 
@@ -164,7 +169,7 @@ class CompensatorBank:
             self._allocate(tiles)
             free = np.setdiff1d(np.arange(tiles * LANES), taken)
         new = free[:count]
-        self._slots = np.concatenate([taken, new])
+        self._place(np.concatenate([taken, new]))
         for name in self._views:
             if name != "counts":
                 self._set(name, new, 0.0)
@@ -188,7 +193,7 @@ class CompensatorBank:
             raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {which[0] if which[0] < 0 else which[-1]}")
         gone = self._slots[which]
         self._views["memory"][gone // LANES, 0, gone % LANES] = 0.0
-        self._slots = np.delete(self._slots, which)
+        self._place(np.delete(self._slots, which))
 
     def take(self, actuator: int, model: HysteresisCreepModel) -> None:
         """Give an actuator a model of the bank's structure, from which it learns on; the drive jumps."""
@@ -259,15 +264,13 @@ class CompensatorBank:
         if y_ref.ndim != 2 or y_ref.shape[1] != len(self) or y.shape != y_ref.shape:
             raise ValueError(f"references and outputs must have a number for each of {len(self)} actuators, not the shapes "
                              f"{y_ref.shape} and {y.shape}")
-        capacity = self._tiles * LANES
-        whole = capacity == len(self) and bool(np.all(self._slots[1:] > self._slots[:-1]))
-        if not whole:
+        if not self._in_order:
             y_ref, y = self._spread(y_ref), self._spread(y)
         x = np.empty_like(y_ref)
-        ends = np.linspace(0, self._tiles, self.threads + 1).astype(int)
 
         def share(i: int) -> None:
-            face.bank_run(self._core.block, y_ref, y, x, self._room[i], int(ends[i]), int(ends[i + 1]))
+            first, last = (self._tiles * end // self.threads for end in (i, i + 1))
+            face.bank_run(self._core.block, y_ref, y, x, self._room[i], first, last)
 
         if self.threads == 1:
             share(0)
@@ -277,7 +280,7 @@ class CompensatorBank:
             share(0)
             for other in others:
                 other.result()
-        return x if whole else x[:, self._slots]
+        return x if self._in_order else x[:, self._slots]
 
     def _spread(self, values: Matrix) -> Matrix:
         """Put the actuators' numbers where their lanes are."""
@@ -292,7 +295,7 @@ class CompensatorBank:
     def restore(self, memory: dict[str, Any]) -> None:
         """Go on, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
         self._core.restore(memory["core"])
-        self._slots = memory["slots"].copy()
+        self._place(memory["slots"].copy())
 
     def save(self, path: str | Path) -> None:
         """Write everything as NPZ; the file is there whole or not at all."""

@@ -22,7 +22,7 @@ LEVELS = (
     {"report"},                                                         # what all reports are made of
     {"races"},                                                          # what the kinds of race share
     {"a race"},                                                         # one kind of race, and nothing of another one
-    {"comparison", "deploy", "experiment", "export", "fleet", "worst_case"},
+    {"comparison", "deploy", "experiment", "export", "fleet", "worst_case", "bank_figures"},
     {"perf"},
     {"cli"},
 )

@@ -1,0 +1,169 @@
+"""A day of self-learning in one go: loops and a bank, their error and memory by the hour, and how far each counter is from its end.
+
+``PYTHONPATH=. python tests/piezo_model/soak.py [SAMPLES]`` takes 7e8 samples, a day at 8 kHz, of each; the nightly test takes fewer.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+import solvers.core
+from piezo_model import (
+    CompensatorBank,
+    HysteresisCreepModel,
+    ModelStructure,
+    OperatorState,
+    SelfLearningCompensator,
+    plants,
+)
+from solvers.arrays import Matrix
+
+T = 125e-6
+PIECE = 80_000
+"""Samples after which every reference begins again, ten seconds."""
+DAY = 700_000_000
+LOOPS = ("continuous", "cyclic", "bank")
+ACTUATORS = 16
+NOISE_UM = 0.008
+
+
+def structure() -> ModelStructure:
+    return ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), T)
+
+
+def references(count: int) -> Matrix:
+    """Sines of changing amplitude, another one for each, that begin again after a piece; (PIECE, count), µm."""
+    t, number = 2.0 * np.pi * np.arange(PIECE)[:, None] / PIECE, np.arange(count)
+    found: Matrix = 15.0 * np.sin((40 + 7 * number) * t) * (0.7 + 0.3 * np.sin((3 + number) * t))
+    return found
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is not on disk."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * 4096
+
+
+@dataclass
+class Soak:
+    """What was seen: squared error and samples a stretch, memory after each, and the integer counters at the end, (value, bits)."""
+
+    rms_um: list[float] = field(default_factory=list)
+    resident: list[int] = field(default_factory=list)
+    counters: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+
+class Loop:
+    """A self-learning compensator round a plant that is not in its class."""
+
+    def __init__(self, mode: Literal["continuous", "cyclic"]) -> None:
+        plant = plants.Sensor(plants.get("relay_preisach"), noise_um=NOISE_UM)
+        self.plant, s = plant, structure()
+        self.learner = SelfLearningCompensator(s, 0.1, 8.0, 1.9, "box_active_set", mode=mode, hand_over_s=0.1, find_centre=False,
+                                               state=OperatorState.at_rest(s, -1.0, 1.0))
+        self.y_ref = references(1)[:, 0]
+
+    def piece(self) -> float:
+        """Mean squared error of one more piece."""
+        _, y = self.learner.run(self.y_ref, self.plant.run)
+        return float(np.mean((y - self.y_ref) ** 2))
+
+    def counters(self) -> dict[str, tuple[int, int]]:
+        core = self.learner._learning.core
+        found = {name: (int(value), 64) for name in ("sample", "hand_overs", "refusals", "faults", "failures")
+                 for value in core.whole(name)}
+        found |= {f"verdicts[{i}]": (int(value), 64) for i, value in enumerate(core.whole("verdicts"))}
+        if self.learner.mode == "continuous":
+            state = core.block[-solvers.core.face.swept_bytes(self.learner.structure.d):]
+            places, head = solvers.core.face.swept_places(state), state.view(np.int32)
+            found |= {f"solver's {name}": (int(head[places["counts"] + i]), 32) for i, name in
+                      enumerate(("exchanges", "refreshes", "cold starts"))}
+            found["solver's rows since a refresh"] = int(head[places["since_refresh"]]), 32
+        return found
+
+
+class Bank:
+    """A bank round models of more operators than it has, each with weights of its own."""
+
+    def __init__(self, count: int = ACTUATORS) -> None:
+        self.bank, self.y_ref = CompensatorBank(structure(), count, hand_over_s=0.1), references(count)
+        self.random = np.random.default_rng(1)
+        wide = ModelStructure.equidistant(9, 3, (0.0, 150.0), (-20.0, 20.0), (30.0, 3.0, 0.3), T)
+        self.models, self.states = [], [OperatorState.at_rest(wide) for _ in range(count)]
+        for _ in range(count):
+            w_H = np.r_[1.0, self.random.uniform(0.0, 0.1, 9)]
+            w_K, w_S = self.random.uniform(0.0, 0.02, 10), np.r_[0.02, 0.03, 0.02, 1.0, 0.03, 0.02, 0.04]
+            self.models.append(HysteresisCreepModel(wide, w_H / w_H.sum(), w_S, w_K, 0.0))
+        self.before = np.full(count, math.nan)
+
+    def actuators(self, x: Matrix) -> Matrix:
+        y = np.column_stack([model.simulate(x[:, i], state) for i, (model, state) in enumerate(zip(self.models, self.states, strict=True))])
+        return y + self.random.normal(scale=NOISE_UM, size=y.shape)
+
+    def chunks(self) -> Iterator[slice]:
+        """Parts of a piece in which no weights change, but for the first sample of each."""
+        done = 0
+        while done < PIECE:
+            late = self.bank._views["counts"].view(np.int64)[:, 0, 0] % self.bank.interval
+            end = min(done + max(1, self.bank.interval - 1 - int(late.max())), PIECE)
+            yield slice(done, end)
+            done = end
+
+    def piece(self) -> float:
+        squares = 0.0
+        for part in self.chunks():
+            y_ref, memory = self.y_ref[part], self.bank.memory()
+            first = self.bank.step(y_ref[0], self.before)
+            self.bank.learning = False
+            x = np.vstack([first, self.bank.run(y_ref[1:])])
+            y = self.actuators(x)
+            self.bank.restore(memory)
+            again = self.bank.run(y_ref, np.vstack([self.before[None], y[:-1]]))
+            if not np.array_equal(again, x):
+                raise AssertionError("the drive has changed where no weights may")
+            self.before = y[-1].copy()
+            squares += float(np.sum((y - y_ref) ** 2))
+        return squares / self.y_ref.size
+
+    def counters(self) -> dict[str, tuple[int, int]]:
+        found = {"sample": (int(self.bank._views["counts"].view(np.int64)[:, 0, 0].max()), 64)}
+        return found | {name: (int(value.max()), 53) for name, value in self.bank.counts.items()}
+
+
+def soak(kind: str, samples: int, stretch: int, say: bool = False) -> Soak:
+    """Run so many samples, in stretches of so many (whole pieces), after ten pieces of learning."""
+    loop = Bank() if kind == "bank" else Loop("continuous" if kind == "continuous" else "cyclic")
+    found, pieces = Soak(), stretch // PIECE
+    for _ in range(10):
+        loop.piece()
+    begin = time.perf_counter()
+    for done in range(max(1, samples // stretch)):
+        found.rms_um.append(math.sqrt(sum(loop.piece() for _ in range(pieces)) / pieces))
+        found.resident.append(resident_bytes())
+        found.counters = loop.counters()
+        if say:
+            spent = (time.perf_counter() - begin) / ((done + 1) * pieces * PIECE) * 1e9
+            print(f"{kind:10} {(done + 1) * pieces * PIECE:>11,} samples, {(done + 1) * pieces * PIECE * T / 3600.0:6.2f} h: "
+                  f"error {found.rms_um[-1]:.5f} µm RMS, {found.resident[-1] / 2**20:.1f} MiB, {spent:.0f} ns a sample", flush=True)
+    return found
+
+
+def main() -> None:
+    samples = int(float(sys.argv[1])) if len(sys.argv) > 1 else DAY
+    for kind in sys.argv[2:] or LOOPS:
+        found = soak(kind, samples, max(PIECE, min(samples, round(3600.0 / T)) // PIECE * PIECE), say=True)
+        for name, (value, bits) in found.counters.items():
+            end = 2.0 ** (bits if bits == 53 else bits - 1)
+            print(f"{kind:10} {name:28} {bits:3} bits {value:>14,} of {end:.1e}: {value / end:.1e}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
