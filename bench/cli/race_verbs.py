@@ -75,7 +75,7 @@ def race_verb(
     reading: Reading,
     kind: str = DEFAULT,
     problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set, paper and measured by default; may be given "
-                                                                         "again. A stream and a loop have their own problems.")] = None,
+                                                                         "again. A stream, a loop and a batch have their own problems.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
                                                           "given again. All by default.")] = None,
     lane: Annotated[list[Lane] | None, typer.Option(help="How solvers are called: compiled, by their own object, through "

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
@@ -16,6 +17,7 @@ from bench.report import markdown, race_page
 from bench.report.report import Report
 from bench.store import Run, Schema
 from bench.timing import machine
+from solvers.registry import Entry
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Kind:
     """Whether it has problems of its own and takes no problem sets."""
     spreads: bool = False
     """Whether it can use several workers."""
+    entries: Callable[[Any], Sequence[Entry]] = checked
+    """Who is asked for by these settings; RaceError where there is nobody of a name."""
 
     def check(self, workers: Workers) -> None:
         """RaceError where the race cannot be spread like that."""
@@ -49,7 +53,7 @@ class Kind:
 
     def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
         """Make the run's folder."""
-        checked(settings)
+        self.entries(settings)
         return Run.create(results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name)
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:

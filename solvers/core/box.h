@@ -22,6 +22,7 @@ typedef struct {
     int32_t kind, d;
     int64_t bytes;
     int32_t inverted, factorised, singular; /* which of M and the factor are there; whether P has the proximal term */
+    int32_t rough;                          /* whether M, which is not safely accurate, is good enough to guess sides from */
     int32_t free_count, factor_fits;        /* of the list of free variables; whether the factor is that of the list */
     int32_t cap;                            /* exchanges after which a solve ends with CAPPED; 0 for none */
     int32_t exchanges, systems, dual_steps, proximal_steps; /* what the last solve took */
@@ -51,6 +52,8 @@ CORE_API Box box_at(void *memory);
 
 /* Make a block of box_bytes(d) bytes a state of d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
 CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
+/* Take other bounds, before other data; OK, NOT_FINITE or CROSSED. */
+CORE_API int box_take_bounds(Box *s, const real *lb, const real *ub);
 /* Take P (d, d) or q (d); OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
 CORE_API int box_take_hessian(Box *s, const real *P);
 CORE_API int box_take_linear(Box *s, const real *q);

@@ -84,16 +84,6 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         s.lo[j] = s.lb[j] = -REAL_INFINITY;
         s.hi[j] = s.ub[j] = REAL_INFINITY;
     }
-    for (int j = 0; j < d; ++j) {
-        if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
-            return NOT_FINITE;
-        }
-        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
-            return CROSSED;
-        }
-        s.lb[j] = lb[j];
-        s.ub[j] = ub[j];
-    }
     if (d > 0) {
         real irregular = 0;
         s.one[s.ld] = 1;
@@ -107,6 +97,21 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         if (d % 2 != 0) {
             s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
         }
+    }
+    return box_take_bounds(&s, lb, ub);
+}
+
+int box_take_bounds(Box *s, const real *lb, const real *ub)
+{
+    for (int j = 0; j < s->d; ++j) {
+        if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
+            return NOT_FINITE;
+        }
+        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
+            return CROSSED;
+        }
+        s->lb[j] = lb[j];
+        s->ub[j] = ub[j];
     }
     return OK;
 }

@@ -131,7 +131,7 @@ int box_invert(Box *s, const real *P)
 {
     const int d = s->d, ld = s->ld;
     vec8 longest = zeros();
-    s->head->inverted = 0;
+    s->head->inverted = s->head->rough = 0;
     if (d == 0 || !(MAGNITUDE(copy_scaled(s, P)) <= (real)d * (real)d * REAL_EPSILON / 2) || !sweep_all(s)) {
         return d == 0; /* nothing to invert */
     }
@@ -144,5 +144,6 @@ int box_invert(Box *s, const real *P)
         longest = larger(longest, diagonal);
     }
     s->head->inverted = largest8(longest) <= LARGEST_INVERSE;
+    s->head->rough = !s->head->inverted && largest8(longest) < REAL_INFINITY;
     return s->head->inverted;
 }

@@ -167,7 +167,10 @@ static int proximal_point(Box *s)
 
 /* Cold, it starts with every variable free at 0 and the answer is a function of the data alone. Warm, it starts from the answer and
  * the sides in the state. */
-int box_solve_factorised(Box *s, int warm)
+/* From "all free", from the answer and its sides, or from sides alone. */
+enum { COLD, WARM, GUESSED };
+
+static int solve_from(Box *s, int start)
 {
     int status = BREAKDOWN;
     if (!s->head->factorised) {
@@ -179,8 +182,10 @@ int box_solve_factorised(Box *s, int warm)
     for (int j = 0; j < s->d; ++j) {
         real x = 0;
         int side = FREE;
-        if (warm) {
+        if (start == WARM) {
             x = s->answer[j] / s->scale[j];
+        }
+        if (start != COLD) {
             side = s->side[j];
         }
         if (s->lo[j] == s->hi[j]) {
@@ -211,8 +216,11 @@ int box_solve_factorised(Box *s, int warm)
     return status;
 }
 
+int box_solve_factorised(Box *s, int warm) { return solve_from(s, warm ? WARM : COLD); }
+
 int box_solve(Box *s, int warm)
 {
+    int start = warm ? WARM : COLD;
     s->head->exchanges = 0;
     s->head->systems = 0;
     s->head->dual_steps = 0;
@@ -222,7 +230,10 @@ int box_solve(Box *s, int warm)
         if (status != BREAKDOWN) {
             return status;
         }
+    } else if (s->head->rough && !s->head->singular && s->head->cap == 0 && start == COLD) {
+        box_exchange_all(s, 0); /* whatever its end, most of its sides are right */
+        start = GUESSED;
     }
     ++s->head->fallbacks;
-    return box_solve_factorised(s, warm);
+    return solve_from(s, start);
 }

@@ -1,4 +1,8 @@
-/* Many box programs of one size as Python calls them; see box_lanes.h. */
+/* Many box programs of one size as Python calls them, one after the other (box.h) or eight at a time (box_lanes.h).
+ *
+ * Cold, one after the other is the faster at every size: of eight programs in lanes all wait for the one that takes most rounds, and
+ * each round is a factorisation. Lanes pay where a start is nearly right and the data stand in lanes already, as in a bank.
+ */
 #include "box.h"
 #include "box_lanes.h"
 #include "face_solvers.h"
@@ -50,19 +54,19 @@ static void fill_lane(const BoxLanes *s, int l, const double *P, const double *q
     lane8(s->data, triangle(d + 1) - 1)[l] = 0;
 }
 
-static int solve_alone(void *memory, int d, const double *P, const double *q, const double *lb, const double *ub, double *x)
+/* With a state of d variables; nothing of the program that it solved before is in the answer. */
+static int solve_alone(Box *s, const double *P, const double *q, const double *lb, const double *ub, double *x)
 {
-    Box s;
-    int status = box_setup(memory, d, lb, ub);
-    s = box_at(memory);
-    status = status == OK ? box_take_hessian(&s, P) : status;
-    status = status == OK ? box_take_linear(&s, q) : status;
-    status = status == OK ? box_solve(&s, 0) : status;
-    memcpy(x, s.answer, (size_t)d * sizeof(double));
+    int status = box_take_bounds(s, lb, ub);
+    status = status == OK ? box_take_hessian(s, P) : status;
+    status = status == OK ? box_take_linear(s, q) : status;
+    status = status == OK ? box_solve(s, 0) : status;
+    memcpy(x, s->answer, (size_t)s->d * sizeof(double));
     return status;
 }
 
-/* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were left to the exact solver. */
+/* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were solved alone. In lanes a
+ * P is taken for symmetric and bounds for lb < ub. */
 FACE(box_many)
 {
     const double *const P = take_array(a, ANY_LENGTH, ANY_LENGTH);
@@ -80,27 +84,34 @@ FACE(box_many)
     need_bytes(a, 6, workspace_numbers(d) * (int64_t)sizeof(real) + box_bytes(d));
     const int first = (int)take_integer(a, 0, programs);
     const int last = (int)take_integer(a, first, programs);
+    const int step = take_integer(a, 0, 1) ? LANES : 1;
     int alone = 0;
     if (!good(a)) {
         return finish(a, NULL);
     }
     Workspace w = workspace_at(room, d);
     begin_long_if(a, 1);
-    for (int b = first; b < last; b += LANES) {
-        for (int l = 0; l < LANES; ++l) {
+    if (first < last) {
+        box_setup(w.single, d, lb + (size_t)first * (size_t)d, ub + (size_t)first * (size_t)d);
+    }
+    Box single = box_at(w.single);
+    for (int b = first; b < last; b += step) {
+        for (int l = 0; l < LANES && step > 1; ++l) {
             const size_t at = (size_t)(b + l < last ? b + l : last - 1), vector = at * (size_t)d;
             fill_lane(&w.lanes, l, P + vector * (size_t)d, q + vector, lb + vector, ub + vector);
         }
-        box_lanes_solve(&w.lanes);
-        for (int l = 0; l < LANES && b + l < last; ++l) {
+        if (step > 1) {
+            box_lanes_solve(&w.lanes);
+        }
+        for (int l = 0; l < step && b + l < last; ++l) {
             const size_t vector = (size_t)(b + l) * (size_t)d;
-            if (w.lanes.solved[l] > 0) {
+            if (step > 1 && w.lanes.solved[l] > 0) {
                 for (int i = 0; i < d; ++i) {
                     x[vector + (size_t)i] = w.lanes.x[i * LANES + l];
                 }
                 statuses[b + l] = OK;
             } else {
-                statuses[b + l] = solve_alone(w.single, d, P + vector * (size_t)d, q + vector, lb + vector, ub + vector, x + vector);
+                statuses[b + l] = solve_alone(&single, P + vector * (size_t)d, q + vector, lb + vector, ub + vector, x + vector);
                 ++alone;
             }
         }

@@ -17,7 +17,7 @@
     F(time_box, 7, "state, P, q, warm, x, updates, solves", "time both again and again; a status.") \
     F(box_follow, 7, "state, P, q, rows, forgetting, answers, nanoseconds", "solve after each row; a status.") \
     F(box_many_bytes, 1, "d", "size of the room that box_many needs.") \
-    F(box_many, 9, "P, q, lb, ub, x, statuses, room, first, last", "eight programs at a time; how many were left to the exact solver.") \
+    F(box_many, 10, "P, q, lb, ub, x, statuses, room, first, last, lanes", "programs one by one or in lanes; how many one by one.") \
     F(projected_follow, 10, "state, cone, P, q, rows, forgetting, ratio, steps, answers, nanoseconds", "a status.") \
     F(cone_bytes, 2, "rows, coupled", "size of the state of a projection.") \
     F(cone_setup, 4, "state, A, b, index", "make a block a state; a status.") \

@@ -1,0 +1,118 @@
+"""What takes part in a batch race, and which files define it."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bench.passed.race_error import RaceError
+from bench.races.settings import RaceSettings
+from solvers import Lane
+from solvers.arrays import Matrix, Vector
+from solvers.registry import Entry
+
+FOLDERS = (Lane.KERNEL, Lane.DIRECT)
+
+
+class Contestant(ABC):
+    """Solves batches of programs  minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub.
+
+    It asks its library for what it takes to be right to 1e-9 in the relative cost, where the library can.
+
+    Parameters
+    ----------
+    d : int
+    threads : int
+        That it may use; one in the lane direct.
+    """
+
+    algorithm: ClassVar[str]
+    licence: ClassVar[str]
+    distribution: ClassVar[str]
+    """Installed package whose version is reported, or "piezobench"."""
+    built_with: ClassVar[str] = ""
+    compiles: ClassVar[bool] = False
+    """Whether it compiles anew for each size of a batch, which is done before it is timed."""
+    warm_startable: ClassVar[bool] = False
+    always: ClassVar[Mapping[str, Any]] = {}
+
+    def __init__(self, d: int, threads: int) -> None:
+        self.d, self.threads = d, threads
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """It has one rung."""
+        return ({},)
+
+    @abstractmethod
+    def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:
+        """The answers (B, d) to the programs P (B, d, d) with q, lb, ub (B, d); NaN where there is none."""
+
+
+class Loop(Contestant):
+    """A contestant that answers one program after the other."""
+
+    @abstractmethod
+    def one(self, P: Matrix, q: Vector, lb: Vector, ub: Vector) -> Vector:
+        """The answer (d,) to one program; it is copied at once."""
+
+    def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:
+        """Call ``one`` for each."""
+        x, one = np.empty(q.shape), self.one
+        for b in range(len(q)):
+            x[b] = one(P[b], q[b], lb[b], ub[b])
+        return x
+
+
+@dataclass(frozen=True)
+class ContestantFile(Entry):
+    """One contestant, known by its file and not yet imported."""
+
+    def load(self) -> type[Contestant]:  # type: ignore[override]  # what loads it asks for what both have
+        """Import its class; ImportError where its library is not installed."""
+        if self.path is None:
+            module = importlib.import_module(self.module)
+        else:
+            spec = importlib.util.spec_from_file_location(self.module, self.path)
+            assert spec is not None
+            assert spec.loader is not None
+            module = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(module)
+        found = [cls for cls in vars(module).values() if inspect.isclass(cls) and issubclass(cls, Contestant)
+                 and cls.__module__ == module.__name__ and not inspect.isabstract(cls)]
+        if len(found) != 1:
+            raise ImportError(f"{module.__file__} must define exactly one Contestant, not {len(found)}")
+        return found[0]
+
+
+def contestants() -> Iterator[ContestantFile]:
+    """All of the folder, by lane and name."""
+    for lane in FOLDERS:
+        for file in sorted((Path(__file__).parent / "contestants" / lane).glob("[a-z]*.py")):
+            yield ContestantFile(file.stem, lane, f"{__package__}.contestants.{lane}.{file.stem}")
+
+
+def asked_for(settings: RaceSettings) -> list[ContestantFile]:
+    """Those that are asked for by name and lane, and the user's own files, whose lane is direct; RaceError where there is none of a name."""
+    known = list(contestants())
+    names = [entry.name for entry in known]
+    if unknown := [name for name in settings.solvers if name not in names]:
+        raise RaceError(f"there is no contestant {unknown[0]!r} of a batch race; known are {', '.join(names)}")
+    chosen = [entry for entry in known if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
+    for path in map(Path, settings.solver_files):
+        if not path.is_file():
+            raise RaceError(f"{path} is not a file")
+        if path.stem in names:
+            raise RaceError(f"{path}: there is a contestant {path.stem} already; name the file otherwise")
+        chosen.append(ContestantFile(path.stem, Lane.DIRECT, f"piezobench_user_{path.stem}", path))
+    if not chosen:
+        raise RaceError(f"no contestant of those asked for is in the lane {' or '.join(settings.lanes)}")
+    return chosen

@@ -1,0 +1,1 @@
+"""A batch is a loop in Python."""

@@ -1,0 +1,1 @@
+"""A batch is one call of compiled code."""

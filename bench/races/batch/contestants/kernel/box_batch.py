@@ -1,0 +1,27 @@
+"""Our exact solver, one program after the other in compiled code: :class:`solvers.BoxBatch`."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from bench.races.batch.contestant import Contestant
+from solvers import BoxBatch
+from solvers.arrays import Matrix
+from solvers.core import BUILT_WITH
+
+
+class Ours(Contestant):
+    """The public batch solver."""
+
+    algorithm = "primal-dual active set"
+    licence = "MIT"
+    distribution = "piezobench"
+    built_with = BUILT_WITH
+    batches: ClassVar[type[BoxBatch]] = BoxBatch
+
+    def __init__(self, d: int, threads: int) -> None:
+        super().__init__(d, threads)
+        self._batch = self.batches(d, threads)
+
+    def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:  # noqa: D102
+        return self._batch.solve(P, q, lb, ub)[0]

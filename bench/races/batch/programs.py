@@ -1,0 +1,123 @@
+"""The programs of a batch race: mixtures of neighbouring windows of recordings, no two alike.
+
+Every simulated actuator under every drive, seen by a model of d = 18 (n = 5, m = 3) and of d = 60 (n = 20, m = 9), gives a family of four
+windows. A program is one family's
+
+    P = Σ θ_k P_k,   q = Σ θ_k q_k,   c = Σ θ_k c_k,   θ uniform over θ ≥ 0, Σ θ_k = 1,   lb ≤ x,
+
+the family drawn for each program. Active sets, conditions (1e4 to 1e11) and bounds differ from program to program. They stand in files
+outside of the run that children map and cannot change; which answers are judged only the parent knows, and their optima are proven when
+the solvers are done with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from qpsolvers import Problem
+
+from bench.passed.progress import Progress
+from bench.problems.paper import DRIVES
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.problems.simulation import Experiment
+from bench.store import Run
+from piezo_model import plants
+from solvers.arrays import Matrix
+from solvers.certificate import NotCertified, certify
+
+ORDERS = {18: (5, 3), 60: (20, 9)}
+"""n and m of the model by d."""
+SET = "batch"
+ARRAYS = ("P", "q", "lb", "ub")
+AT_ONCE = 512
+"""Programs that are mixed at once."""
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where the arrays of the programs of one size are; all that a child is told of them."""
+
+    folder: Path
+    d: int
+
+    def path(self, name: str) -> Path:
+        """The file of an array."""
+        return self.folder / f"{name}-{self.d}.npy"
+
+    def mapped(self) -> tuple[Matrix, ...]:
+        """P (N, d, d), q, lb and ub (N, d); what is written to them stays in the process."""
+        return tuple(np.load(self.path(name), mmap_mode="c") for name in ARRAYS)
+
+
+class Programs:
+    """All programs of one size, and the proofs of those that are judged.
+
+    Parameters
+    ----------
+    run : Run
+        Keeps the families, so that a resumed race has the same programs.
+    d : int
+    count : int
+        How many there are at least.
+    seed : int
+    folder : Path
+        For the files.
+    limit : int, optional
+        Families to draw from; all by default.
+    """
+
+    def __init__(self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress) -> None:
+        self.files, self.count = Files(folder, d), count
+        self._forms = [problem.forms["scaled"] for problem in families(run, d, seed, limit, progress)]
+        chance = np.random.default_rng([seed, d])
+        self._family = chance.integers(len(self._forms), size=count)
+        self._shares = chance.dirichlet(np.ones(1 + len(self._forms[0].windows)), size=count)
+        self._proven: dict[int, CertifiedForm | None] = {}
+        self._rank = np.random.default_rng().permutation(count)  # by the system's randomness
+        progress(f"{count} programs of {d} variables", 0, 1)
+        self._write()
+
+    def _write(self) -> None:
+        d = self.files.d
+        P, q, lb, ub = (np.lib.format.open_memmap(self.files.path(name), "w+", np.float64, (self.count, *shape))
+                        for name, shape in zip(ARRAYS, ((d, d), (d,), (d,), (d,)), strict=True))
+        for f, form in enumerate(self._forms):
+            at = np.flatnonzero(self._family == f)
+            matrices = np.array([form.qp.P, *(window.P for window in form.windows)]).reshape(-1, d * d)
+            vectors = np.array([form.qp.q, *(window.q for window in form.windows)])
+            for few in np.split(at, range(AT_ONCE, at.size, AT_ONCE)):
+                P[few] = (self._shares[few] @ matrices).reshape(-1, d, d)
+            q[at], lb[at], ub[at] = self._shares[at] @ vectors, form.qp.lb, form.qp.ub
+        self._P, self._q = P, q
+
+    def sample(self, first: int, last: int, most: int) -> list[int]:
+        """At most so many of the programs from ``first`` to ``last`` − 1; often the same, so that few have to be proven."""
+        return sorted(first + int(i) for i in np.argsort(self._rank[first:last])[:most])
+
+    def proven(self, b: int) -> CertifiedForm | None:
+        """Program b with its proven optimum; None where there is no proof."""
+        if b not in self._proven:
+            form, share = self._forms[self._family[b]], self._shares[b]
+            qp = Problem(np.array(self._P[b]), np.array(self._q[b]), lb=form.qp.lb, ub=form.qp.ub)
+            c = float(share @ [form.c, *(window.c for window in form.windows)])
+            try:
+                self._proven[b] = replace(form, qp=qp, c=c, certificate=certify(qp, np.array(form.certificate.x)), windows=())
+            except NotCertified:  # nothing is judged on what cannot be proven
+                self._proven[b] = None
+        return self._proven[b]
+
+
+def families(run: Run, d: int, seed: int, limit: int | None, progress: Progress) -> list[RaceProblem]:
+    """A problem with its windows for each actuator and drive, kept in the run."""
+    cases = [(plant, drive) for plant in plants.names() for drive in DRIVES][:limit]
+    found = []
+    for i, (plant, drive) in enumerate(cases):
+        progress(f"{plant} under a {drive}, d = {d}", i, len(cases))
+        name = f"{plant}-{drive}-{d}"
+        path = run.problem_path(SET, name)
+        if not path.is_file():
+            Experiment(plant, drive, *ORDERS[d], seed=seed + i).problem(SET, name).save(path)
+        found.append(run.problem(SET, name))
+    return found

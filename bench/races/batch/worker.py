@@ -1,0 +1,106 @@
+"""The child's side of the batch race: one contestant, batches of one size, timed call by call.
+
+Each call gets programs that the calls before it did not get, until all have been through; what the batches hold is read once before, so
+that it is in memory. Calls are timed in groups that last GROUP_NS, by the clock and by what the process and all its threads took of the
+processors. What is compiled, loaded and allocated first is not timed.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.passed.outcome import Outcome
+from bench.passed.request import Request, attempt
+from bench.passed.said import real
+from bench.races.batch.contestant import Contestant
+from bench.races.batch.programs import Files
+from bench.timing.clock import Effort, no_garbage_collection
+from solvers.arrays import Matrix, Nanoseconds
+
+GROUP_NS = 1_000_000
+WARM_UP = 64
+"""Programs of the call that is not timed, where nothing is compiled for the size of the batch."""
+
+_ready: dict[tuple[type, int, int], Contestant] = {}
+"""Contestants of this process, which may keep what they allocated."""
+
+
+@dataclass
+class Batched(Outcome):
+    """What came back: answers (M, d) to the programs from the first on, and per group of calls nanoseconds and programs."""
+
+    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
+    wall_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    cpu_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    programs: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    grown_mb: float = float("nan")
+
+
+@dataclass(frozen=True)
+class BatchRequest(Request):
+    """Solve batches of ``size`` programs of those from ``first`` to ``last`` − 1 with so many threads."""
+
+    files: Files
+    size: int
+    first: int
+    last: int
+    threads: int
+    effort: Effort
+
+    def answer(self, cls: type[Any], first: bool) -> Outcome:
+        """Warm up, then time."""
+        return attempt(lambda: self._timed(cls))
+
+    def _timed(self, cls: type[Contestant]) -> Outcome:
+        key = cls, self.files.d, self.threads
+        if key not in _ready:
+            _ready[key] = cls(self.files.d, self.threads)
+        solve, arrays = _ready[key].solve, [array[self.first:self.last] for array in self.files.mapped()]
+        for array in arrays:
+            array.sum()  # which reads it
+        few = self.size if cls.compiles else min(self.size, WARM_UP)
+        began = time.perf_counter_ns()
+        solve(*(array[-few:] for array in arrays))
+        per_call = (time.perf_counter_ns() - began) * self.size // few
+        batches = [[array[at:at + self.size] for array in arrays] for at in range(0, len(arrays[1]) - self.size + 1, self.size)]
+        calls = int(np.clip(GROUP_NS // max(per_call, 1), 1, max(1, len(batches) // self.effort.fewest)))
+        groups = [batches[at:at + calls] for at in range(0, len(batches), calls)][:self.effort.most]
+        before, spent = memory_mb("VmRSS"), 0
+        answers: list[Matrix] = []
+        taken: list[tuple[int, int, int]] = []
+        forget_peak()
+        with no_garbage_collection():
+            for group in groups:
+                if not self.effort.goes_on(len(taken), spent):
+                    break
+                cpu, wall = time.process_time_ns(), time.perf_counter_ns()
+                found = [solve(*batch) for batch in group]
+                wall, cpu = time.perf_counter_ns() - wall, time.process_time_ns() - cpu
+                answers += [real(x) for x in found]
+                taken.append((wall, cpu, len(group) * self.size))
+                spent += wall
+        if any(x.shape != (self.size, self.files.d) for x in answers):
+            raise ValueError(f"answers a batch of {self.size} programs with an array of shape {answers[0].shape}")
+        walls, cpus, programs = np.array(taken, dtype=np.int64).T
+        return Batched(found=True, answers=np.concatenate(answers), wall_ns=walls, cpu_ns=cpus, programs=programs,
+                       grown_mb=memory_mb("VmHWM") - before)
+
+
+def memory_mb(what: str) -> float:
+    """The present or largest resident memory of this process, megabytes; NaN where the system does not say."""
+    with suppress(OSError, StopIteration):
+        line = next(line for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines() if line.startswith(what))
+        return float(line.split()[1]) / 1024.0
+    return float("nan")
+
+
+def forget_peak() -> None:
+    """Let the largest resident memory count from now on, where the system can."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

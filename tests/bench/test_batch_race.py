@@ -1,0 +1,144 @@
+"""The batch race, with real contestants in real processes; nothing here asks how fast the machine is."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import CommandLine, wait_until_gone
+
+from bench.passed.progress import silent
+from bench.races.batch import figures
+from bench.races.batch.contestant import asked_for, contestants
+from bench.races.batch.programs import Programs
+from bench.races.batch.race import BATCH, SKIPPED, BatchSettings, row_of, task_of
+from bench.races.batch.worker import Batched
+from bench.races.registry import kinds
+from bench.store import Run
+from solvers import BoxBatch
+
+TINY = ("--race", "batch", "--limit", 2, "--largest", 16, "--turns", 2, "--budget", 0.001)
+LIAR = '''
+"""Says zero, or what it said before, and dies of a large batch."""
+import os
+import numpy as np
+from bench.races.batch.contestant import Contestant
+
+
+class Liar(Contestant):
+    algorithm, licence, distribution = "none", "MIT", "liar"
+
+    def solve(self, P, q, lb, ub):
+        if len(q) == 16:
+            os.abort()
+        return np.zeros(q.shape)
+'''
+
+
+@pytest.fixture(scope="module")
+def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A tiny race that was killed in the middle and carried on."""
+    folder = tmp_path_factory.mktemp("batch")
+    (folder / "liar.py").write_text(LIAR)
+    words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", folder / "liar.py")
+             for word in ("--solver", name)]
+    call, run = piezobench.start("race", *TINY, *words, "--out", folder, "--name", "run"), Run(folder / "run")
+    while call.running() and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 5:
+        time.sleep(0.002)
+    call.kill()
+    call.wait()
+    wait_until_gone(call.pid)
+    kept = {}
+    for path in (run.path / "tasks").glob("[!.]*.npz"):
+        with np.load(path) as data:
+            kept[path.stem] = json.loads(str(data["row"]))
+    done = piezobench("resume", run.path)
+    assert done.status == 0, done.stderr
+    assert "solves" in done.stdout
+    rows = run.rows(BATCH).set_index("task")
+    assert kept
+    for task, before in kept.items():
+        assert rows.loc[task].cpu_us == before["cpu_us"] or before["status"] == "crashed"
+    return run
+
+
+def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
+    rows = raced.rows(BATCH)
+    assert not rows.duplicated(["d", "solver", "lane", "threads", "batch", "repeat"]).any()
+    one = rows[rows.threads == 1]
+    assert one.groupby("solver").size().eq(2 * 3 * 2).all()
+    assert set(one.solver) == {"box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", "liar"}
+    ours = rows[rows.ours]
+    assert set(ours.solver) == {"box_batch", "box_lanes", "box_active_set"}
+    assert (ours.status == "ok").all()
+    assert (ours.share_high == 1.0).all()
+    assert (ours.judged > 0).all()
+    assert (ours.cpu_us > 0.0).all()
+
+
+def test_a_contestant_that_lies_is_not_right_and_one_that_dies_is_not_asked_for_more(raced: Run) -> None:
+    liar = raced.rows(BATCH).query("solver == 'liar'")
+    small, large = liar[liar.batch < 16], liar[liar.batch == 16]
+    assert (small.status == "missed").all()
+    assert (small.share_low == 0.0).all()
+    assert set(large.status) == {"crashed"}
+    summary = figures.summary(raced.rows(BATCH))
+    assert "liar" not in set(figures.everywhere_right(summary).solver)
+    assert "liar" not in " ".join(figures.verdict(summary))
+
+
+def test_the_report_opens_with_ours_beside_the_next_and_has_everything_below(raced: Run) -> None:
+    report, path = kinds()["batch"].write(raced)
+    first, second, third = report.verdict
+    for sentence, d in ((first, 18), (second, 60)):
+        assert sentence.startswith(f"At d = {d} box_batch† solves ")
+        assert "the next that is as right" in sentence
+    assert third.startswith("With a thread on each of ") or len(kinds()) == 0
+    text = path.read_text(encoding="utf-8")
+    assert "![Programs a second and core by batch size](batch.svg)" in text
+    assert "| 60 | liar | direct | 1 | 16 | crashed |" in text
+    assert "<svg" in (raced.path / "batch.svg").read_text(encoding="utf-8")
+    lines = report.figures[0].data
+    assert lines[lines.name == "box_batch†"].groupby("view").size().to_dict() == {"d = 18": 3, "d = 60": 3}
+
+
+def test_what_would_take_too_long_is_not_run_and_the_row_says_why() -> None:
+    from bench.races.batch.race import _why_not
+
+    before = {"status": "ok", "batch": 4, "wall_us": 200_000.0, "message": ""}
+    assert _why_not(before, 16, 2.0) == "a batch of 16 would take 3.2 s, and the most is 2 s"
+    assert _why_not(before, 16, 4.0) == ""
+    assert _why_not({**before, "status": SKIPPED, "message": "why"}, 64, 4.0) == "why"
+    assert _why_not({**before, "status": "crashed"}, 16, 4.0) == "the batch of 4 ended as crashed"
+
+
+def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(raced: Run, tmp_path: Path) -> None:
+    programs = Programs(raced, 18, 300, 0, tmp_path, 2, silent)
+    P, q, lb, ub = programs.files.mapped()
+    assert len(np.unique(P.reshape(300, -1), axis=0)) == len(np.unique(q, axis=0)) == 300
+    P[:] = 0.0  # stays here
+    P, q, lb, ub = programs.files.mapped()
+    x, _ = BoxBatch(18).solve(P, q, lb, ub)
+    entry = next(entry for entry in contestants() if entry.name == "daqp")
+
+    def judged(answers: np.ndarray) -> dict[str, float]:
+        one = np.ones(1, dtype=np.int64)
+        return row_of(task_of(entry, 18, 256, 1, 1), 18, entry, Batched(found=True, answers=answers, wall_ns=one, cpu_ns=one, programs=one),
+                      programs, 16)
+
+    assert judged(x[1:257])["share_high"] == 1.0
+    assert judged(x[1:257])["judged"] == 16
+    assert judged(x[:256])["share_low"] == 0.0  # each is the answer of the program before
+    spoiled = x[1:257].copy()
+    spoiled[programs.sample(1, 257, 16)[0] - 1] += 1e-4
+    assert judged(spoiled)["share_high"] == 15 / 16
+
+
+def test_a_contestant_that_is_not_there_is_refused(piezobench: CommandLine, tmp_path: Path) -> None:
+    said = piezobench("race", "--race", "batch", "--solver", "clarabel", "--out", tmp_path / "results").refusal
+    assert "there is no contestant 'clarabel' of a batch race; known are box_batch, " in said
+    said = piezobench("race", "--race", "batch", "--solver", tmp_path / "none.py", "--out", tmp_path / "results").refusal
+    assert "none.py is not a file" in said
+    assert not (tmp_path / "results").exists()
+    assert {entry.name for entry in asked_for(BatchSettings(solvers=("daqp", "box_batch")))} == {"daqp", "box_batch"}

@@ -1,0 +1,98 @@
+"""Many box programs at once: the answers of single ones, whatever stands beside them and however many threads there are."""
+
+import numpy as np
+import pytest
+from qpsolvers import Problem
+
+import solvers
+from solvers import BoxBatch
+from solvers.arrays import Matrix
+from solvers.certificate import certify, exact_cost_gap
+
+
+def programs(count: int, d: int, seed: int) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Random programs of condition up to 1e12, every kind of bound among them."""
+    random = np.random.default_rng(seed)
+    rows = random.normal(size=(count, 2 * d, d)) * 10.0 ** random.uniform(-6, 0, (count, 1, d)) ** random.integers(0, 2, (count, 1, 1))
+    P, target = np.einsum("bki,bkj->bij", rows, rows) / d, random.normal(size=(count, d))
+    lb = np.where(random.random((count, d)) < 0.7, 0.0, -np.inf)
+    ub = np.where(random.random((count, d)) < 0.2, 0.7, np.inf)
+    lb, ub = np.where(random.random((count, d)) < 0.05, 0.2, lb), np.where(random.random((count, d)) < 0.05, 0.2, ub)
+    return P, -np.einsum("bij,bj->bi", P, target), np.minimum(lb, ub), ub
+
+
+@pytest.mark.parametrize("d", [1, 2, 7, 18, 60])
+def test_every_answer_is_the_minimiser_and_that_of_the_single_solver_to_the_bit(d: int) -> None:
+    P, q, lb, ub = programs(27, d, d)
+    x, found = BoxBatch(d).solve(P, q, lb, ub)
+    assert found.all()
+    assert np.all((x >= lb) & (x <= ub))
+    for b in range(27):
+        single = solvers.get("box_active_set")
+        single.setup(Problem(P[b], q[b], lb=lb[b], ub=ub[b]))
+        np.testing.assert_array_equal(x[b], single.solve())
+        g, size = P[b] @ x[b] + q[b], np.abs(P[b]) @ np.abs(x[b]) + np.abs(q[b])
+        wrong = np.where(x[b] > lb[b], np.maximum(g, 0.0), 0.0) - np.where(x[b] < ub[b], np.minimum(g, 0.0), 0.0)
+        assert wrong.max() <= 1e-9 * size.max()
+        if b < 3:
+            problem = Problem(P[b] / 2 + P[b].T / 2, q[b], lb=lb[b], ub=ub[b])
+            assert exact_cost_gap(problem, certify(problem, np.zeros(d)), x[b]).relative <= 1e-9
+
+
+def test_what_is_wrong_with_one_program_changes_no_bit_of_the_others() -> None:
+    P, q, lb, ub = programs(21, 18, 0)
+    x, _ = BoxBatch(18).solve(P, q, lb, ub)
+    P[2, 3, 3], P[4, 0, 1], P[6, 5] = -1.0, np.inf, np.nan
+    q[8, 1], lb[10, 0], ub[10, 0], lb[12, 2], P[14, 0, 1] = np.nan, 2.0, 1.0, np.nan, P[14, 0, 1] + 5.0
+    P[16], q[16], lb[16], ub[16] = 0.0, 1.0, -np.inf, np.inf  # unbounded
+    P[18], lb[18], ub[18] = np.outer(np.ones(18), np.ones(18)), -1.0, 1.0  # singular, with an optimum
+    batch = BoxBatch(18, threads=2)
+    spoiled, found = batch.solve(P, q, lb, ub)
+    none = [2, 4, 6, 8, 10, 12, 14, 16]
+    assert np.flatnonzero(~found).tolist() == none
+    assert np.isnan(spoiled[none]).all()
+    others = np.setdiff1d(np.arange(21), [*none, 18])
+    np.testing.assert_array_equal(spoiled[others], x[others])
+    assert "indefinite" in batch.reason(2)
+    assert "finite" in batch.reason(8)
+    assert "above its upper bound" in batch.reason(10)
+    assert "not symmetric" in batch.reason(14)
+    assert "unbounded" in batch.reason(16)
+    assert batch.reason(18) == ""
+    g = P[18] @ spoiled[18] + q[18]
+    assert np.all(np.where(spoiled[18] > -1.0, g, 0.0) <= 1e-9)
+    assert np.all(np.where(spoiled[18] < 1.0, g, 0.0) >= -1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, 8, 333])
+def test_threads_and_the_order_of_programs_change_no_bit(count: int) -> None:
+    P, q, lb, ub = programs(count, 7, count)
+    x, found = BoxBatch(7, threads=1).solve(P, q, lb, ub)
+    assert x.shape == (count, 7)
+    for threads in (2, 5):
+        again, _ = BoxBatch(7, threads=threads).solve(P[::-1], q[::-1], lb[::-1], ub[::-1])
+        np.testing.assert_array_equal(again[::-1], x)
+    assert found.all()
+
+
+def test_data_of_another_kind_are_copied_and_none_is_written_to() -> None:
+    P, q, lb, ub = np.tile(np.eye(2, dtype=int), (3, 1, 1)), np.full((3, 2), -1, np.float32), np.zeros((3, 2)), np.full((3, 2), 0.5)
+    for array in (P, q, lb, ub):
+        array.flags.writeable = False
+    x, _ = BoxBatch(2).solve(P, q, lb, ub)
+    assert x.tolist() == [[0.5, 0.5]] * 3
+
+
+def test_what_is_no_batch_is_refused_in_a_sentence() -> None:
+    P, q, lb, ub = programs(3, 2, 0)
+    batch = BoxBatch(2)
+    for wrong, said in (((P[0], q, lb, ub), "P must be of shape (3, 2, 2), one program a row as in q, and not (2, 2)"),
+                        ((P, q, lb[:2], ub), "lb must be of shape (3, 2), one program a row as in q, and not (2, 2)"),
+                        ((P, q.astype(complex), lb, ub), "q must be made of real numbers, and not of complex128")):
+        with pytest.raises(ValueError, match="must be") as refused:
+            batch.solve(*wrong)
+        assert str(refused.value) == said
+    for options, said in (((0,), "a program has 1 to 1000 variables, and not 0"), ((2, 0), "there must be at least one thread, and not 0")):
+        with pytest.raises(ValueError, match="and not") as refused:
+            BoxBatch(*options)
+        assert str(refused.value) == said
