@@ -212,7 +212,7 @@ static vec8 tile_step(const Bank *b, const Tile *t, vec8 y_ref, vec8 y, void *ro
 }
 
 /* Have the memory on its way that the next step of this tile needs, while the tile before it is at work. */
-static void fetch_tile(const Bank *b, int64_t tile)
+CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
 {
     const Tile t = tile_at(b, tile);
     const int block = (int)b->settings->block;

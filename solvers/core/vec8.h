@@ -276,7 +276,8 @@ CORE_INLINE int first_equal8(vec8 a, real number)
 #endif
 }
 
-/* Have so much memory on its way to the first-level cache, where the compiler knows how; what is computed stays the same. */
+/* Have so much memory on its way to the first-level cache, where the compiler knows how; what is computed stays the same. A function that
+ * does nothing else has to be inline, or gcc takes a call of it for one without effect. */
 CORE_INLINE void fetch(const void *memory, int64_t bytes)
 {
 #if defined(__GNUC__)
