@@ -22,31 +22,31 @@ from typing import Any, ClassVar
 from solvers.protocol import Lane, Matrix, Solver, Vector
 from solvers.rows import Program
 
-Tolerance = Callable[[float, int], float]
+Tolerance = Callable[[float, float], float]
 """A tolerance from the constant c and the exponent k of a rung."""
 
 
-def absolute(c: float, k: int) -> float:
+def absolute(c: float, k: float) -> float:
     """c · 10⁻ᵏ."""
     return c * 10.0**-k
 
 
-def share(c: float, k: int) -> float:
+def share(c: float, k: float) -> float:
     """10⁻ᵏ."""
     return 10.0**-k
 
 
-def residual(c: float, k: int) -> float:
+def residual(c: float, k: float) -> float:
     """10⁻²⁻ᵏᐟ²."""
     return 10.0 ** (-2 - k / 2)
 
 
-def unscaled(c: float, k: int) -> float:
+def unscaled(c: float, k: float) -> float:
     """c · 10⁻²⁻ᵏᐟ²."""
     return c * residual(c, k)
 
 
-def nothing(c: float, k: int) -> float:
+def nothing(c: float, k: float) -> float:
     """0."""
     return 0.0
 
@@ -61,9 +61,9 @@ class Backend:
     """As of :class:`solvers.protocol.Solver`."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     """The settings that change from rung to rung, each a function of c and k."""
-    rungs: tuple[int, ...] = ()
+    rungs: tuple[float, ...] = ()
     """The exponents k, from loose to tight; without any the library has one rung."""
-    polished: tuple[int, ...] = ()
+    polished: tuple[float, ...] = ()
     """The exponents of the rungs that follow with ``polish``."""
     polish: Mapping[str, Any] = field(default_factory=dict)
     """Settings by which the library improves the answer that it ended with."""
@@ -82,7 +82,7 @@ class Backend:
         >>> [rung["eps_abs"] for rung in OSQP.ladder(1.0)[:2]]
         [0.0001, 1e-06]
         """
-        steps: list[tuple[int, Mapping[str, Any]]] = [(k, {}) for k in self.rungs] + [(k, self.polish) for k in self.polished]
+        steps: list[tuple[float, Mapping[str, Any]]] = [(k, {}) for k in self.rungs] + [(k, self.polish) for k in self.polished]
         return tuple(MappingProxyType({**{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
                                        **self.more, **self.always, **polish}) for k, polish in steps or [(0, {})])
 
@@ -157,7 +157,7 @@ QPAX = Backend("interior point", "Apache-2.0", "qpax", {"solver_tol": absolute},
                more={"max_iter": 100, "backend": "i"})
 # The regularisation of 1e-8 is what its residuals end at; with less of it they can be asked for.
 QTQP = Backend("interior point", "Apache-2.0", "qtqp", {**RESIDUALS, "tol_feas": lambda c, k: 0.01 * residual(c, k)},
-               INTERIOR_POINT, more={"min_static_regularization": 1e-12})
+               (4, 6, 8, 10, 12, 14, 15, 16), more={"min_static_regularization": 1e-14})
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # Left alone, SCS takes MKL where the wheel brings it.
 SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, (4, 6, 8, 10, 12, 14), more={"max_iters": 1_000_000},

@@ -111,8 +111,9 @@ def each(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> It
 
 
 def _done(function: Callable[..., R], arguments: Iterable[tuple[Any, ...]], workers: Workers, count: int) -> Iterator[R]:
-    parent = os.getpid() if workers.backend is Backend.LOCAL else None
-    yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch="all", return_as="generator_unordered")(
+    # What waits in the queue of joblib's local workers when they are stopped ends in a KeyError of its own thread: only what they take at once.
+    parent, ahead = (os.getpid(), "2 * n_jobs") if workers.backend is Backend.LOCAL else (None, "all")
+    yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch=ahead, return_as="generator_unordered")(
         delayed(_attended)(function, some, parent) for some in arguments)
 
 

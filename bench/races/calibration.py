@@ -1,12 +1,12 @@
 """Which rung of its ladder a solver needs to reach an accuracy, found out on problems that are not raced.
 
     Per solver, lane, scaling, set and target, the setting is the loosest of at most eight fixed rungs whose judged gap and
-    violation are at most 1/MARGIN of the target on all calibration problems: the same set, each problem under one of three
+    violation are at most a tenth of the target on all calibration problems: the same set, each problem under one of three
     other seeds.
 
-The margin is for the data of the race, which are others; where no rung has it, the loosest that meets the target itself is
-raced, and where none does, the one that got furthest, the tightest of several, which misses. A setting is chosen by accuracy,
-never by the clock, and frozen for the race. Rungs are tried from the loosest on, and one ends at its first miss: those that are
+This margin is for the data of the race, which are others; where no rung has it, the loosest with the next of MARGINS is raced,
+and where none meets the target itself, the one that got furthest, the tightest of several, which misses. A setting is chosen by
+accuracy, never by the clock, and frozen for the race. Rungs are tried from the loosest on, and one ends at its first miss: those that are
 too loose cost a solve or two, and only those that are found a pass over all problems. What takes more than WORK_S of processor
 time in a scaling of a set is not raced at the targets that are open by then.
 
@@ -41,7 +41,7 @@ TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
 SEARCHED = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 IN_DEPTH = (Lane.KERNEL, Lane.DIRECT)
 WORK_S = 2.0
-MARGIN = 10.0
+MARGINS = (10.0, 3.0, 1.0)
 CHUNKS = (1, 4, 16)
 """Problems of the first requests for a rung; the next one is for all that are left."""
 IN_LANE_DIRECT = {"highs": "highspy", "proxqp": "proxsuite"}
@@ -103,7 +103,7 @@ class Search:
         """The loosest rung that meets the target everywhere, with a margin if one does, else the one that got furthest."""
         if target is Tier.STAGE and not all(problem.has_noise for problem in self._problems):
             return Found(None, False)
-        for margin in (MARGIN, 1.0):
+        for margin in MARGINS:
             for rung in range(self._rungs):
                 if self._meets(rung, target, margin):
                     return Found(rung, True)

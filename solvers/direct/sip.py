@@ -4,6 +4,8 @@
 
 Source: J. Sousa-Pinto, the package sip_python.
 
+At its tightest rung it is as exact as it can be asked for: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding ends its steps.
+
 Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
 which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm
 start.
@@ -18,7 +20,7 @@ import sip_python as sip
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix, csr_matrix
 
-from solvers.backend import INTERIOR_POINT, Backend, LibrarySolver, absolute, unscaled
+from solvers.backend import Backend, LibrarySolver, absolute, unscaled
 from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program, Triangle
 
@@ -29,7 +31,7 @@ class Sip(LibrarySolver):
     name = "sip"
     library = Backend("interior point", "MIT", "sip_python",
                       {"max_complementarity_gap": absolute, "max_constraint_violation": unscaled, "max_dual_residual": unscaled},
-                      INTERIOR_POINT)
+                      (4, 6, 8, 10, 12, 13, 14, 14.5))
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

@@ -195,8 +195,10 @@ def controller(given: tuple[Case, str, str, str, str | None]) -> None:
             write_fmu(model, chosen, Path(folder) / "stage.fmu", 2 + len(input_unit) % 2)
 
 
-NAMES = st.one_of(st.sampled_from(("piezo", "left_axis", "core", "int", "main", "x", "sqrt", "real")), ANYTHING)
-CONTROLLERS = st.tuples(cases(), NAMES, ANYTHING, ANYTHING, st.sampled_from((None, *SOLVERS)))
+NAMES = st.one_of(st.sampled_from(("piezo", "left_axis", "core", "int", "main", "x", "sqrt", "real")),
+                  st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{2,40}", fullmatch=True), ANYTHING)
+SHOWN = st.text(st.one_of(st.sampled_from("*/\\?\"'<>&%{}"), st.characters(exclude_categories=("C", "Zl", "Zp"))), max_size=60)
+CONTROLLERS = st.tuples(cases(), NAMES, SHOWN, SHOWN, st.sampled_from((None, *SOLVERS)))
 
 
 def rows_file(change: tuple[str, list[Any]]) -> None:

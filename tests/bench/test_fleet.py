@@ -2,6 +2,8 @@
 
 import json
 import os
+import random
+import signal
 import time
 from pathlib import Path
 
@@ -126,6 +128,32 @@ def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(piezobenc
     assert piezobench(*words).status == 2
     assert {path: path.stat().st_ino for path in kept} == kept
     same_as(serial[0], tmp_path)
+
+
+@TWO_CORES
+@pytest.mark.nightly
+def test_a_fleet_ended_at_any_moment_by_any_signal_is_resumed_without_loss_or_repetition(piezobench: CommandLine, recordings: list[Path],
+                                                                                        tmp_path: Path, serial: tuple[Path, Finished]) -> None:
+    chance, took = random.Random("fleet"), 0.0
+    for number in range(21):
+        out = tmp_path / str(number)
+        words = ("identify", *recordings, "--out-dir", out, *ORDERS)
+        begin = time.monotonic()
+        call = piezobench.start(*words, "--workers", 2)
+        if number:  # the first is left alone
+            time.sleep(chance.uniform(0.0, took))
+            os.kill(call.pid, (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)[number % 3])
+        ended = call.wait()
+        took = took or time.monotonic() - begin
+        wait_until_gone(call.pid)
+        assert ended.status in (2, 130, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
+        assert "Traceback" not in ended.stderr, ended.stderr
+        kept = {path: path.stat().st_ino for path in out.glob("rows/[!.]*.json")}
+        for path in out.rglob(".*"):  # what a killed process leaves beside its target is nobody's
+            path.unlink()
+        assert f"1 of {COUNT + 1} recordings are refused" in piezobench(*words).refusal
+        assert {path: path.stat().st_ino for path in kept} == kept
+        same_as(serial[0], out)
 
 
 @TWO_CORES
