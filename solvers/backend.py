@@ -157,7 +157,7 @@ QPAX = Backend("interior point", "Apache-2.0", "qpax", {"solver_tol": absolute},
                more={"max_iter": 100, "backend": "i"})
 # The regularisation of 1e-8 is what its residuals end at; with less of it they can be asked for.
 QTQP = Backend("interior point", "Apache-2.0", "qtqp", {**RESIDUALS, "tol_feas": lambda c, k: 0.01 * residual(c, k)},
-               (4, 6, 8, 10, 12, 14, 15, 16), more={"min_static_regularization": 1e-14})
+               (4, 6, 8, 10, 12, 14, 15, 15.5), more={"min_static_regularization": 1e-14})
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # Left alone, SCS takes MKL where the wheel brings it.
 SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, (4, 6, 8, 10, 12, 14), more={"max_iters": 1_000_000},

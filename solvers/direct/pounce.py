@@ -24,7 +24,7 @@ class Pounce(LibrarySolver):
     """The library's ``solve_qp``."""
 
     name = "pounce"
-    library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": share}, (4, 6, 8, 10, 12, 13, 14, 16))
+    library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": share}, (4, 6, 8, 10, 12, 13, 14, 15.5))
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)

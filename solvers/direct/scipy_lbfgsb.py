@@ -31,7 +31,7 @@ class ScipyLbfgsb(BoxMinimiser):
     """scipy.optimize.minimize(method="L-BFGS-B")."""
 
     name = "scipy_lbfgsb"
-    library = Backend("quasi-Newton", "BSD-3-Clause", "scipy", {"gtol": absolute}, (4, 5, 6, 7, 7.5, 8, 9),
+    library = Backend("quasi-Newton", "BSD-3-Clause", "scipy", {"gtol": absolute}, (4, 5, 6, 7, 8, 9),
                       more={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000})
     warm_startable = True
 

@@ -90,4 +90,5 @@ def asking(cls: type[Solver], tolerance: float | None) -> dict[str, Any]:
     if not issubclass(cls, LibrarySolver):
         return {"tolerance": tolerance}
     finer = FINER.get(cls.name, {})
-    return {**{name: finer.get(name, 1.0) * tolerance for name in cls.library.tolerances}, **cls.library.more}
+    names = [name for name in cls.library.tolerances if name != "cost_unit"]
+    return {**{name: finer.get(name, 1.0) * tolerance for name in names}, **cls.library.more}
