@@ -23,7 +23,7 @@ FACE(swept_places)
                                     s.origin - first, "sign", s.sign - first, "free", s.free - first, "centre", s.centre - first,
                                     "rho", s.rho - first, "M", s.M - first, "G", s.G - first, "row_weight",
                                     (const real *)&s.head->row_weight - first, "cap", &s.head->cap - (int32_t *)s.head, "counts",
-                                    &s.head->exchanges - (int32_t *)s.head, "since_refresh",
+                                    (int32_t *)&s.head->exchanges - (int32_t *)s.head, "since_refresh",
                                     &s.head->since_refresh - (int32_t *)s.head));
 }
 

@@ -40,7 +40,7 @@ typedef struct {
     int64_t bytes;
     int32_t free_count, since_refresh;
     int32_t cap; /* exchanges of one row after which it ends with CAPPED; 0 for none */
-    int32_t exchanges, refreshes, cold_starts;
+    uint32_t exchanges, refreshes, cold_starts; /* so far; after years they begin again at 0 */
     double forgetting, root_growth; /* lambda, and lambda^(-1/2) */
     double row_weight, root_weight; /* of a new row, and the root of what the coming row enters with */
     double proximal;                /* share of the diagonal that the proximal term has */

@@ -146,7 +146,7 @@ int swept_refresh(Swept *s)
         store(s->centre + b, sub(zeros(), load(last + b)));
     }
     for (int floored = 0; floored < 2; ++floored) {
-        int exchanges = -1;
+        uint32_t exchanges = s->head->exchanges - 1;
         for (int b = 0; b < s->ld; b += LANES) {
             store(s->centre + b, mul(load(s->free + b), load(s->centre + b)));
         }

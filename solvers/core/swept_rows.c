@@ -89,7 +89,8 @@ int swept_take(Swept *s, const real *row)
 {
     const int d = s->d;
     real target = row[d], weight;
-    int fits, exchanges, status = OK;
+    uint32_t exchanges;
+    int fits, status = OK;
     for (int j = 0; j <= d; ++j) {
         if (!(MAGNITUDE(row[j]) < LARGEST_ENTRY)) {
             return NOT_FINITE;
@@ -119,7 +120,7 @@ int swept_take(Swept *s, const real *row)
             return swept_refresh(s);
         }
     }
-    swept_renew(s, s->head->exchanges > exchanges);
+    swept_renew(s, s->head->exchanges != exchanges);
     return status;
 }
 

@@ -184,7 +184,8 @@ class RecursiveActiveSet(Solver):
         for renew in (face.swept_refresh, face.swept_recover):
             if not self._capped and not face.swept_error(self.state) <= FOUND:
                 self._capped = renew(self.state) == CAPPED
-        exchanges, refreshes, cold_starts = self._head[self._places["counts"]:self._places["counts"] + 3].tolist()
+        first = self._places["counts"]
+        exchanges, refreshes, cold_starts = self._head[first:first + 3].view(np.uint32).tolist()
         error = face.swept_error(self.state)
         return box_solution(self.problem(), self.solve().copy(), error <= FOUND, status="capped" if self._capped else "solved",
                             exchanges=exchanges, refreshes=refreshes, cold_starts=cold_starts, error=error)

@@ -83,7 +83,7 @@ class Loop:
         found |= {f"verdicts[{i}]": (int(value), 64) for i, value in enumerate(core.whole("verdicts"))}
         if self.learner.mode == "continuous":
             state = core.block[-solvers.core.face.swept_bytes(self.learner.structure.d):]
-            places, head = solvers.core.face.swept_places(state), state.view(np.int32)
+            places, head = solvers.core.face.swept_places(state), state.view(np.uint32)
             found |= {f"solver's {name}": (int(head[places["counts"] + i]), 32) for i, name in
                       enumerate(("exchanges", "refreshes", "cold starts"))}
             found["solver's rows since a refresh"] = int(head[places["since_refresh"]]), 32

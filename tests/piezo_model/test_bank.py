@@ -220,6 +220,15 @@ def test_after_a_fault_an_actuator_goes_back_to_what_it_had_learned_and_learns_o
     assert np.all(error[5:] < 1.5 * error[3])
 
 
+@pytest.mark.parametrize("hand_over_s", [0.1, 0.01])
+def test_no_sample_has_more_than_its_share_of_blocks_optima_and_checkpoints(hand_over_s: float) -> None:
+    bank = CompensatorBank(STRUCTURE, 7000, hand_over_s=hand_over_s)
+    begins = bank._views["counts"].view(np.int64)[:, 0, 0]
+    for length in (bank.block, bank.interval, int(bank._core["settings"].view(np.int64)[2])):
+        due = np.bincount(begins % length, minlength=length)
+        assert due.max() <= due.mean() + 3.0
+
+
 @pytest.mark.parametrize("threads", [1, 3])
 def test_blocks_of_samples_and_threads_change_no_bit(threads: int) -> None:
     y_ref = references(400, 50)
