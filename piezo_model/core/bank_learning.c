@@ -2,11 +2,7 @@
  *
  * A block goes by in three steps: forwards through its samples, where the guard of each sensor judges and each good sample leaves a
  * row (a sample that is not good leaves zeros); the learners' decisions on the block as a whole; backwards through the rows, each of
- * which gets the root of its weight, and into the Gram matrix. The optimum of an interval minimises
- *
- *     1/2 v'Pv + q'v + 1/2 sum of rho_j (v_j - c_j)^2   over   v >= lb,   G = (P q; q' .),
- *
- * rho_j being `proximal` times P_jj, at most the mean diagonal, and c the optimum before, so that what the data leave open stays.
+ * which gets the root of its weight, and into the Gram matrix. bank_optimum.c finds the optimum of an interval.
  */
 #include "bank_learning.h"
 
@@ -17,16 +13,6 @@
 #define TOLERANCE ((real)2e-3)
 
 enum { ROW_TILE = PARTS == 1 ? 4 : 2 }; /* rows and columns of the Gram matrix that are summed at a time */
-
-/* Room of one thread: the block's rows, padded by zeros, and what it judged of them; states; the programs of a tile; the queue of those
- * that one system does not solve, with whose they are and how many systems they took; the solver for one lane. */
-typedef struct {
-    real *rows, *good, *play, *creep;
-    BoxLanes program, queue;
-    int32_t *owner, *rounds; /* of each lane of the queue; the owner is actuator + 1, 0 where there is none */
-    real *P, *q, *lb, *ub;
-    void *single;
-} Workspace;
 
 CORE_INLINE int row_length(int d) { return (d + 1 + ROW_TILE - 1) / ROW_TILE * ROW_TILE; }
 
@@ -73,21 +59,8 @@ int64_t bank_room_bytes(Shape s)
     return (int64_t)sizeof(real) * (LANES * vectors + 2 * box_lanes_room(d) + d * d + 3 * d) + 64 + box_bytes(d);
 }
 
-#define MEMORY(name) lane8(t->memory, name)
 CORE_INLINE vec8 flag(vec8 a, vec8 b) { return where_less(a, b, splat(1), zeros()); } /* a < b */
 CORE_INLINE vec8 neither(vec8 a) { return sub(splat(1), a); }
-CORE_INLINE void copy_where(vec8 which, real *to, const real *from, int vectors)
-{
-    for (int i = 0; i < vectors; ++i) {
-        put_where(which, to + i * LANES, load(from + i * LANES));
-    }
-}
-
-CORE_INLINE real lower_bound(const Bank *b, int j)
-{
-    const Shape s = b->shape;
-    return s.offset && j == b->d - 1 ? -REAL_INFINITY : j >= s.n && j < s.n + s.zones ? b->settings->min_slope : 0;
-}
 
 void tile_begin_anew(const Bank *b, const Tile *t, vec8 which, vec8 level)
 {
@@ -246,131 +219,6 @@ static void add_rows(const Bank *b, const Tile *t, const Workspace *w, int sampl
     }
 }
 
-/* The optimum of one lane by the exact solver, beginning with every variable free; 1 where it has one. */
-static int solve_alone(const Bank *b, const Workspace *w, const BoxLanes *program, int l)
-{
-    const int d = b->d;
-    Box s;
-    int status;
-    for (int i = 0; i < d; ++i) {
-        const real *const row = lane8(program->data, triangle_row(d + 1, i)) + l;
-        for (int j = i; j < d; ++j) {
-            w->P[i * d + j] = w->P[j * d + i] = row[j * LANES];
-        }
-        w->q[i] = row[d * LANES];
-        w->lb[i] = lower_bound(b, i);
-        w->ub[i] = REAL_INFINITY;
-    }
-    status = box_setup(w->single, d, w->lb, w->ub);
-    s = box_at(w->single);
-    status = status == OK ? box_take_hessian(&s, w->P) : status;
-    status = status == OK ? box_take_linear(&s, w->q) : status;
-    status = status == OK ? box_solve(&s, 0) : status;
-    for (int i = 0; i < d && status == OK; ++i) {
-        program->x[i * LANES + l] = s.answer[i];
-    }
-    return status == OK;
-}
-
-/* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none. */
-static void finish(const Bank *b, const Workspace *w, const BoxLanes *program, int l, int actuator, int solved)
-{
-    const Tile tile = tile_at(b, actuator / LANES), *const t = &tile;
-    const int lane = actuator % LANES;
-    if (!solved) {
-        MEMORY(ALONE)[lane] += 1;
-        solved = solve_alone(b, w, program, l);
-    }
-    for (int i = 0; i < b->d && solved; ++i) {
-        t->candidate[i * LANES + lane] = program->x[i * LANES + l];
-    }
-    if (!solved) {
-        MEMORY(NOTED)[lane] = 0; /* what has just been noted is no better */
-        tile_begin_anew(b, t, with_lane(zeros(), lane, 1), load(MEMORY(LEVEL)));
-    }
-}
-
-/* Solve one system of each program in the queue. */
-static void move_queue_on(const Bank *b, const Workspace *w)
-{
-    real solved[LANES], broken[LANES];
-    vec8 more;
-    store(solved, box_lanes_round(&w->queue, &more));
-    store(broken, more);
-    for (int l = 0; l < LANES; ++l) {
-        if (w->owner[l] > 0 && (++w->rounds[l] == BOX_ROUNDS || !(broken[l] > 0))) {
-            finish(b, w, &w->queue, l, w->owner[l] - 1, solved[l] > 0);
-            w->owner[l] = 0;
-        }
-    }
-}
-
-static void line_up(const Bank *b, const Workspace *w, int l, int actuator)
-{
-    int into = 0;
-    while (w->owner[into] > 0) {
-        into = (into + 1) % LANES;
-        if (into == 0) {
-            move_queue_on(b, w);
-        }
-    }
-    box_lanes_move(&w->program, l, &w->queue, into);
-    w->owner[into] = actuator + 1;
-    w->rounds[into] = 1;
-}
-
-/* Wait for the candidates of the tiles from `first` to `last`. */
-static void wait_for(const Bank *b, const Workspace *w, int first, int last)
-{
-    for (int l = 0; l < LANES; ++l) {
-        while (w->owner[l] > first * LANES && w->owner[l] <= (last + 1) * LANES) {
-            move_queue_on(b, w);
-        }
-    }
-}
-
-void finish_optima(const Bank *b, void *room)
-{
-    const Workspace w = workspace_at(b, room);
-    wait_for(b, &w, 0, (int)b->head->tiles - 1);
-}
-
-/* The optimum of each of these lanes becomes its candidate: at once where one system is enough, else when the queue is done with it. */
-static void optimise(const Bank *b, const Tile *t, const Workspace *w, vec8 which)
-{
-    const int d = b->d;
-    const BoxLanes *const program = &w->program;
-    vec8 mean = zeros(), found, more;
-    real wanted[LANES], solved[LANES], broken[LANES];
-    memcpy(program->data, t->gram, sizeof(real) * LANES * (size_t)triangle(d + 1));
-    for (int i = 0; i < d; ++i) {
-        mean = add(mean, load(lane8(t->gram, triangle_row(d + 1, i) + i)));
-    }
-    mean = over(mean, splat((real)d));
-    for (int i = 0; i < d; ++i) {
-        real *const row = lane8(program->data, triangle_row(d + 1, i));
-        const vec8 diagonal = load(row + i * LANES), share = where_less(zeros(), diagonal, smaller(diagonal, mean), mean);
-        const vec8 rho = mul(splat(b->settings->proximal), share), before = load(lane8(t->candidate, i)), lower = splat(lower_bound(b, i));
-        store(row + i * LANES, add(diagonal, rho));
-        store(row + d * LANES, less_product(load(row + d * LANES), rho, before));
-        store(lane8(program->lb, i), lower);
-        store(lane8(program->ub, i), splat(REAL_INFINITY));
-        store(lane8(program->side, i), where_less(lower, before, zeros(), splat(-1))); /* the bounds that held the optimum before */
-    }
-    found = box_lanes_round(program, &more);
-    copy_where(mul(which, found), t->candidate, program->x, d);
-    store(wanted, which);
-    store(solved, found);
-    store(broken, more);
-    for (int l = 0; l < LANES; ++l) {
-        if (wanted[l] > 0 && broken[l] > 0) {
-            line_up(b, w, l, t->number * LANES + l);
-        } else if (wanted[l] > 0 && !(solved[l] > 0)) {
-            finish(b, w, program, l, t->number * LANES + l, 0);
-        }
-    }
-}
-
 /* Enter a phase: reset for so many samples, none to learn. */
 static void enter(const Tile *t, vec8 which, real samples)
 {
@@ -457,7 +305,7 @@ static vec8 end_interval(const Bank *b, const Tile *t, Workspace *w, vec8 looked
     put_where(reverts, MEMORY(LEFT), splat((real)b->settings->reset_lasts));
     put_where(reverts, MEMORY(PROBATION), zeros());
     if (sum8(judged) > 0) {
-        optimise(b, t, w, judged);
+        find_optima(b, t, w, judged);
     }
     put_where(looked_at, MEMORY(SQUARES_IN_USE), zeros());
     put_where(looked_at, MEMORY(SQUARES_CANDIDATE), zeros());
@@ -521,7 +369,7 @@ vec8 observe(const Bank *b, const Tile *t, vec8 y, void *room)
     if (t->counts->sample % p->block == 0) {
         if (sum8(load(MEMORY(LEARNING))) > 0) {
             Workspace w = workspace_at(b, room);
-            wait_for(b, &w, t->number, t->number);
+            wait_for_optima(b, &w, t->number, t->number);
             fresh = end_block(b, t, &w, at + 1);
         }
         memcpy(t->old_play, t->play, sizeof(real) * LANES * (size_t)(s.n + 1));
@@ -529,4 +377,10 @@ vec8 observe(const Bank *b, const Tile *t, vec8 y, void *room)
         t->counts->waiting = 0;
     }
     return fresh;
+}
+
+void finish_optima(const Bank *b, void *room)
+{
+    const Workspace w = workspace_at(b, room);
+    wait_for_optima(b, &w, 0, (int)b->head->tiles - 1);
 }

@@ -67,7 +67,7 @@ def close_loop(bank: CompensatorBank, actuators: Actuators, y_ref: Matrix, spoil
 
 
 def optimum(gram: Matrix, before: Vector) -> Vector:
-    """The program of core/bank_learning.c, (Ξ, x) last, by the exact solver for one program."""
+    """The program of core/bank_optimum.c, (Ξ, x) last, by the exact solver for one program."""
     P, q = gram[:-1, :-1].copy(), gram[:-1, -1].copy()
     rho = PROXIMAL * np.minimum(np.diag(P), np.trace(P) / len(q))
     solver = solvers.get("box_active_set")
