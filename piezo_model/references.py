@@ -1,6 +1,6 @@
 """References of a machine at work, beside the test signals of `signals`: set points, changing amplitude, samples of any file.
 
-The same rules hold: the unit of the limits, low ≤ s ≤ high, and nothing but the arguments decides.
+The same rules hold, and the same arguments are common to all.
 """
 
 from __future__ import annotations
@@ -30,18 +30,10 @@ def set_point_steps(*, duration_s: float, sample_time: float, low: float, high: 
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     seed : int
         Of levels and times.
     mean_hold_s, step_s : float
         Mean time between two steps, and what a step takes, s.
-
-    Returns
-    -------
-    ndarray, shape (N,)
     """
     t = times(duration_s, sample_time, low, high)
     positive(mean_hold_s=mean_hold_s, step_s=step_s)
@@ -57,10 +49,6 @@ def changing_amplitude(*, duration_s: float, sample_time: float, low: float, hig
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     seed : int
         Of the pieces.
     piece_s : float
@@ -69,10 +57,6 @@ def changing_amplitude(*, duration_s: float, sample_time: float, low: float, hig
         Of the sine, below half the sampling rate.
     smallest_share : float
         Smallest amplitude over the largest possible one, 0 to 1.
-
-    Returns
-    -------
-    ndarray, shape (N,)
     """
     t = times(duration_s, sample_time, low, high)
     positive(piece_s=piece_s)
@@ -94,16 +78,8 @@ def from_samples(values: ArrayLike, *, duration_s: float, sample_time: float, lo
     ----------
     values : array (M,)
         At least two different finite numbers.
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     period_s : float
         What the samples are stretched to, s; the last one is followed by the first.
-
-    Returns
-    -------
-    ndarray, shape (N,)
 
     Examples
     --------

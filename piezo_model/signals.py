@@ -1,11 +1,11 @@
 """Drive and reference signals s(k), k = 0 … N − 1 at the times k Ts, with N = duration / Ts.
 
-Every signal has the unit of its limits (V for a drive, µm for a reference), stays inside low ≤ s ≤ high and is a pure
-function of its arguments. The staircase is the one of the paper's Fig. 4; the decaying triangle moves every play both
-ways; the multi-sine takes the phases of M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences
-with low autocorrelation", IEEE Transactions on Information Theory 16 (1970), 85-89. They are made for harmonic tones;
-on log-spaced ones their crest, about 3, is no better than that of most random phases, and far from the 5 of cosines
-in phase.
+Every signal takes ``duration_s`` and ``sample_time`` in s, ``low`` and ``high`` in its own unit (V for a drive, µm for a reference), and
+returns an array (N,). It stays inside low ≤ s ≤ high and is a pure function of its arguments. The staircase is the one of the paper's
+Fig. 4; the decaying triangle moves every play both ways; the multi-sine takes the phases of M. R. Schroeder, "Synthesis of low-peak-factor
+signals and binary sequences with low autocorrelation", IEEE Transactions on Information Theory 16 (1970), 85-89. They are made for
+harmonic tones; on log-spaced ones their crest, about 3, is no better than that of most random phases, and far from the 5 of cosines in
+phase.
 """
 
 from __future__ import annotations
@@ -60,18 +60,10 @@ def staircase(*, duration_s: float, sample_time: float, low: float, high: float,
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal; the first level is low.
     levels : int
         Number of levels, low and high among them, at least 2.
     hold_s : float
-        How long a level is held, s.
-
-    Returns
-    -------
-    ndarray, shape (N,)
+        How long a level is held, s; the first one is low.
 
     Examples
     --------
@@ -94,18 +86,10 @@ def decaying_triangle(*, duration_s: float, sample_time: float, low: float, high
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     cycles : float
         Number of cycles in the duration, at least 1.
     final_share : float
         Amplitude at the end over amplitude at the start, 0 to 1.
-
-    Returns
-    -------
-    ndarray, shape (N,)
     """
     t = times(duration_s, sample_time, low, high)
     if not 1.0 <= cycles < math.inf:
@@ -122,20 +106,12 @@ def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     tones : int
         Number of sines.
     lowest_Hz, highest_Hz : float
         Frequencies of the first and the last sine; without lowest_Hz one period in the duration.
     seed : int, optional
         Of random phases; without it Schroeder's, −π j (j − 1) / tones for j = 1 … tones.
-
-    Returns
-    -------
-    ndarray, shape (N,)
     """
     t = times(duration_s, sample_time, low, high)
     if tones < 1:
@@ -160,20 +136,12 @@ def raster_scan(*, duration_s: float, sample_time: float, low: float, high: floa
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     line_rate_Hz : float
         Lines (up and down) in a second, below half the sampling rate.
     fast_share : float
         Width of the triangle over high - low, 0 to 1.
     slow_axis : {"staircase", "drift"}
         Whether the base moves by a step after each line or evenly.
-
-    Returns
-    -------
-    ndarray, shape (N,)
     """
     t = times(duration_s, sample_time, low, high)
     if not 0.0 < line_rate_Hz < 0.5 / sample_time:
@@ -197,20 +165,12 @@ def random_walk(*, duration_s: float, sample_time: float, low: float, high: floa
 
     Parameters
     ----------
-    duration_s, sample_time : float
-        Length and sampling period, s.
-    low, high : float
-        Limits, in the unit of the signal.
     seed : int
         Of the path.
     bandwidth_Hz : float
         Corner of each lag.
     spread_per_root_s : float
         Standard deviation of the free path after one second, over high - low.
-
-    Returns
-    -------
-    ndarray, shape (N,)
     """
     t = times(duration_s, sample_time, low, high)
     positive(bandwidth_Hz=bandwidth_Hz, spread_per_root_s=spread_per_root_s)
