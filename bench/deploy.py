@@ -6,15 +6,14 @@ The rule, in this order:
    that it was raced at is out.
 2. No deadline is missed that the machine's floor does not explain: with m of M missed by a solver that does nothing
    and r the upper 95 % bound of that rate, at most ⌈r N⌉ of N.
-3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response).
+3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response). Whoever has too
+   few samples for it is out; where all have, p99 decides, or the median.
 
 A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
 
 The model comes from a file, or from a problem of the run that is a recording of one's own; others have to be asked for by name, and
 simulated ones twice.
 
-A percentile that a sample cannot support is not known, so where some of those that are left have too few samples for p99.9
-all are held by p99 or the median, and that is said.
 """
 
 from __future__ import annotations
@@ -149,7 +148,7 @@ class Decision:
                  f"Chosen: {it.name}: worst cost gap {gap(it.gap)} over {it.problems} problems; {it.missed} of {it.samples} deadlines missed, "
                  f"{it.beyond_floor} of them its own; {name} of an answer {number(it.time(self.by))} µs."]
         if self.by:
-            found.append(f"Decided by the {name}, since p99.9 {self._lacking()}.")
+            found.append(f"Decided by the {name}, since p99.9 {it.tail[0].reason}, and none of those that qualify has as many.")
         found += [f"Runner-up: {each.name}, {name} {number(each.time(self.by))} µs." for each in self.others[:3]]
         count = len(self.refused)
         return [*found, f"{count} other setting{'s do' if count != 1 else ' does'} not qualify."] if count else found
@@ -160,10 +159,6 @@ class Decision:
         best = {(each.solver, each.lane): each for each in reversed(self.runners_up)}
         best.pop((self.chosen.solver, self.chosen.lane), None)
         return [each for each in self.runners_up if each in best.values()]
-
-    def _lacking(self) -> str:
-        lacking = [each for each in (self.chosen, *self.runners_up) if each.tail[0].value is None]
-        return f"{lacking[0].tail[0].reason}, and {len(lacking)} of those that qualify have fewer"
 
     def evidence(self) -> dict[str, Any]:
         """What the file says about where it comes from."""
@@ -187,17 +182,18 @@ def decide(run: Run, rule: Rule) -> Decision:
         raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
     candidates = list(_of_stream(run, rule) if race == STREAM_KIND else _of_oneshot(run, rule))
     verdicts = [(each, each.failing(rule)) for each in candidates]
-    qualified, refused = [each for each, why in verdicts if not why], tuple(sorted(
-        ((each, why) for each, why in verdicts if why),
-        key=lambda pair: (pair[0].right < pair[0].problems, pair[0].beyond_floor, pair[0].gap)))
+    qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
+    refused.sort(key=lambda pair: (pair[0].right < pair[0].problems, pair[0].beyond_floor, pair[0].gap))
     if not qualified:
         raise RunError(f"{run.path}: no solver qualifies" + (f"; the nearest, {refused[0][0].name}, {refused[0][1]}" if refused else
                                                               f", none of its solvers is in the lanes {', '.join(rule.lanes)}"))
-    by = next((i for i in range(len(QUANTILES)) if all(each.tail[i].value is not None for each in qualified)), None)
+    by = next((i for i in range(len(QUANTILES)) if any(each.tail[i].value is not None for each in qualified)), None)
     if by is None:
         raise RunError(f"{run.path}: too few times to tell the solvers from each other; a median {qualified[0].tail[-1].reason}")
-    ranked = sorted(qualified, key=lambda each: (each.time(by), each.name))
-    return Decision(run, rule, ranked[0], tuple(ranked[1:]), refused, by)
+    unknown = [(each, f"has {each.samples} samples, and its {each.tail[by].name} {each.tail[by].reason}")
+               for each in qualified if each.tail[by].value is None]
+    ranked = sorted((each for each in qualified if each.tail[by].value is not None), key=lambda each: (each.time(by), each.name))
+    return Decision(run, rule, ranked[0], tuple(ranked[1:]), (*unknown, *refused), by)
 
 
 def _judged(run: Run, rule: Rule, missed: int, samples: int) -> None:

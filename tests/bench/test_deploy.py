@@ -133,14 +133,18 @@ def test_what_the_floor_misses_too_is_forgiven(run: Run) -> None:
     assert "daqp" in {each.solver for each in (decision.chosen, *decision.runners_up)}
 
 
-def test_the_percentile_that_decides_is_one_that_every_sample_supports(run: Run) -> None:
+@pytest.mark.parametrize(("samples", "by", "said"), [(6000, 0, "the lowest p99.9"), (400, 1, "Decided by the p99, since p99.9 needs 2995 samples")])
+def test_whoever_has_too_few_samples_for_the_percentile_that_decides_is_refused_however_quick(run: Run, samples: int, by: int, said: str) -> None:
     with_times(run, "null", lambda n: np.full(n, 0.1))
-    with_times(run, "daqp", lambda n: np.full(n, 1.0))
-    decision = deploy.decide(run, Rule(lanes=(Lane.DIRECT,), deadline_us=1e6))
-    qualified = (decision.chosen, *decision.runners_up)
-    assert all(each.tail[decision.by].value is not None for each in qualified)
-    assert decision.by == 0 or any(each.tail[decision.by - 1].value is None for each in qualified)
-    assert (decision.by > 0) == any("Decided by the" in sentence for sentence in decision.sentences())
+    with_times(run, "daqp", lambda n: np.full(samples, 1.0))
+    with_times(run, "box_active_set", lambda n: np.full(5, 0.1))
+    only = run.rows(ONESHOT)
+    only[only.solver.isin(["null", "daqp", "box_active_set"])].to_parquet(run.path / "rows.parquet")
+    decision = deploy.decide(run, Rule(lanes=(Lane.DIRECT,), deadline_us=1e6, accuracy=1.0))
+    assert decision.by == by
+    assert {each.solver for each in (decision.chosen, *decision.runners_up)} == {"daqp"}
+    assert any(each.solver == "box_active_set" and f"samples, and its p99{'.9' if by == 0 else ''} needs" in why for each, why in decision.refused)
+    assert any(said in sentence for sentence in decision.sentences())
 
 
 def test_a_run_in_which_no_solver_qualifies_says_so_and_writes_nothing(piezobench: CommandLine, run: Run) -> None:
