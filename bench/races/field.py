@@ -48,11 +48,15 @@ def checked(settings: RaceSettings) -> list[Entry]:
 
 
 def field_of(run: Run, children: Iterable[SolverChild]) -> list[Described]:
-    """The solvers that run here, noted in the run; RaceError where there is none."""
+    """The solvers that run here, noted in the run; RaceError where there is none, or one that was asked for by its name is in no lane."""
     described = [child.describe() for child in children]
     field = [solver for solver in described if not solver.absent]
     run.note_field({f"{solver.name} ({solver.lane})": solver.version for solver in field},
                    {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
+    here = {solver.name for solver in field}
+    for solver in described:
+        if solver.name in run.settings["settings"]["solvers"] and solver.name not in here:
+            raise RaceError(f"the solver {solver.name} that was asked for is absent: {solver.absent}")
     if not field:
         raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")
     return field

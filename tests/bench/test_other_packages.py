@@ -68,6 +68,15 @@ def test_a_solver_that_does_not_keep_its_promise_is_absent_with_the_reason(tmp_p
     assert said in listed(target, "print(describe(find('tiny')).absent)")
 
 
+def test_a_solver_that_was_asked_for_by_its_name_and_is_absent_ends_the_race_with_the_reason(tmp_path: Path) -> None:
+    target = installed(tmp_path / "site", "direct.tiny = no_such_module:Mine")
+    call = piezobench(target, "race", "--solver", "tiny", "--solver", "daqp", "--lane", "direct", "--set", "paper", "--limit", 1,
+                      "--out", tmp_path, "--name", "run")
+    assert call.returncode == 2
+    assert "the solver tiny that was asked for is absent: No module named 'no_such_module'" in call.stderr
+    assert "Traceback" not in call.stderr
+
+
 @pytest.mark.parametrize(("entry_point", "said"), [
     ("direct.daqp = tiny_solvers:Mine", "the package tiny-solvers registers a solver daqp in the lane direct, where there is one"),
     ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
