@@ -27,7 +27,7 @@ from bench.comparison.lines import CANNOT_TELL, CHANGES, LEVEL, WITNESSES, Times
 from bench.races import null_solver
 from bench.races.metrics import reaches
 from bench.races.oneshot.rows import ONESHOT
-from bench.report.words import marked
+from bench.report.words import marked, solver_lanes
 from bench.store import Run, RunError
 from solvers import Status, Tier
 
@@ -105,7 +105,7 @@ class RunComparison:
         if not self.differences:
             unseen = ", though some may have gone unseen" if self.cannot_tell else ""
             return [f"{names}: no difference in {len(self.rows)} rows{unseen}.", *self.times.sentences(), *left_out]
-        sentences = [f"{names}: {self.times.differ} solver lanes differ in time, and {self.differences - self.times.differ} of "
+        sentences = [f"{names}: {solver_lanes(self.times.differ, verb='differ')} in time, and {self.differences - self.times.differ} of "
                      f"{len(self.rows)} rows in something else.", *self.times.sentences()]
         for kind in OTHER_KINDS:
             sentences += self._said_of(kind)
@@ -117,7 +117,7 @@ class RunComparison:
         lanes = those.groupby(["solver", "lane"], sort=False)
         if len(lanes) > MOST_NAMED:
             most = [f"{marked(solver)} ({lane})" for solver, lane in lanes.size().sort_values(ascending=False, kind="stable").index[:3]]
-            return [f"{len(lanes)} solver lanes {PREDICATES[kind][1]} in {len(those)} rows{_how(kind, those)}; most of these rows are of "
+            return [f"{solver_lanes(len(lanes))} {PREDICATES[kind][1]} in {len(those)} rows{_how(kind, those)}; most of these rows are of "
                     f"{', '.join(most)}."]
         rows = self.rows.groupby(["solver", "lane"]).size().to_dict()
         return [f"{marked(str(solver))} ({lane}) {PREDICATES[kind][0]} in {len(part)} of {rows[solver, lane]} rows{_how(kind, part)}."
@@ -173,7 +173,7 @@ def _doubts(a: Run, b: Run, times: Times, smallest: float) -> list[str]:
                      "of the machine from a change of theirs.")
     lanes = times.lines.groupby(["solver", "lane"]).ngroups
     if times.differ > MANY * lanes:
-        found.append(f"{times.differ} of {lanes} solver lanes differ from the median of the field. With so many, that median, which is "
+        found.append(f"{solver_lanes(times.differ, lanes, 'differ')} from the median of the field. With so many, that median, which is "
                      "taken for the change of the machine, may have moved with them.")
     found += [f"{str(timed).capitalize()}, the field as a whole changed by a factor of {ratio:.2f}, and the fixed piece of work timed beside it by "
               f"{work:.2f}: either the machine changed in a way that this work does not feel, or most solvers did."

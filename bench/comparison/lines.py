@@ -42,7 +42,7 @@ import pandas as pd
 from scipy import stats
 from scipy.special import nctdtrinc
 
-from bench.report.words import marked
+from bench.report.words import marked, solver_lanes
 from solvers.arrays import Vector
 
 LEVEL, POWER = 0.05, 0.95
@@ -112,8 +112,8 @@ class Times:
         half, most = (part.shown.quantile(share, "higher") for share in (0.5, 0.9))
         if half >= UNLIMITED:
             return f"{timed.capitalize()}, there are too few solver lanes and repeats to find a change of any size."
-        return (f"{timed.capitalize()}, a change by a factor of {half:.2f} would have shown in half of the {len(part)} solver lanes, and one of "
-                f"{most:.2f} in nine of ten.")
+        where = "" if len(part) == 1 else f" in half of the {len(part)} solver lanes, and one of {most:.2f} in nine of ten"
+        return f"{timed.capitalize()}, a change by a factor of {half:.2f} would have shown{where}."
 
     def _unsure(self) -> list[str]:
         """Of which solver lanes nothing can be told, and what would do."""
@@ -125,7 +125,7 @@ class Times:
             return []
         names = [_name(line) for line in unsure.itertuples()]
         most = f", with --repeats {unsure.repeats.max()} for all" if unsure.repeats.max() > unsure.repeats.iloc[len(unsure) // 2] else ""
-        return [f"In {len(unsure)} of {len(best)} solver lanes a change by a factor of {self.smallest:g} may have gone unseen: "
+        return [f"In {solver_lanes(len(unsure), len(best))} a change by a factor of {self.smallest:g} may have gone unseen: "
                 f"{', '.join(names[:MOST_NAMED])}{', …' if len(names) > MOST_NAMED else ''}. With --repeats "
                 f"{unsure.repeats.iloc[len(unsure) // 2]} in both runs it would show in half of them{most}."]
 

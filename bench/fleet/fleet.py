@@ -1,7 +1,7 @@
 """The same work on every recording of a fleet: each has a row on disk once it is done, and is not done again.
 
     OUT/NAME.json           what the work makes of a recording, such as its model
-    OUT/rows/NAME.json      its row, with a digest of the work's settings and of the content of what it read
+    OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of what it read
 
 The row comes last and goes first, each file is written whole, and the digest decides: so an interruption at any moment costs
 the recordings that were under way, and other settings or another content are done again. So is what was refused.
@@ -14,6 +14,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -110,7 +111,8 @@ def _sentence(error: Exception) -> str:
 
 
 def _digest(work: Work, files: Sequence[Path]) -> str:
-    found = hashlib.sha256(json.dumps([type(work).__name__, asdict(work)], sort_keys=True).encode())  # type: ignore[call-overload]
+    found = hashlib.sha256(json.dumps(
+        [version("piezobench"), type(work).__name__, asdict(work)], sort_keys=True).encode())  # type: ignore[call-overload]
     for path in files:
         with path.open("rb") as file:
             found.update(hashlib.file_digest(file, "sha256").digest())

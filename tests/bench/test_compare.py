@@ -149,7 +149,7 @@ def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_
     call = piezobench("compare", before.path, after.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4
     assert "too few to tell a change of the machine from a change of theirs" in call.stdout
-    assert "In 1 of 1 solver lanes a change by a factor of 1.2 may have gone unseen: osqp (direct" in call.stdout
+    assert "In 1 of 1 solver lane a change by a factor of 1.2 may have gone unseen: osqp (direct" in call.stdout
 
 
 def test_rows_without_times_are_said_to_be_left_out(wide_race: Race, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
     assert found["samples"] == pytest.approx(tenths / fine, abs=0.03)
     assert found["removed"] == (choice == "remove")
     assert found["error_without_lag_percent"] < 0.2 * found["error_percent"]
-    ending = "it was removed before the fit" if choice == "remove" else "removing it is left to the option lag"
+    ending = "it was removed before the fit" if choice == "remove" else "the option --lag remove takes it out"
     assert [ending in sentence for sentence in sentences(model, f"lags by {found['samples']:.2f} samples")] == [True]
     if choice == "remove":
         with_lag = identify(x[fine * 20::fine], y, s, lag="ignore")

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bench.races.anytime.race import BUDGETS
-from bench.report.words import gap, marked
+from bench.report.words import gap, marked, solver_lanes
 
 GROUP = ["problem_set", "d", "scaling", "solver", "lane", "tier", "pace"]
 FITS, PAPER = "as fits", "one step a sample"
@@ -90,7 +90,7 @@ def verdict(part: pd.DataFrame) -> list[str]:
         return ["No solver gave an answer."]
     fits = part[part.pace == FITS]
     exact = fits[fits[1] <= RIGHT]
-    sentence = f"Within one sampling period {len(exact)} of {len(fits)} solver lanes reach a cost gap of {RIGHT:g} on the median problem"
+    sentence = f"Within one sampling period {solver_lanes(len(exact), len(fits), 'reach')} a cost gap of {RIGHT:g} on the median problem"
     if len(exact):
         sentence += f"; the closest is {marked(exact.iloc[0].solver)} ({exact.iloc[0].lane}) with {exact.iloc[0][1]:.1e}"
     return [sentence + ".", *_paper(part)]

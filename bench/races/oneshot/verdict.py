@@ -11,7 +11,7 @@ from bench.races.calibration import IN_LANE_DIRECT
 from bench.races.metrics import UNNOTICED
 from bench.races.oneshot import figures
 from bench.races.oneshot.ranking import ASKED, PACE, PAPER, Line, lane_of_paper, ranking, scaling_of
-from bench.report.words import apart, joined, marked, number, percent, periods, settings_label
+from bench.report.words import apart, joined, marked, number, percent, periods, settings_label, solver_lanes
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from solvers import Lane, Tier
@@ -31,7 +31,7 @@ def _winners(lines: Sequence[Line]) -> Iterator[str]:
     tightest = targets[min(len(targets) - 1, 2)]
     asked = [line.results[tightest] for line in lines if tightest in line.results]
     most = max((result.problems for result in asked), default=0)
-    found = (f"{sum(result.reached for result in asked)} of {len(asked)} solver lanes reach {ASKED.get(tightest, '1e-3 by default')} "
+    found = (f"{solver_lanes(sum(result.reached for result in asked), len(asked), 'reach')} {ASKED.get(tightest, '1e-3 by default')} "
              f"on {'the problem' if most == 1 else f'all {most} problems'}")
     fastest, others = _fastest(lines, targets), _fastest([line for line in lines if line.solver not in OURS], targets)
     theirs = f", and among the solvers by others {others.removeprefix('at every accuracy: ')}" if others not in ("", fastest) else ""
@@ -116,7 +116,7 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
         ratio = part.solve_us_p50 / part.solve_us_p50_cold
         yield (f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} ({best.lane}) is the fastest "
                f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times as long as a cold one "
-               f"(median over {len(part)} solver lanes).")
+               f"(median over {solver_lanes(len(part))}).")
 
 
 def _turns(table: pd.DataFrame) -> Iterator[str]:

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.report.words import marked, number, percent
+from bench.report.words import marked, number, percent, solver_lanes
 from bench.timing import latency_histogram
 from bench.timing.percentiles import QUANTILES, Percentile, percentile, rate_bound
 from bench.timing.schedule import PERIOD_NS
@@ -116,7 +116,7 @@ def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
                          f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, since it was busy or is not fit for it.")
     kept = paced[paced.keeps_up & (paced.status == Status.OK)]
     if len(paced):
-        sentences.append(f"{len(kept)} of {len(paced)} solver lanes keep the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
+        sentences.append(f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
                          "more deadlines than the machine itself does and answer as exactly as asked"
                          + (f"; the quickest is {_name(kept.iloc[0])}, with a response time of {_tail(kept.iloc[0], 'response')}."
                             if len(kept) else "."))
