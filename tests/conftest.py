@@ -19,7 +19,7 @@ settings.load_profile("piezobench")
 
 SHARED = {"figures": "experiment", "wide_race": "wide race", "clean_race": "small races", "faulty_race": "small races"}
 """What takes long to make, and the group of the tests that share it: one process runs them all."""
-LONGEST = ("small races", "wide race", "experiment")
+LONGEST = ("test_export_c.py", "small races", "wide race", "experiment", "test_compare.py", "test_stream.py", "test_cli.py", "test_border.py")
 """Groups that begin first, so that all processes end together; files are groups, too."""
 
 

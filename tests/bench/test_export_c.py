@@ -7,7 +7,7 @@ import subprocess
 from dataclasses import replace
 from functools import cache
 from graphlib import TopologicalSorter
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ FLOAT_LOOP_BOUND = 1e-4
 FAULTY = "projected_difference, faulty sensor", "recursive_active_set, faulty sensor"
 INTEGRAL = "projected_difference, faulty sensor, integral action", "recursive_active_set, faulty sensor, integral action"
 KINDS = ("compensator", *SOLVERS, *FAULTY, *INTEGRAL)
+NIGHTLY = pytest.mark.nightly
 
 
 @cache
@@ -63,20 +64,23 @@ def compare(folder: Path, said: Told, compiler: str, flags: tuple[str, ...]) -> 
     return found
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_and_level(tmp_path: Path, kind: str) -> None:
-    said = told(kind)
-    found = compare(tmp_path, said, "gcc", ("-O1", *SANITIZED))
-    compare(tmp_path, said, "clang", ("-O3", "-march=native"))
-    for compiler, level in product(COMPILERS, LEVELS) if kind in FAULTY else ():
-        compare(tmp_path, said, compiler, (level,))
+@pytest.mark.parametrize(("kind", "way"), [*zip(KINDS, cycle(product(COMPILERS, LEVELS)), strict=False)], ids=str)
+def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_and_level(tmp_path: Path, kind: str, way: tuple[str, str]) -> None:
+    found = compare(tmp_path, told(kind), *way[:1], way[1:])
+    if kind in FAULTY:
+        compare(tmp_path, told(kind), "clang", ("-O3", "-march=native"))
     if kind != "compensator":
         assert found.events[0] > 0
         assert found.events[2] >= 2 * ("faulty" in kind)
         assert found.events[3] == 0
 
 
-@pytest.mark.nightly
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY) for kind in KINDS])
+def test_it_does_so_under_the_eyes_of_the_sanitizers(tmp_path: Path, kind: str) -> None:
+    compare(tmp_path, told(kind), "gcc", ("-O1", *SANITIZED))
+
+
+@NIGHTLY
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("kind", KINDS)
@@ -105,8 +109,9 @@ def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(t
 @pytest.mark.parametrize(("kind", "bound"), [("compensator", FLOAT_BOUND), ("projected_difference", FLOAT_LOOP_BOUND),
                                              ("recursive_active_set", FLOAT_LOOP_BOUND)])
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_single_precision_stays_within_its_stated_bound(tmp_path: Path, compiler: str, kind: str, bound: float) -> None:
-    said = single(told(kind, MILLION))
+@pytest.mark.parametrize("size", [SHORT, pytest.param(MILLION, marks=NIGHTLY)])
+def test_single_precision_stays_within_its_stated_bound(tmp_path: Path, size: int, compiler: str, kind: str, bound: float) -> None:
+    said = single(told(kind, size))
     x = replay(built(tmp_path, said, compiler, "-O2"), said.samples).x
     assert 0.0 < difference(said, x) <= bound
     assert np.all((x >= LIMITS[0]) & (x <= LIMITS[1]))
@@ -116,19 +121,18 @@ def test_single_precision_stays_within_its_stated_bound(tmp_path: Path, compiler
     ({"n": 0, "m": 0, "rates": ()}, {}), ({"n": 20, "m": 9, "rates": (1.0,), "offset": True}, {}),
     ({"n": 7, "m": 4, "rates": (1.0, 2.0, 3.0, 4.0)}, {"rate_limit": 1e4}),
     ({"n": 8, "m": 0, "rates": (), "offset": True}, {"name": "left_axis"})], ids=str)
-@pytest.mark.parametrize("solver", [None, "projected_difference", "recursive_active_set"])
+@pytest.mark.parametrize(("solver", "precision"), [
+    (None, "double"), (None, "float"), ("recursive_active_set", "double"), pytest.param("recursive_active_set", "float", marks=NIGHTLY),
+    ("projected_difference", "float"), pytest.param("projected_difference", "double", marks=NIGHTLY)])
 def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
-        tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None) -> None:
+        tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None, precision: str) -> None:
     model, y_ref = a_model(**shape), references(500)
     loop = {} if solver is None else {"part": "learning", "solver": solver}
     samples = np.column_stack([y_ref, 0.9 * np.roll(y_ref, 1)]) if loop else y_ref
-    for precision in ("double", "float"):
-        folder = tmp_path / precision
-        folder.mkdir()
-        write_sources(folder, model, ExportSettings(**{**settings, **loop, "name": "piezo"}, precision=precision))
-        found = replay(build(folder, "replay", tool("gcc"), (*WARNINGS, *EXACT, "-O0", *SANITIZED)), samples)
-        if not loop and precision == "double":
-            np.testing.assert_array_equal(found.x, Compensator(model, (0.0, 150.0), settings.get("rate_limit")).run(y_ref))
+    write_sources(tmp_path, model, ExportSettings(**{**settings, **loop, "name": "piezo"}, precision=precision))
+    found = replay(build(tmp_path, "replay", tool("gcc"), (*WARNINGS, *EXACT, "-O0", *SANITIZED)), samples)
+    if not loop and precision == "double":
+        np.testing.assert_array_equal(found.x, Compensator(model, (0.0, 150.0), settings.get("rate_limit")).run(y_ref))
 
 
 def test_constants_that_single_precision_cannot_hold_are_refused() -> None:
