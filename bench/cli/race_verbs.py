@@ -211,7 +211,7 @@ def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     shown, excluded, absent = found.terminal or found.ranking, left_out(run), run.settings.get("absent")
     above = [*lines_of(found.verdict), "", *lines_of([f"{shown.title}. {shown.note}"])]
     missing = ", ".join(absent) if absent and len(absent) <= 3 else f"{len(absent or ())} solver lanes"
-    below = lines_of([*([f"Absent, so not raced: {missing} ('piezobench solvers' says why)."] if absent else []),
+    below = lines_of([*([f"Absent, so not raced: {missing} (run.json says why)."] if absent else []),
                       *run.settings.get("conditions", {}).get("warnings", [])])
     if excluded:
         count = len(excluded) + sum(map(len, run.settings["problems"].values()))

@@ -16,9 +16,10 @@ from bench.races.batch.race import BATCH, SKIPPED, BatchSettings, row_of, task_o
 from bench.races.batch.worker import Batched
 from bench.races.registry import kinds
 from bench.store import Run
+from bench.timing import cores
 from solvers import BoxBatch
 
-TINY = ("--race", "batch", "--limit", 2, "--largest", 16, "--turns", 2, "--budget", 0.001)
+TINY = ("--race", "batch", "--limit", 2, "--largest", 4, "--turns", 1, "--budget", 0.001)
 LIAR = '''
 """Says zero, or what it said before, and dies of a large batch."""
 import os
@@ -30,7 +31,7 @@ class Liar(Contestant):
     algorithm, licence, distribution = "none", "MIT", "liar"
 
     def solve(self, P, q, lb, ub):
-        if len(q) == 16:
+        if len(q) == 4:
             os.abort()
         return np.zeros(q.shape)
 '''
@@ -44,7 +45,7 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", folder / "liar.py")
              for word in ("--solver", name)]
     call, run = piezobench.start("race", *TINY, *words, "--out", folder, "--name", "run"), Run(folder / "run")
-    while call.running() and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 5:
+    while call.running() and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 3:
         time.sleep(0.002)
     call.kill()
     call.wait()
@@ -67,7 +68,7 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
     rows = raced.rows(BATCH)
     assert not rows.duplicated(["d", "solver", "lane", "threads", "batch", "repeat"]).any()
     one = rows[rows.threads == 1]
-    assert one.groupby("solver").size().eq(2 * 3 * 2).all()
+    assert one.groupby("solver").size().eq(2 * 2).all()
     assert set(one.solver) == {"box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", "liar"}
     ours = rows[rows.ours]
     assert set(ours.solver) == {"box_batch", "box_lanes", "box_active_set"}
@@ -79,7 +80,7 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
 
 def test_a_contestant_that_lies_is_not_right_and_one_that_dies_is_not_asked_for_more(raced: Run) -> None:
     liar = raced.rows(BATCH).query("solver == 'liar'")
-    small, large = liar[liar.batch < 16], liar[liar.batch == 16]
+    small, large = liar[liar.batch < 4], liar[liar.batch == 4]
     assert (small.status == "missed").all()
     assert (small.share_low == 0.0).all()
     assert set(large.status) == {"crashed"}
@@ -90,17 +91,17 @@ def test_a_contestant_that_lies_is_not_right_and_one_that_dies_is_not_asked_for_
 
 def test_the_report_opens_with_ours_beside_the_next_and_has_everything_below(raced: Run) -> None:
     report, path = kinds()["batch"].write(raced)
-    first, second, third = report.verdict
-    for sentence, d in ((first, 18), (second, 60)):
+    for sentence, d in zip(report.verdict, (18, 60), strict=False):
         assert sentence.startswith(f"At d = {d} box_batch† solves ")
         assert "the next that is as right" in sentence
-    assert third.startswith("With a thread on each of ") or len(kinds()) == 0
+    several = [sentence.startswith("With a thread on each of ") for sentence in report.verdict[2:]]
+    assert several == [True] * (len(cores.usable()) > 1)
     text = path.read_text(encoding="utf-8")
     assert "![Programs a second and core by batch size](batch.svg)" in text
-    assert "| 60 | liar | direct | 1 | 16 | crashed |" in text
+    assert "| 60 | liar | direct | 1 | 4 | crashed |" in text
     assert "<svg" in (raced.path / "batch.svg").read_text(encoding="utf-8")
     lines = report.figures[0].data
-    assert lines[lines.name == "box_batch†"].groupby("view").size().to_dict() == {"d = 18": 3, "d = 60": 3}
+    assert lines[lines.name == "box_batch†"].groupby("view").size().to_dict() == {"d = 18": 2, "d = 60": 2}
 
 
 def test_what_would_take_too_long_is_not_run_and_the_row_says_why() -> None:
@@ -115,10 +116,10 @@ def test_what_would_take_too_long_is_not_run_and_the_row_says_why() -> None:
 
 def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(raced: Run, tmp_path: Path) -> None:
     programs = Programs(raced, 18, 300, 0, tmp_path, 2, silent)
-    P, q, lb, ub = programs.files.mapped()
+    P, q, lb, ub = programs.files.mapped(0, 300)
     assert len(np.unique(P.reshape(300, -1), axis=0)) == len(np.unique(q, axis=0)) == 300
     P[:] = 0.0  # stays here
-    P, q, lb, ub = programs.files.mapped()
+    P, q, lb, ub = programs.files.mapped(0, 300)
     x, _ = BoxBatch(18).solve(P, q, lb, ub)
     entry = next(entry for entry in contestants() if entry.name == "daqp")
 

@@ -6,14 +6,16 @@ windows. A program is one family's
     P = Σ θ_k P_k,   q = Σ θ_k q_k,   c = Σ θ_k c_k,   θ uniform over θ ≥ 0, Σ θ_k = 1,   lb ≤ x,
 
 the family drawn for each program. Active sets, conditions (1e4 to 1e11) and bounds differ from program to program. They stand in files
-outside of the run that children map and cannot change; which answers are judged only the parent knows, and their optima are proven when
+outside of the run of which children map copies; which answers are judged only the parent knows, and their optima are proven when
 the solvers are done with them.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from qpsolvers import Problem
@@ -30,7 +32,6 @@ from solvers.certificate import NotCertified, certify
 ORDERS = {18: (5, 3), 60: (20, 9)}
 """n and m of the model by d."""
 SET = "batch"
-ARRAYS = ("P", "q", "lb", "ub")
 AT_ONCE = 512
 """Programs that are mixed at once."""
 
@@ -41,14 +42,12 @@ class Files:
 
     folder: Path
     d: int
+    count: int
 
-    def path(self, name: str) -> Path:
-        """The file of an array."""
-        return self.folder / f"{name}-{self.d}.npy"
-
-    def mapped(self) -> tuple[Matrix, ...]:
-        """P (N, d, d), q, lb and ub (N, d); what is written to them stays in the process."""
-        return tuple(np.load(self.path(name), mmap_mode="c") for name in ARRAYS)
+    def mapped(self, first: int, last: int, mode: Literal["c", "w+"] = "c") -> tuple[Matrix, ...]:
+        """P (n, d, d), q, lb and ub (n, d) of the programs from ``first`` to ``last`` − 1; what is written to copies stays in the process."""
+        return tuple(np.memmap(self.folder / f"{name}-{self.d}", np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape))
+                     for name, shape in (("P", (self.d, self.d)), ("q", (self.d,)), ("lb", (self.d,)), ("ub", (self.d,))))
 
 
 class Programs:
@@ -69,7 +68,7 @@ class Programs:
     """
 
     def __init__(self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress) -> None:
-        self.files, self.count = Files(folder, d), count
+        self.files = Files(folder, d, count)
         self._forms = [problem.forms["scaled"] for problem in families(run, d, seed, limit, progress)]
         chance = np.random.default_rng([seed, d])
         self._family = chance.integers(len(self._forms), size=count)
@@ -81,8 +80,7 @@ class Programs:
 
     def _write(self) -> None:
         d = self.files.d
-        P, q, lb, ub = (np.lib.format.open_memmap(self.files.path(name), "w+", np.float64, (self.count, *shape))
-                        for name, shape in zip(ARRAYS, ((d, d), (d,), (d,), (d,)), strict=True))
+        P, q, lb, ub = self.files.mapped(0, self.files.count, "w+")
         for f, form in enumerate(self._forms):
             at = np.flatnonzero(self._family == f)
             matrices = np.array([form.qp.P, *(window.P for window in form.windows)]).reshape(-1, d * d)

@@ -13,7 +13,7 @@ import random
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,8 @@ SHARES = tuple(f"share_{tier}" for tier in TIERS)
 SKIPPED = "not run"
 OURS = ("box_batch", "box_lanes", "box_active_set")
 SHARED_MEMORY = Path("/dev/shm")
+FEWEST = 2048
+"""Programs that batches of fewer are taken from, call by call."""
 
 BATCH = Schema("batch.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message", "ours",
@@ -81,15 +83,16 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     entries = asked_for(settings)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=SHARED_MEMORY if SHARED_MEMORY.is_dir() else None)))
-        programs = {d: Programs(run, d, settings.batches[-1] + settings.turns, settings.seed, folder, settings.limit, progress)
-                    for d in settings.sizes}
+        count = max(FEWEST, settings.batches[-1]) + settings.turns
+        programs = {d: Programs(run, d, count, settings.seed, folder, settings.limit, progress) for d in settings.sizes}
+        limits = replace(settings.limits, memory_mb=settings.memory_mb + 8 * count * max(settings.sizes)**2 // 2**20)  # for the programs themselves
         progress("waiting for a core on which no other race times", 0, 1)
         core = stack.enter_context(cores.claim())
-        alone = stack.enter_context(LineUp(entries, settings.limits, core.number))
+        alone = stack.enter_context(LineUp(entries, limits, core.number))
         names = {(solver.name, solver.lane) for solver in field_of(run, alone.children.values())}
         entries = [entry for entry in entries if (entry.name, entry.lane) in names]
         several = [entry for entry in entries if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
-        line_ups = {1: alone, len(cores.usable()): stack.enter_context(LineUp(several, settings.limits, None))} if several else {1: alone}
+        line_ups = {1: alone, len(cores.usable()): stack.enter_context(LineUp(several, limits, None))} if several else {1: alone}
         players = [(1, entry) for entry in entries] + [(len(cores.usable()), entry) for entry in several]
         for turn in range(settings.turns):
             for d in settings.sizes:
@@ -115,7 +118,7 @@ def _turn(run: Run, settings: BatchSettings, programs: Programs, line_ups: Mappi
             before = task_of(entry, d, batch // 4, threads, turn)
             why = _why_not(run.task(before)[0][0], batch, settings.longest_s) if batch > 1 else ""
             outcome = Outcome(SKIPPED, why) if why else line_ups[threads].children[entry.name, entry.lane].ask(
-                BatchRequest(programs.files, batch, turn, programs.count - settings.turns + turn, threads, settings.effort))
+                BatchRequest(programs.files, batch, turn, turn + max(FEWEST, batch), threads, settings.effort))
             run.save(task, row_of(task, d, entry, outcome, programs, settings.judged), times_of(outcome))
 
 

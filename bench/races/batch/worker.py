@@ -61,7 +61,7 @@ class BatchRequest(Request):
         key = cls, self.files.d, self.threads
         if key not in _ready:
             _ready[key] = cls(self.files.d, self.threads)
-        solve, arrays = _ready[key].solve, [array[self.first:self.last] for array in self.files.mapped()]
+        solve, arrays = _ready[key].solve, [np.asarray(array) for array in self.files.mapped(self.first, self.last)]
         for array in arrays:
             array.sum()  # which reads it
         few = self.size if cls.compiles else min(self.size, WARM_UP)

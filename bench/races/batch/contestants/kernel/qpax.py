@@ -15,7 +15,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 class Qpax(Contestant):
-    """``qpax.solve_qp`` with its implicit method; infinite bounds become rows that are never active."""
+    """``qpax.solve_qp`` with its implicit method, as far as it gets; infinite bounds become rows that are never active."""
 
     algorithm, licence, distribution = known.QPAX.algorithm, known.QPAX.licence, known.QPAX.distribution
     compiles = True
@@ -27,7 +27,7 @@ class Qpax(Contestant):
     def _solver(self, rows: Matrix):  # type: ignore[no-untyped-def]  # a function of JAX's arrays, which have no types here
         def one(P, q, h):  # type: ignore[no-untyped-def]
             return qpax.solve_qp(P, q, jnp.zeros((0, self.d)), jnp.zeros(0), jnp.asarray(rows), h,
-                                 solver_tol=1e-12, max_iter=100, backend="i")[0]
+                                 solver_tol=1e-15, max_iter=100, backend="i")[0]
 
         return one
 
