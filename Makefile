@@ -42,7 +42,7 @@ bench: $(VENV)/.field ## set up, then race the default field, or on RECORDING=st
 	$(BIN)/piezobench race $(if $(RECORDING),--recording "$(RECORDING)") $(OPTIONS)
 
 test: core            ## set up, then run the tests
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 nightly: core         ## run the tests that take minutes, too
 	$(BIN)/python -m pytest -n 2 -m nightly --timeout 0

@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from browser import Browser
@@ -17,21 +18,39 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile("piezobench", deadline=None)
 settings.load_profile("piezobench")
 
-SHARED = {"figures": "experiment", "wide_race": "wide race", "clean_race": "small races", "faulty_race": "small races"}
-"""What takes long to make, and the group of the tests that share it: one process runs them all."""
-LONGEST = ("test_export_c.py", "small races", "wide race", "experiment", "test_compare.py", "test_stream.py", "test_cli.py", "test_border.py")
-"""Groups that begin first, so that all processes end together; files are groups, too."""
+SHARING = {
+    "small races": ("cli", "conditions", "debts", "engine", "hot_and_warm", "interrupts", "isolation", "report", "store"),
+    "wide race": ("compare", "deploy", "html_report"),
+    "experiment": ("experiment", "figure_2_boundary", "figure_3_push_pull", "figure_4_staircase")}
+"""Files whose tests share what takes long to make: one process runs them all."""
+LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "border", "export_fmu", "fleet")
+"""Groups that begin first, so that all processes end together; any other file is a group of its own."""
 
 
-@pytest.hookimpl(tryfirst=True)
+def group_of(nodeid: str) -> str:
+    file = nodeid.partition("::")[0]
+    name = Path(file).stem.removeprefix("test_")
+    return next((group for group, names in SHARING.items() if name in names), name if name in LONGEST else file)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Hand out whole groups of files where ``--dist loadfile`` hands out files."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Groups(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group_of(nodeid)
+
+    return Groups(config, log)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Group the tests for ``--dist loadgroup``."""
-    if not hasattr(config, "workerinput"):
-        return
-    groups = {item: next((SHARED[name] for name in getattr(item, "fixturenames", ()) if name in SHARED), item.path.name) for item in items}
-    for item, group in groups.items():
-        item.add_marker(pytest.mark.xdist_group(group))
-    items.sort(key=lambda item: LONGEST.index(groups[item]) if groups[item] in LONGEST else len(LONGEST))
+    """Let the longest groups begin."""
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: next((i for i, group in enumerate(LONGEST) if group == group_of(item.nodeid)), len(LONGEST)))
 
 
 @pytest.fixture(scope="session")
