@@ -178,6 +178,10 @@ class FitReport:
                    f"were never reached, and what the model says there is a guess.")
         if self.one_way or self.fit.samples < self.fit.skipped:
             yield "Record a few whole loops more."
+        if self.lag is not None and self.lag.removed:
+            yield "A controller has to live with the lag of the sensor that was removed."
+        elif self.lag is not None and self.lag.pays:
+            yield "Remove the lag of the sensor with the option --lag remove."
 
 
 def _offset_sentence(offset: Offset, unit: str) -> str:
@@ -189,6 +193,4 @@ def _lag_sentence(lag: Lag, sample_time: float) -> str:
     more = " or more" if lag.at_edge else ""
     how = (f"The sensor lags by {lag.samples:.2f} samples{more} ({quantity(lag.samples * sample_time, 's', 3)}): the error at the "
            f"input is {lag.error_percent:.3f} % RMS with the lag and {lag.error_without_lag_percent:.3f} % without")
-    if lag.removed:
-        return f"{how}; it was removed before the fit, and a controller has to live with it."
-    return f"{how}; the option --lag remove takes it out."
+    return how + ("; it was removed before the fit." if lag.removed else ".")
