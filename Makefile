@@ -32,7 +32,7 @@ core: $(VENV)/.dev    ## compile the C cores again where their sources have chan
 
 debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests of them
 	$(BIN)/python solvers/core/compile_core.py --debug
-	LD_PRELOAD="$$($${CC:-cc} -print-file-name=libasan.so)" ASAN_OPTIONS=detect_leaks=0 \
+	LD_PRELOAD="$$($${CC:-cc} -print-file-name=libasan.so)" ASAN_OPTIONS=detect_leaks=0:alloc_dealloc_mismatch=0 \
 	  $(BIN)/python -m pytest -q -p no:cacheprovider tests/solvers tests/paper/test_equation_7_projected_difference.py \
 	  tests/paper/test_figure_1_learning_phase.py tests/piezo_model/test_model_core.py tests/piezo_model/test_sensor_guard.py \
 	  tests/piezo_model/test_self_learning.py tests/piezo_model/test_continuous_learning.py; status=$$?; \
