@@ -1,6 +1,7 @@
 """The batch race, with real contestants in real processes; nothing here asks how fast the machine is."""
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def test_a_contestant_that_lies_is_not_right_and_one_that_dies_is_not_asked_for_
 def test_the_report_opens_with_ours_beside_the_next_and_has_everything_below(raced: Run) -> None:
     report, path = kinds()["batch"].write(raced)
     for sentence, d in zip(report.verdict, (18, 60), strict=False):
-        assert sentence.startswith(f"At d = {d} box_batch† solves ")
+        assert re.match(rf"At d = {d} box_(batch|lanes|active_set)† solves ", sentence)  # whichever is the fastest here
         assert "the next that is as right" in sentence
     several = [sentence.startswith("With a thread on each of ") for sentence in report.verdict[2:]]
     assert several == [True] * (len(cores.usable()) > 1)

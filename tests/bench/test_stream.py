@@ -633,7 +633,7 @@ def test_options_that_do_not_go_together_are_refused(piezobench: CommandLine, tm
 
 
 def test_a_run_of_an_unknown_race_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, loop, stream"):
+    with pytest.raises(RunError, match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, batch, loop, stream"):
         kind_of(Run.create(tmp_path, {"race": "marathon", "settings": {}, "machine": machine.describe()}, "run"))
 
 
