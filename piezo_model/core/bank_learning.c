@@ -16,20 +16,6 @@ enum { ROW_TILE = PARTS == 1 ? 4 : 2 }; /* rows and columns of the Gram matrix t
 
 CORE_INLINE int row_length(int d) { return (d + 1 + ROW_TILE - 1) / ROW_TILE * ROW_TILE; }
 
-static BoxLanes take_programs(Room *room, int d)
-{
-    BoxLanes s;
-    s.d = d;
-    s.data = reals(room, triangle(d + 1), LANES);
-    s.lb = reals(room, d, LANES);
-    s.ub = reals(room, d, LANES);
-    s.side = reals(room, d, LANES);
-    s.x = reals(room, d, LANES);
-    s.solved = reals(room, 1, LANES);
-    box_lanes_take_room(&s, room);
-    return s;
-}
-
 static Workspace workspace_at(const Bank *b, void *memory)
 {
     const int d = b->d, operators = b->shape.n + 1;
@@ -39,8 +25,8 @@ static Workspace workspace_at(const Bank *b, void *memory)
     w.good = reals(&room, BANK_BLOCK, LANES);
     w.play = reals(&room, operators, LANES);
     w.creep = reals(&room, b->shape.rates * operators, LANES);
-    w.program = take_programs(&room, d);
-    w.queue = take_programs(&room, d);
+    w.program = box_lanes_at(&room, d);
+    w.queue = box_lanes_at(&room, d);
     w.owner = integers(&room, LANES);
     w.rounds = integers(&room, LANES);
     w.P = reals(&room, d, d);
@@ -55,8 +41,8 @@ static Workspace workspace_at(const Bank *b, void *memory)
 int64_t bank_room_bytes(Shape s)
 {
     const int d = unknowns(s), operators = s.n + 1;
-    const int64_t vectors = BANK_BLOCK * (row_length(d) + 1) + (1 + s.rates) * operators + 2 * (triangle(d + 1) + 4 * d + 1) + 2;
-    return (int64_t)sizeof(real) * (LANES * vectors + 2 * box_lanes_room(d) + d * d + 3 * d) + 64 + box_bytes(d);
+    const int64_t vectors = BANK_BLOCK * (row_length(d) + 1) + (1 + s.rates) * operators + 2;
+    return (int64_t)sizeof(real) * (LANES * vectors + 2 * box_lanes_numbers(d) + d * d + 3 * d) + 64 + box_bytes(d);
 }
 
 CORE_INLINE vec8 flag(vec8 a, vec8 b) { return where_less(a, b, splat(1), zeros()); } /* a < b */

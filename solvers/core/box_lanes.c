@@ -184,18 +184,6 @@ vec8 box_lanes_round(const BoxLanes *s, vec8 *broken)
     return solved;
 }
 
-int box_lanes_solve(const BoxLanes *s)
-{
-    int rounds = 0;
-    vec8 broken, solved;
-    do {
-        solved = box_lanes_round(s, &broken);
-        ++rounds;
-    } while (sum8(broken) > 0 && rounds < BOX_ROUNDS);
-    store(s->solved, solved);
-    return rounds;
-}
-
 void box_lanes_move(const BoxLanes *from, int lane, const BoxLanes *to, int into)
 {
     const int entries = triangle(from->d + 1);

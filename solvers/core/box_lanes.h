@@ -15,7 +15,6 @@ typedef struct {
     real *data;          /* P and q, triangle(d + 1) */
     real *lb, *ub, *x;   /* d */
     real *side;          /* d: -1 at the lower bound, 1 at the upper, 0 free; where it begins and what it found */
-    real *solved;        /* one vector: 1 where x is the minimiser */
     real *U, *free, *inverse, *column, *g, *scale; /* room: triangle(d + 1), and d each */
 } BoxLanes;
 
@@ -24,25 +23,30 @@ CORE_INLINE int triangle(int order) { return order * (order + 1) / 2; }
 /* Where row i of such a triangle would have its column 0. */
 CORE_INLINE int triangle_row(int order, int i) { return i * (2 * order - i - 1) / 2; }
 
-/* Room that a solve needs besides the program, in numbers. */
-CORE_INLINE int box_lanes_room(int d) { return LANES * (triangle(d + 1) + 5 * d); }
 CORE_INLINE real *lane8(real *v, int i) { return v + (size_t)i * LANES; }
 
-CORE_INLINE void box_lanes_take_room(BoxLanes *s, Room *room)
+/* Eight programs and the room to solve them: how many numbers that is, and where they are. */
+CORE_INLINE int64_t box_lanes_numbers(int d) { return LANES * (2 * (int64_t)triangle(d + 1) + 9 * (int64_t)d); }
+CORE_INLINE BoxLanes box_lanes_at(Room *room, int d)
 {
-    s->U = reals(room, triangle(s->d + 1), LANES);
-    s->free = reals(room, s->d, LANES);
-    s->inverse = reals(room, s->d, LANES);
-    s->column = reals(room, s->d, LANES);
-    s->g = reals(room, s->d, LANES);
-    s->scale = reals(room, s->d, LANES);
+    BoxLanes s;
+    s.d = d;
+    s.data = reals(room, triangle(d + 1), LANES);
+    s.lb = reals(room, d, LANES);
+    s.ub = reals(room, d, LANES);
+    s.x = reals(room, d, LANES);
+    s.side = reals(room, d, LANES);
+    s.U = reals(room, triangle(d + 1), LANES);
+    s.free = reals(room, d, LANES);
+    s.inverse = reals(room, d, LANES);
+    s.column = reals(room, d, LANES);
+    s.g = reals(room, d, LANES);
+    s.scale = reals(room, d, LANES);
+    return s;
 }
 
-/* Solve from the sides as they are; how many systems that took. A lane whose `solved` is 0 afterwards has no answer. The bounds are
- * finite where a side says that a variable is at one, and lb < ub. */
-CORE_API int box_lanes_solve(const BoxLanes *s);
-/* Solve one system and exchange; 1 where x is the minimiser. The lanes in `broken` have another system to solve; a lane in neither has
- * no answer. */
+/* Solve one system with the sides as they are, and exchange; 1 where x is the minimiser. The lanes in `broken` have another system to
+ * solve; a lane in neither has no answer. The bounds are finite where a side says that a variable is at one, and lb < ub. */
 CORE_API vec8 box_lanes_round(const BoxLanes *s, vec8 *broken);
 /* Let the program of a lane go on in a lane of another eight. */
 CORE_API void box_lanes_move(const BoxLanes *from, int lane, const BoxLanes *to, int into);
