@@ -55,11 +55,11 @@ class Entry:
         """Import the solver's class; raises ImportError where its library is not installed."""
         if self.of_package:
             return _class_of_package(self)
-        module = _import_file(self.path) if self.path else importlib.import_module(self.module)
+        module = import_file(self.path) if self.path else importlib.import_module(self.module)
         if self.lane in FAMILIES and self.path is None:
             made: type[Solver] = module.make(self.name)
             return made
-        return _only_solver(module)
+        return only_class(module, Solver)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,8 @@ class Described:
     """Empty, or why the solver is absent."""
 
 
-def _import_file(path: Path) -> ModuleType:
+def import_file(path: Path) -> ModuleType:
+    """Import a user's own file."""
     spec = importlib.util.spec_from_file_location(f"piezobench_user_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
@@ -90,11 +91,12 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def _only_solver(module: ModuleType) -> type[Solver]:
-    found = [cls for cls in vars(module).values() if inspect.isclass(cls) and issubclass(cls, Solver)
+def only_class(module: ModuleType, base: type[Any]) -> type[Any]:
+    """The one class of this kind that a module defines; ImportError where it is not one."""
+    found = [cls for cls in vars(module).values() if inspect.isclass(cls) and issubclass(cls, base)
              and cls.__module__ == module.__name__ and not inspect.isabstract(cls)]
     if len(found) != 1:
-        raise ImportError(f"{module.__name__} must define exactly one Solver class, not {len(found)}")
+        raise ImportError(f"{module.__file__} must define exactly one {base.__name__} class, not {len(found)}")
     return found[0]
 
 
@@ -163,7 +165,7 @@ def from_file(path: str | Path) -> Entry:
     path = Path(path).resolve()
     if not path.is_file():
         raise ImportError(f"{path} is not a file")
-    cls = _only_solver(_import_file(path))
+    cls = only_class(import_file(path), Solver)
     return Entry(cls.name, cls.lane, f"piezobench_user_{path.stem}", path)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,7 +15,7 @@ from bench.passed.race_error import RaceError
 from bench.races.settings import RaceSettings
 from solvers import Lane
 from solvers.arrays import Matrix, Vector
-from solvers.registry import Entry
+from solvers.registry import Entry, import_file, only_class
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT)
 
@@ -78,19 +76,8 @@ class ContestantFile(Entry):
 
     def load(self) -> type[Contestant]:  # type: ignore[override]  # what loads it asks for what both have
         """Import its class; ImportError where its library is not installed."""
-        if self.path is None:
-            module = importlib.import_module(self.module)
-        else:
-            spec = importlib.util.spec_from_file_location(self.module, self.path)
-            assert spec is not None
-            assert spec.loader is not None
-            module = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(module)
-        found = [cls for cls in vars(module).values() if inspect.isclass(cls) and issubclass(cls, Contestant)
-                 and cls.__module__ == module.__name__ and not inspect.isabstract(cls)]
-        if len(found) != 1:
-            raise ImportError(f"{module.__file__} must define exactly one Contestant, not {len(found)}")
-        return found[0]
+        module = importlib.import_module(self.module) if self.path is None else import_file(self.path)
+        return only_class(module, Contestant)
 
 
 def contestants() -> Iterator[ContestantFile]:
