@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +68,15 @@ class Call:
     def kill(self) -> None:
         """``kill -9``; no harm to a call that has ended, whose process stays a zombie until :meth:`wait`."""
         os.kill(self.pid, 9)
+
+    def kill_once(self, reached: Callable[[], bool]) -> Finished:
+        """:meth:`kill` as soon as something is so, unless it ends before; every process of its session is gone then."""
+        while self.running() and not reached():
+            time.sleep(0.002)
+        self.kill()
+        ended = self.wait()
+        wait_until_gone(self.pid)
+        return ended
 
     def wait(self) -> Finished:
         """Wait for its end."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import faulty_solvers
+import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine, Finished
@@ -30,6 +31,15 @@ SMALL = ("--set", "paper", "--limit", 1, "--budget", 0.002, "--tier", "high", "-
 THIRD = ("--tier", "default", "--solver", "clarabel")
 TASKS = 14
 """Three solvers at two tiers on the data in two scalings, and the floor in each."""
+
+
+def saved(run: Run, what: str) -> dict[str, np.ndarray]:
+    """One of the arrays of each task that is on disk, by task."""
+    found = {}
+    for path in (run.path / "tasks").glob("[!.]*.npz"):
+        with np.load(path) as data:
+            found[path.stem] = data[what]
+    return found
 
 
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:

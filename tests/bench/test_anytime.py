@@ -1,14 +1,14 @@
 """The anytime race: points of real solvers in real processes, and what is made of them."""
 
 import json
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine, wait_until_gone
+from command_line import CommandLine
+from conftest import saved
 from qpsolvers import Problem
 
 import solvers
@@ -267,15 +267,8 @@ def test_a_race_that_is_killed_is_resumed_and_keeps_what_was_done(piezobench: Co
     words = ("--race", "anytime", "--limit", 1, "--budget", 0.001, "--scaling", "scaled", "--tier", "high", "--lane", "direct",
              "--solver", "daqp", "--solver", "piqp", "--solver", "osqp")
     call, run = piezobench.start("race", *words, "--out", tmp_path, "--name", "run"), Run(tmp_path / "run")
-    while call.running() and not list((run.path / "tasks").glob("[!.]*.npz")):
-        time.sleep(0.002)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
-    kept = {}
-    for path in (run.path / "tasks").glob("[!.]*.npz"):
-        with np.load(path) as data:
-            kept[path.stem] = json.loads(str(data["row"]))
+    call.kill_once(lambda: any((run.path / "tasks").glob("[!.]*.npz")))
+    kept = {task: json.loads(str(row)) for task, row in saved(run, "row").items()}
     done = piezobench("resume", run.path)
     assert done.status == 0, done.stderr
     rows = run.rows(ANYTIME)

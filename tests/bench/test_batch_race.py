@@ -2,12 +2,12 @@
 
 import json
 import re
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, wait_until_gone
+from command_line import CommandLine
+from conftest import saved
 
 from bench.passed.progress import silent
 from bench.races.batch import figures
@@ -46,15 +46,8 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", folder / "liar.py")
              for word in ("--solver", name)]
     call, run = piezobench.start("race", *TINY, *words, "--out", folder, "--name", "run"), Run(folder / "run")
-    while call.running() and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 3:
-        time.sleep(0.002)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
-    kept = {}
-    for path in (run.path / "tasks").glob("[!.]*.npz"):
-        with np.load(path) as data:
-            kept[path.stem] = json.loads(str(data["row"]))
+    call.kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= 3)
+    kept = {task: json.loads(str(row)) for task, row in saved(run, "row").items()}
     done = piezobench("resume", run.path)
     assert done.status == 0, done.stderr
     assert "solves" in done.stdout

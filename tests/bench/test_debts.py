@@ -2,11 +2,10 @@
 
 import shutil
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
-from command_line import CommandLine, wait_until_gone
+from command_line import CommandLine
 from conftest import SMALL, THIRD, Race
 
 from bench import problems
@@ -71,11 +70,7 @@ def test_a_killed_race_leaves_nothing_in_the_folder_for_temporary_files(piezoben
     before = left()
     run = Run(tmp_path / "run")
     call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
-    while call.running() and not list((run.path / "tasks").glob("*.npz")):
-        time.sleep(0.01)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
+    call.kill_once(lambda: any((run.path / "tasks").glob("*.npz")))
     assert left() == before
 
 

@@ -40,11 +40,7 @@ def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(piezobench: 
                                                                     clean_race: Race) -> None:
     run = Run(tmp_path / "run")
     call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
-    while call.running() and len(list((run.path / "tasks").glob("*.npz"))) < 3:
-        time.sleep(0.01)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
+    call.kill_once(lambda: len(list((run.path / "tasks").glob("*.npz"))) >= 3)
     assert piezobench("resume", run.path).status == 0
     same_but_for_times(run, clean_race)
 

@@ -113,11 +113,7 @@ def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(piezobenc
                                                                       serial: tuple[Path, Finished]) -> None:
     words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
     call = piezobench.start(*words, "--workers", 2)
-    while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
-        time.sleep(0.01)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
+    call.kill_once(lambda: len(list(tmp_path.glob("rows/[!.]*.json"))) >= 3)
     assert not (tmp_path / "fleet.csv").exists()
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
     assert 3 <= len(kept) < COUNT

@@ -3,7 +3,6 @@
 Nothing here asks how fast the machine is. What is asked is that the books are kept right, whatever it did.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,7 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine, wait_until_gone
+from command_line import CommandLine
+from conftest import saved
 from qpsolvers import Problem, Solution
 
 import solvers
@@ -599,16 +599,9 @@ def test_a_stream_that_is_killed_is_resumed_and_keeps_what_was_done(piezobench: 
     words = ("--race", "stream", "--samples", 200, "--lane", "direct", "--solver", "daqp", "--solver", "quadprog", "--solver",
              "recursive_active_set", "--solver", "box_active_set")
     call, run = piezobench.start("race", *words, "--out", tmp_path, "--name", "run"), Run(tmp_path / "run")
-    while call.running() and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 2:
-        time.sleep(0.005)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
+    call.kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= 2)
     assert not run.is_finished(STREAM)
-    kept = {}
-    for path in (run.path / "tasks").glob("[!.]*.npz"):
-        with np.load(path) as data:
-            kept[path.stem] = data["response"]
+    kept = saved(run, "response")
     assert len(kept) >= 2
     done = piezobench("resume", run.path)
     assert done.status == 0, done.stderr
