@@ -16,7 +16,14 @@ import numpy as np
 from qpsolvers import Problem
 
 import solvers
-from bench.bank_figures import COST_HEADINGS, STEP_HEADINGS, cost_by_count, steps_in_real_time, where_memory_takes_over
+from bench.bank_figures import (
+    COST_HEADINGS,
+    STEP_HEADINGS,
+    cost_by_count,
+    steps_in_real_time,
+    structure,
+    where_memory_takes_over,
+)
 from bench.problems import find
 from bench.report.console import console, print_table
 from bench.worst_case import HEADINGS, worst_case_figures
@@ -77,7 +84,7 @@ def numpy_data_basis(s: ModelStructure, x: Vector, y: Vector) -> Matrix:
 
 def data_basis_figures() -> list[tuple[str, str, str, str]]:
     """Data basis at d = 18 with three creep rates."""
-    s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 125e-6)
+    s = structure(125e-6)
     x = multi_sine(duration_s=SAMPLES * 125e-6, sample_time=125e-6, low=0.0, high=150.0)
     y = (x - 75.0) / 4.0 + 0.5 * np.sin(x / 10.0)
     basis, moving = DataBasis(s), DataBasis(s)

@@ -37,7 +37,7 @@ class ScipyLbfgsb(BoxMinimiser):
 
     def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
         point, iterations = inside(start, self.lb, self.ub), 0
-        for _ in range(1 + (RESTARTS if self.settings else 0)):
+        for _ in range(1 + RESTARTS):
             result = minimize(  # type: ignore[call-overload]
                 partial(cost, self.program), point, jac=True, method="L-BFGS-B", bounds=Bounds(self.lb, self.ub), options=self.settings)
             point, iterations = result.x, iterations + int(result.nit)
