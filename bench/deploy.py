@@ -278,8 +278,8 @@ def deployment(decision: Decision, model: HysteresisCreepModel | None = None, pr
     s, chosen = model.structure, decision.chosen
     continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
     find(chosen.solver, chosen.lane)  # a solver of one's own file is not known to the compensator
-    return Deployment(model, chosen.solver, chosen.lane, chosen.tier, chosen.settings, "continuous" if continuous else "cyclic",
-                      (s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence)
+    return Deployment(model=model, solver=chosen.solver, lane=Lane(chosen.lane), tier=Tier(chosen.tier), settings=chosen.settings,
+                      mode="continuous" if continuous else "cyclic", x_limits=(s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence=evidence)
 
 
 def _proven(run: Run, asked: str | None, simulated: bool) -> tuple[HysteresisCreepModel, str, dict[str, Any]]:

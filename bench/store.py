@@ -168,6 +168,11 @@ class Run:
             raise RunError(f"{path / 'run.json'}: version {version!r} is not {VERSION}, the one this program reads")
         return run
 
+    def discard(self) -> None:
+        """Remove the folder, unless a task of it is done."""
+        if not any((self.path / "tasks").glob("[!.]*.npz")):
+            shutil.rmtree(self.path)
+
     @contextmanager
     def alone(self) -> Iterator[None]:
         """Keep other processes from this run; the lock goes with the process, however that ends."""

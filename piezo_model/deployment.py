@@ -6,10 +6,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
@@ -20,51 +18,39 @@ from piezo_model.learning.settings import Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
 from solvers import Lane, Tier, find
 
+Model = TypeVar("Model", HysteresisCreepModel, ModelFile)
 
-class DeploymentFile(json_file.Versioned):
-    """What :meth:`Deployment.save` writes."""
+
+class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
+    """What a self-learning compensator starts from; in a file the model is a :class:`ModelFile`."""
 
     FORMAT = "piezobench-compensator"
     VERSION = 2
+    format: str = FORMAT
+    version: int = VERSION
+    model: Model
     solver: str
     lane: Lane
-    tier: Tier
-    settings: dict[str, Any]
-    mode: Mode
-    x_limits: tuple[Number, Number]
-    model: ModelFile
-    evidence: dict[str, Any] = msgspec.field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Deployment:
-    """What a self-learning compensator starts from."""
-
-    model: HysteresisCreepModel
-    solver: str
-    lane: str
     """As of ``solvers.get``."""
-    tier: str
+    tier: Tier
     """What its answers reached."""
-    settings: Mapping[str, Any]
+    settings: dict[str, Any]
     """The solver's own, or its rung."""
     mode: Mode
-    x_limits: tuple[float, float]
+    x_limits: tuple[Number, Number]
     """Limits of the drive in the input unit."""
-    evidence: Mapping[str, Any] = field(default_factory=dict)
+    evidence: dict[str, Any] = msgspec.field(default_factory=dict)
     """Run, machine, rule, figures and certificate; kept for people, not acted on."""
 
-    def save(self, path: str | Path) -> None:
+    def save(self: Deployment[HysteresisCreepModel], path: str | Path) -> None:
         """Write it as JSON, whole or not at all."""
-        data = {"format": DeploymentFile.FORMAT, "version": DeploymentFile.VERSION, "solver": self.solver, "lane": self.lane, "tier": self.tier,
-                "settings": dict(self.settings), "mode": self.mode, "x_limits": list(self.x_limits),
-                "model": self.model.to_dict(), "evidence": dict(self.evidence)}
+        data = {**msgspec.structs.asdict(self), "model": self.model.to_dict()}
         write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
     @classmethod
-    def load(cls, path: str | Path) -> Deployment:
+    def load(cls, path: str | Path) -> Deployment[HysteresisCreepModel]:
         """Read what :meth:`save` wrote; ModelError names the file and what is wrong with it."""
-        file = json_file.read(path, DeploymentFile, ModelError)
+        file = json_file.read(path, Deployment[ModelFile], ModelError)
         try:
             model = HysteresisCreepModel.from_file(file.model)
         except ValueError as error:
@@ -76,4 +62,4 @@ class Deployment:
         low, high = file.x_limits
         if not low < high:
             raise ModelError(f"{path}: x_limits must be two numbers in ascending order, not {low:g} and {high:g}")
-        return cls(model, file.solver, file.lane, file.tier, file.settings, file.mode, file.x_limits, file.evidence)
+        return Deployment(**{**msgspec.structs.asdict(file), "model": model})

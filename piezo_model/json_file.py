@@ -14,7 +14,7 @@ import re
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_origin
 
 import msgspec
 import numpy as np
@@ -79,8 +79,9 @@ def convert(data: Any, schema: type[T]) -> T:
     Traceback (most recent call last):
     ValueError: the field '[...][1]' is wrong: expected `float`, got `str`
     """
-    if isinstance(schema, type) and issubclass(schema, Versioned):
-        _check_version(data, schema)
+    kind = get_origin(schema) or schema
+    if isinstance(kind, type) and issubclass(kind, Versioned):
+        _check_version(data, kind)
     try:
         found = msgspec.convert(data, schema)
         unknown = _unknown(data, msgspec.to_builtins(found, enc_hook=lambda _: None))

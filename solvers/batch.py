@@ -4,8 +4,7 @@
 
 Each is what ``box_active_set`` solves cold, and its answer is the same to the last bit, whatever stands beside it and however many
 threads there are: a program that has no answer spoils its own row alone. One after the other in compiled code,
-without the interpreter's lock. Eight side by side in the lanes of one register (``solvers/core/box_lanes.c``) are faster at small d and no
-faster at d = 60, but have other bits, and see neither bounds that cross nor a P that is not symmetric.
+without the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -36,6 +35,10 @@ class BoxBatch:
         Variables of each program, 1 to 1000.
     threads : int, optional
         At most so many work at once; by default one for each core that this process may run on.
+    in_lanes : bool, optional
+        Solve eight side by side in the lanes of one register (``solvers/core/box_lanes.c``): faster at small d and no faster at d = 60. Answers
+        then have other bits, and neither bounds that cross nor a P that is not symmetric are seen. What the lanes leave unsolved is solved
+        alone.
 
     Attributes
     ----------
@@ -59,12 +62,10 @@ class BoxBatch:
     'P, q and a starting point must be finite and bounds must not be NaN'
     """
 
-    _lanes = 0
-
-    def __init__(self, d: int, threads: int | None = None) -> None:
+    def __init__(self, d: int, threads: int | None = None, in_lanes: bool = False) -> None:
         if not 1 <= d <= MOST_VARIABLES:
             raise ValueError(f"a program has 1 to {MOST_VARIABLES} variables, and not {d}")
-        self.d = d
+        self.d, self.in_lanes = d, in_lanes
         self.threads = usable_cores() if threads is None else threads
         if self.threads < 1:
             raise ValueError(f"there must be at least one thread, and not {threads}")
@@ -103,7 +104,7 @@ class BoxBatch:
         def part(first: int, last: int) -> None:
             room = self._rooms.get()
             try:
-                face.box_many(matrices, *vectors, x, self.statuses, room, first, last, self._lanes)
+                face.box_many(matrices, *vectors, x, self.statuses, room, first, last, self.in_lanes)
             finally:
                 self._rooms.put(room)
 

@@ -24,15 +24,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 from solvers.protocol import Lane, Solver
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
 GROUP = "piezobench.solvers"
-OURS = frozenset({"accelerated_projection", "box_active_set", "projected_difference", "recursive_active_set"})
-"""Solvers that were written for this project; all others are somebody else's work."""
+OURS = frozenset({"accelerated_projection", "box_active_set", "box_batch", "box_lanes", "projected_difference", "recursive_active_set"})
+"""Solvers, also of batches, that were written for this project; all others are somebody else's work."""
 _added: list[Entry] = []
 
 
@@ -44,6 +44,8 @@ class RegistrationError(ValueError):
 class Entry:
     """One solver in one lane, known by its file and not yet imported."""
 
+    base: ClassVar[type[Any]] = Solver
+    """What its class derives from."""
     name: str
     lane: Lane
     module: str
@@ -59,7 +61,7 @@ class Entry:
         if self.lane in FAMILIES and self.path is None:
             made: type[Solver] = module.make(self.name)
             return made
-        return only_class(module, Solver)
+        return only_class(module, self.base)
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,9 @@ class Described:
 
 
 def import_file(path: Path) -> ModuleType:
-    """Import a user's own file."""
+    """Import a user's own file; ImportError where it is none."""
+    if not path.is_file():
+        raise ImportError(f"{path} is not a file")
     spec = importlib.util.spec_from_file_location(f"piezobench_user_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
@@ -163,8 +167,6 @@ def _own_entries() -> Iterator[Entry]:
 def from_file(path: str | Path) -> Entry:
     """The entry of a user's own solver file; its class says its name and lane."""
     path = Path(path).resolve()
-    if not path.is_file():
-        raise ImportError(f"{path} is not a file")
     cls = only_class(import_file(path), Solver)
     return Entry(cls.name, cls.lane, f"piezobench_user_{path.stem}", path)
 

@@ -16,7 +16,7 @@ from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel
-from piezo_model.deployment import Deployment, DeploymentFile
+from piezo_model.deployment import Deployment
 from piezo_model.json_file import format_of
 
 
@@ -178,7 +178,7 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
             **options: Any) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and settings of a file of identify or deploy."""
     limits, chosen = None, None if solver is None else solver.value
-    if format_of(path) == DeploymentFile.FORMAT:
+    if format_of(path) == Deployment.FORMAT:
         deployed = Deployment.load(path)
         model, limits = deployed.model, deployed.x_limits
         if chosen is None and options.get("part") == "learning":

@@ -15,7 +15,7 @@ from bench.fleet.places import absolute
 from bench.fleet.validating import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_json
-from piezo_model import HysteresisCreepModel, Recording
+from piezo_model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from piezo_model.units import quantity
 
@@ -42,15 +42,15 @@ def validate_verb(
     The states at the start are found as identify finds them, and an offset of the sensor between the sessions is removed and said.
     """
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
+    work = Validating(absolute(model), opening)
     if out_dir is not None or len(recording) > 1:
-        process(Validating(absolute(model), opening), recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
+        process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
                 "Validation of a fleet", "were judged", as_json)
         return
     if page is not None:
         check_writable(page, "--page")
     file = Path(recording[0])
-    loaded, opened = HysteresisCreepModel.load(model), Recording.open(file, **opening)
-    found = loaded.validate(opened)
+    opened, loaded, found = work.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
         from piezo_model.identification.fit_review import review

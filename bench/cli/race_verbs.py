@@ -13,7 +13,10 @@ import typer
 
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
+from bench.passed.race_error import RaceError
+from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
+from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild
 from bench.races.registry import DEFAULT, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
@@ -132,7 +135,12 @@ def race_verb(
         **{name: tuple(asked) for name, asked in lists.items() if asked}, **chosen)
     spread = Workers(workers, backend, scheduler)
     race.check(spread)
-    _finish(race.start(out, settings, name), spread, as_json)
+    run = race.start(out, settings, name)
+    try:
+        _finish(run, spread, as_json)
+    except (RaceError, ProblemSetError):
+        run.discard()
+        raise
 
 
 def resume_verb(
@@ -165,7 +173,9 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
 
 def solvers_verb(as_json: AsJson = False) -> None:
     """List every solver in every lane, or why it is absent."""
-    children = [SolverChild(entry) for entry in entries()]
+    known = list(entries())
+    warm_up(known)
+    children = [SolverChild(entry) for entry in known]
     rows = []
     with progress_bar() as progress:
         for done, child in enumerate(children):
@@ -180,7 +190,7 @@ def solvers_verb(as_json: AsJson = False) -> None:
         print_json(records(headings, rows))
     else:
         print_table(headings, rows, left=6)
-        console.print(f"Ours, written for this project: {', '.join(sorted(OURS))}.")
+        console.print(f"Ours, written for this project: {', '.join(sorted(OURS.intersection(row[0] for row in rows)))}.")
 
 
 def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

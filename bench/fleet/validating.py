@@ -10,6 +10,7 @@ from typing import Any
 from bench.fleet.places import model_of
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.identification.fit_review import review
+from piezo_model.identification.validation import Validation
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,7 @@ class Validating:
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Figures of the fit, and the offset of the sensor against the session of the identification."""
-        model = HysteresisCreepModel.load(further[0])
-        found = model.validate(Recording.open(recording, **self.opening))
+        _, _, found = self.judged(recording, further[0])
         fit = asdict(found.fit)
         return {**{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
                 "shift": found.shift, "beyond_percent": found.beyond_percent, "output_unit": found.unit}
@@ -36,5 +36,9 @@ class Validating:
         """Write the page that validate writes of one recording."""
         from bench.report import recording_page  # plots take a second to import, and most workers draw none
 
-        model, opened = HysteresisCreepModel.load(further[0]), Recording.open(recording, **self.opening)
-        recording_page.write(page, recording.name, review(opened, model, model.validate(opened)))
+        recording_page.write(page, recording.name, review(*self.judged(recording, further[0])))
+
+    def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
+        """The recording, the model and what it is worth there."""
+        loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, **self.opening)
+        return opened, loaded, loaded.validate(opened)

@@ -220,7 +220,7 @@ def _taken(entries: tuple[Entry, ...], limits: Limits, folders: Sequence[str]) -
         return taken
     core = cores.claim()
     _permit_children()
-    warm_up()
+    warm_up(entries)
     return LineUp(entries, limits, core.number, folders), core
 
 

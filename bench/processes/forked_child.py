@@ -8,30 +8,35 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+from collections.abc import Iterable
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 from typing import Any
 
 from piezo_model.child_process import Child, serve
+from solvers.registry import FAMILIES, Entry
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
                     "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
-PRELOADED = ["bench.processes.forked_child", "bench.processes.worker", "bench.races.oneshot.worker", "cvxpy", "solvers.core"]
+PRELOADED = ["bench.processes.forked_child", "bench.processes.worker", "bench.races.oneshot.worker", "solvers.core"]
 """What the server imports; absent ones are passed over."""
 
 
-def _context() -> Any:
+def _context(entries: Iterable[Entry] = ()) -> Any:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
+    context.set_forkserver_preload([*PRELOADED, *{entry.lane.value for entry in entries if entry.lane in FAMILIES}])
     return context
 
 
-def warm_up() -> None:
-    """Start the server that children are forked from; it imports for a second or two, beside whatever comes next."""
-    _context()
+def warm_up(entries: Iterable[Entry]) -> None:
+    """Start the server that children are forked from, with what the lanes of these solvers need imported.
+
+    It imports for a second or two, beside whatever comes next; one that runs already stays as it is.
+    """
+    _context(entries)
     forkserver.ensure_running()
 
 

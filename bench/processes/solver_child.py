@@ -5,8 +5,9 @@ A solver that crashes, hangs or eats memory takes its own process with it and no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request
@@ -16,22 +17,24 @@ from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers.protocol import Lane
 from solvers.registry import Described, Entry
 
+E = TypeVar("E", bound=Entry)
+
 BUILD_LIMIT_S = 60.0
 """Seconds on top for a task of the lane codegen, since the first of a shape of problem generates and compiles."""
 
 
-def entry_of_file(path: str | Path) -> Entry:
-    """The entry of a user's solver file, whose code runs in a process of its own; ImportError says what is wrong."""
+def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
+    """The entry of a user's file, whose code runs in a process of its own; ImportError says what is wrong."""
     with ForkedChild() as child:
         try:
-            found = child.call(START_LIMIT_S, worker.introduce, path)
+            found = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
         except LateError:
             found = f"did not load within {START_LIMIT_S:g} s"
         except LostError as error:
             found = f"ended the process that loaded it with {error}"
-    if isinstance(found, Entry):
-        return found
-    raise ImportError(f"{path}: {found}")
+    if isinstance(found, str):
+        raise ImportError(f"{path}: {found}")
+    return found
 
 
 class SolverChild(ForkedChild):

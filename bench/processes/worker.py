@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from multiprocessing import connection
-from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,7 +23,9 @@ from bench.processes.guard import watched
 from piezo_model import child_process
 from piezo_model.child_process import limit_memory
 from solvers.protocol import Solver
-from solvers.registry import Described, Entry, describe, from_file
+from solvers.registry import Described, Entry, describe
+
+E = TypeVar("E", bound=Entry)
 
 _watch: list[Callable[[], tuple[str, ...]]] = []
 """What says how this process behaved."""
@@ -60,10 +62,10 @@ def seen() -> tuple[str, ...]:
     return _watch[0]()
 
 
-def introduce(path: str | Path) -> Entry | str:
-    """The entry of a user's solver file, or a sentence that says what is wrong with it."""
+def introduce(path: str, of_file: Callable[[str], E]) -> E | str:
+    """The entry of a user's file, or a sentence that says what is wrong with it."""
     try:
-        return from_file(path)
+        return of_file(path)
     except ImportError as error:
         return str(error).removeprefix(f"{path} ")
     except Exception as error:  # whatever a user's code does

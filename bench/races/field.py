@@ -3,41 +3,50 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 from bench.passed.race_error import RaceError
 from bench.problems import make
+from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.settings import RaceSettings
 from bench.store import Run
 from solvers import entries
-from solvers.registry import Described, Entry
+from solvers.registry import Described, Entry, from_file
+
+E = TypeVar("E", bound=Entry)
 
 
-def entries_of(settings: RaceSettings) -> list[Entry]:
-    """The entries that are asked for, by name and lane; those of the user's own files always are."""
-    known = list(entries())
+def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str) -> list[E]:
+    """Those that are asked for by name and lane; those of the user's own files always are, and are loaded in a process of their own."""
+    known = list(there)
     names = {entry.name for entry in known}
     unknown = sorted(set(settings.solvers) - names)
     if unknown:
-        raise RaceError(f"there is no solver {unknown[0]!r}; known are {', '.join(sorted(names))}")
-    chosen = [entry for entry in known
-              if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
+        raise RaceError(f"there is no {what} {unknown[0]!r}; known are {', '.join(sorted(names))}")
+    found = [entry for entry in known if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
+    warm_up(found)
     taken = {(entry.name, entry.lane) for entry in known}
     for path in settings.solver_files:
         try:
-            entry = entry_of_file(path)
+            entry = entry_of_file(path, of_file)
         except ImportError as error:
             raise RaceError(str(error)) from None
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
-            raise RaceError(f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}")
+            raise RaceError(f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}")
         if (entry.name, entry.lane) in taken:
-            raise RaceError(f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise")
+            raise RaceError(f"{path}: there is a {what} {entry.name} in the lane {entry.lane} already; name it otherwise")
         taken.add((entry.name, entry.lane))
-        chosen.append(entry)
-    if not chosen:
-        raise RaceError(f"no solver of those asked for is in the lane {' or '.join(settings.lanes)}")
-    return chosen
+        found.append(entry)
+    if not found:
+        raise RaceError(f"no {what} of those asked for is in the lane {' or '.join(settings.lanes)}")
+    return found
+
+
+def entries_of(settings: RaceSettings) -> list[Entry]:
+    """The solvers that are asked for; RaceError where there is none of a name."""
+    return chosen(settings, entries(), from_file, "solver")
 
 
 def checked(settings: RaceSettings) -> list[Entry]:

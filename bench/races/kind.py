@@ -10,7 +10,6 @@ from typing import Any
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
 from bench.processes.engine import Workers
-from bench.processes.forked_child import warm_up
 from bench.races.field import checked
 from bench.races.settings import RaceSettings
 from bench.report import markdown, race_page
@@ -61,7 +60,6 @@ class Kind:
         workers = workers or Workers()
         self.check(workers)
         with run.alone():
-            warm_up()
             self.race(run, progress, workers)
             progress("gathering the tables", 0, 1)
             run.finish(self.schema)

@@ -13,7 +13,7 @@ static int solve_alone(const Bank *b, const Workspace *w, const BoxLanes *progra
 {
     const int d = b->d;
     Box s;
-    int status;
+    int solved;
     for (int i = 0; i < d; ++i) {
         const real *const row = lane8(program->data, triangle_row(d + 1, i)) + l;
         for (int j = i; j < d; ++j) {
@@ -23,15 +23,13 @@ static int solve_alone(const Bank *b, const Workspace *w, const BoxLanes *progra
         w->lb[i] = lower_bound(b, i);
         w->ub[i] = REAL_INFINITY;
     }
-    status = box_setup(w->single, d, w->lb, w->ub);
+    box_setup(w->single, d, w->lb, w->ub);
     s = box_at(w->single);
-    status = status == OK ? box_take_hessian(&s, w->P) : status;
-    status = status == OK ? box_take_linear(&s, w->q) : status;
-    status = status == OK ? box_solve(&s, 0) : status;
-    for (int i = 0; i < d && status == OK; ++i) {
+    solved = box_solve_anew(&s, w->P, w->q, w->lb, w->ub) == OK;
+    for (int i = 0; i < d && solved; ++i) {
         program->x[i * LANES + l] = s.answer[i];
     }
-    return status == OK;
+    return solved;
 }
 
 /* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none. */

@@ -61,7 +61,9 @@ CORE_API int box_take_linear(Box *s, const real *q);
 CORE_API int box_start(Box *s, const real *x);
 /* Solve, cold from "all free", warm from the last sides or those of box_start; the answer stands in s->answer. */
 CORE_API int box_solve(Box *s, int warm);
-/* The same by the factorisation alone. */
+/* Solve another program cold, with nothing in its answer of the one before. */
+CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub);
+/* As box_solve, by the factorisation alone. */
 CORE_API int box_solve_factorised(Box *s, int warm);
 
 /* What the files of this solver ask of each other. */

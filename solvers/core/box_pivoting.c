@@ -237,3 +237,11 @@ int box_solve(Box *s, int warm)
     ++s->head->fallbacks;
     return solve_from(s, start);
 }
+
+int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
+{
+    int status = box_take_bounds(s, lb, ub);
+    status = status == OK ? box_take_hessian(s, P) : status;
+    status = status == OK ? box_take_linear(s, q) : status;
+    return status == OK ? box_solve(s, 0) : status;
+}

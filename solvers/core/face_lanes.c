@@ -45,17 +45,6 @@ static void fill_lane(const BoxLanes *s, int l, const double *P, const double *q
     lane8(s->data, triangle(d + 1) - 1)[l] = 0;
 }
 
-/* With a state of d variables; nothing of the program that it solved before is in the answer. */
-static int solve_alone(Box *s, const double *P, const double *q, const double *lb, const double *ub, double *x)
-{
-    int status = box_take_bounds(s, lb, ub);
-    status = status == OK ? box_take_hessian(s, P) : status;
-    status = status == OK ? box_take_linear(s, q) : status;
-    status = status == OK ? box_solve(s, 0) : status;
-    memcpy(x, s->answer, (size_t)s->d * sizeof(double));
-    return status;
-}
-
 /* B programs (B, d, d), (B, d), their minimisers x (B, d), how they ended, and how many were solved alone. */
 typedef struct {
     int d, alone;
@@ -67,8 +56,8 @@ typedef struct {
 static void solve_one(Batch *many, Box *single, int b)
 {
     const size_t vector = (size_t)b * (size_t)many->d;
-    many->statuses[b] = solve_alone(single, many->P + vector * (size_t)many->d, many->q + vector, many->lb + vector, many->ub + vector,
-                                    many->x + vector);
+    many->statuses[b] = box_solve_anew(single, many->P + vector * (size_t)many->d, many->q + vector, many->lb + vector, many->ub + vector);
+    memcpy(many->x + vector, single->answer, (size_t)many->d * sizeof(double));
     ++many->alone;
 }
 

@@ -37,7 +37,8 @@ def model_file(path: Path) -> None:
 
 
 def compensator_file(path: Path) -> None:
-    Deployment(MODEL, "daqp", Lane.DIRECT, Tier.HIGH, {}, "cyclic", (0.0, 10.0), {"why": ["it is right"]}).save(path)
+    Deployment(model=MODEL, solver="daqp", lane=Lane.DIRECT, tier=Tier.HIGH, settings={}, mode="cyclic",
+               x_limits=(0.0, 10.0), evidence={"why": ["it is right"]}).save(path)
 
 
 def learner_file(path: Path) -> None:

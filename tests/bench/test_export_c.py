@@ -253,9 +253,12 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
     write_table(folder / "stage.csv", {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": model.simulate(x)})
     model.save(folder / "model.json")
-    Deployment(model, "recursive_active_set", "kernel", "high", {}, "continuous", (10.0, 120.0)).save(folder / "deployed.json")
-    Deployment(model, "box_active_set", "kernel", "high", {}, "cyclic", (10.0, 120.0)).save(folder / "exact.json")
-    Deployment(model, "daqp", "direct", "high", {}, "cyclic", (10.0, 120.0)).save(folder / "daqp.json")
+    Deployment(model=model, solver="recursive_active_set", lane="kernel", tier="high", settings={}, mode="continuous",
+               x_limits=(10.0, 120.0)).save(folder / "deployed.json")
+    Deployment(model=model, solver="box_active_set", lane="kernel", tier="high", settings={}, mode="cyclic",
+               x_limits=(10.0, 120.0)).save(folder / "exact.json")
+    Deployment(model=model, solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic",
+               x_limits=(10.0, 120.0)).save(folder / "daqp.json")
     return folder
 
 

@@ -198,7 +198,8 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
 
 
 def test_the_file_of_deploy_brings_its_limits(piezobench: CommandLine, tmp_path: Path) -> None:
-    Deployment(a_model(), "daqp", "direct", "high", {}, "cyclic", (10.0, 120.0)).save(tmp_path / "compensator.json")
+    Deployment(model=a_model(), solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic",
+               x_limits=(10.0, 120.0)).save(tmp_path / "compensator.json")
     call = piezobench("export-fmu", "compensator.json", "it.fmu", folder=tmp_path)
     assert call.status == 0, call.stderr
     found = {v.name: v for v in fmpy.read_model_description(str(tmp_path / "it.fmu")).modelVariables}

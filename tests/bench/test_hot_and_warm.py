@@ -15,7 +15,7 @@ from qpsolvers import Problem
 from bench.passed.task import Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.processes.solver_child import SolverChild, entry_of_file
+from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
 from bench.races.oneshot import report
 from bench.races.oneshot.blocks import timed
@@ -25,6 +25,7 @@ from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Status, Tier, find
 from solvers.certificate import certify
+from solvers.registry import from_file
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
 
@@ -114,7 +115,7 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
-        children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(entry_of_file, files)}
+        children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(from_file, files)}
         tasks = [Task("none", "none", "scaled", name, Lane(lane), (Tier.HIGH,)) for name, lane in children]
         times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())

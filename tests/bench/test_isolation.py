@@ -20,6 +20,7 @@ from bench.races.field import entries_of
 from bench.races.oneshot.worker import OneShot
 from bench.races.settings import RaceSettings
 from solvers import Status, Tier
+from solvers.registry import from_file
 
 STATUS = {
     "segfaults": Status.CRASHED, "aborts": Status.CRASHED, "exits": Status.CRASHED, "hangs": Status.TIMED_OUT,
@@ -158,7 +159,7 @@ def test_a_name_that_is_taken_or_no_file_name_is_refused(tmp_path: Path, name: s
 
 
 def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
-    entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]))
+    entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]), from_file)
     with SolverChild(entry) as child:
         before = child.describe()
         assert before.absent == ""

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import bench
+from bench.races.registry import kinds
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-a-race.md"
 STOP = """                    if (run.path.parent / "stop").exists():
@@ -35,6 +36,12 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
         file.seek(0)
         file.write(saved)
     return root
+
+
+def test_the_page_lists_every_kind_of_race() -> None:
+    listed = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert set(listed) == set(kinds())
+    assert len(listed) == len(kinds())
 
 
 def piezobench(root: Path, *words: object) -> subprocess.CompletedProcess[str]:

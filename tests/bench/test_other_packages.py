@@ -75,6 +75,7 @@ def test_a_solver_that_was_asked_for_by_its_name_and_is_absent_ends_the_race_wit
     assert call.returncode == 2
     assert "the solver tiny that was asked for is absent: No module named 'no_such_module'" in call.stderr
     assert "Traceback" not in call.stderr
+    assert not (tmp_path / "run").exists(), "nothing is left of a race that did not begin"
 
 
 @pytest.mark.parametrize(("entry_point", "said"), [

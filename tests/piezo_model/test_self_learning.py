@@ -117,7 +117,8 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
     structure = structure_for(sensor())
     model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    Deployment(model, "projected_difference", "kernel", "high", {"steps": 5}, "cyclic", (10.0, 140.0)).save(tmp_path / "c.json")
+    Deployment(model=model, solver="projected_difference", lane="kernel", tier="high", settings={"steps": 5}, mode="cyclic",
+               x_limits=(10.0, 140.0)).save(tmp_path / "c.json")
     learner = SelfLearningCompensator.load(tmp_path / "c.json", build_s=1.0)
     chosen = learner.settings
     assert (chosen.solver, chosen.x_limits, chosen.build_s) == ("projected_difference", (10.0, 140.0), 1.0)

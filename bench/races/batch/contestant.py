@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,11 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.passed.race_error import RaceError
-from bench.races.settings import RaceSettings
 from solvers import Lane
 from solvers.arrays import Matrix, Vector
-from solvers.registry import Entry, import_file, only_class
+from solvers.registry import Entry
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT)
 
@@ -74,10 +71,7 @@ class Loop(Contestant):
 class ContestantFile(Entry):
     """One contestant, known by its file and not yet imported."""
 
-    def load(self) -> type[Contestant]:  # type: ignore[override]  # what loads it asks for what both have
-        """Import its class; ImportError where its library is not installed."""
-        module = importlib.import_module(self.module) if self.path is None else import_file(self.path)
-        return only_class(module, Contestant)
+    base = Contestant
 
 
 def contestants() -> Iterator[ContestantFile]:
@@ -87,19 +81,9 @@ def contestants() -> Iterator[ContestantFile]:
             yield ContestantFile(file.stem, lane, f"{__package__}.contestants.{lane}.{file.stem}")
 
 
-def asked_for(settings: RaceSettings) -> list[ContestantFile]:
-    """Those that are asked for by name and lane, and the user's own files, whose lane is direct; RaceError where there is none of a name."""
-    known = list(contestants())
-    names = [entry.name for entry in known]
-    if unknown := [name for name in settings.solvers if name not in names]:
-        raise RaceError(f"there is no contestant {unknown[0]!r} of a batch race; known are {', '.join(names)}")
-    chosen = [entry for entry in known if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
-    for path in map(Path, settings.solver_files):
-        if not path.is_file():
-            raise RaceError(f"{path} is not a file")
-        if path.stem in names:
-            raise RaceError(f"{path}: there is a contestant {path.stem} already; name the file otherwise")
-        chosen.append(ContestantFile(path.stem, Lane.DIRECT, f"piezobench_user_{path.stem}", path))
-    if not chosen:
-        raise RaceError(f"no contestant of those asked for is in the lane {' or '.join(settings.lanes)}")
-    return chosen
+def of_file(path: str | Path) -> ContestantFile:
+    """The contestant of a user's own file, in the lane direct; ImportError where it is none."""
+    path = Path(path).resolve()
+    entry = ContestantFile(path.stem, Lane.DIRECT, f"piezobench_user_{path.stem}", path)
+    entry.load()
+    return entry

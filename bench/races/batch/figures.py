@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 
 from bench.races.batch.race import SHARES
-from bench.report.words import MARK, joined, number
+from bench.report.words import joined, marked, number
 from solvers import Status
+from solvers.registry import OURS
 
 GROUP = ["d", "solver", "lane", "threads", "batch"]
 WHO = ["d", "solver", "lane", "threads"]
@@ -24,13 +25,13 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row a contestant, number of threads and batch size."""
     judged = rows.judged.to_numpy()
     table = rows.assign(**{share: rows[share] * judged for share in SHARES}).groupby(GROUP, sort=False).agg(
-        status=("status", least_good), message=("message", "max"), ours=("ours", "first"), programs=("programs", "sum"), judged=("judged", "sum"),
+        status=("status", least_good), message=("message", "max"), programs=("programs", "sum"), judged=("judged", "sum"),
         **{share: (share, "sum") for share in SHARES}, worst_gap=("worst_gap", "max"), wall_us=("wall_us", "min"), cpu_us=("cpu_us", "min"),
         wall_us_p50=("wall_us_p50", "median"), cpu_us_p50=("cpu_us_p50", "median"), bytes=("bytes", "first"), grown_mb=("grown_mb", "max"),
     ).reset_index()
     for share in SHARES:
         table[share] = table[share] / table.judged.where(table.judged > 0)
-    table["who"] = [solver + (MARK if ours else "") for solver, ours in zip(table.solver, table.ours, strict=True)]
+    table["who"], table["ours"] = table.solver.map(marked), table.solver.isin(OURS)
     table["rate"], table["core_rate"], table["core_rate_p50"] = 1e6 / table.wall_us, 1e6 / table.cpu_us, 1e6 / table.cpu_us_p50
     table["gb_s"], table["cores_busy"] = 1e-9 * table.rate * table.bytes, table.cpu_us / table.wall_us
     return table

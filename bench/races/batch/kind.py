@@ -1,9 +1,8 @@
 """The batch race as the rest sees it."""
 
 from bench.races.batch import race, report
-from bench.races.batch.contestant import asked_for
 from bench.races.batch.race import BATCH, BatchSettings
 from bench.races.kind import Kind
 
 KIND = Kind("batch", "Batch race", "many programs at once", BATCH, BatchSettings,
-            race.race, report.report, own_problems=True, entries=asked_for)
+            race.race, report.report, own_problems=True, entries=race.asked_for)

@@ -26,11 +26,11 @@ from bench.passed.row import Row, who
 from bench.passed.task import Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
-from bench.races.batch.contestant import asked_for
+from bench.races.batch.contestant import ContestantFile, contestants, of_file
 from bench.races.batch.programs import ORDERS, SET, Programs
 from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.conditions import note_conditions, watched
-from bench.races.field import field_of
+from bench.races.field import chosen, field_of
 from bench.races.metrics import TOLERANCE, relative_gap
 from bench.races.settings import RaceSettings, option, settings_of
 from bench.store import Run, Schema
@@ -44,16 +44,15 @@ NAN = float("nan")
 TIERS = (Tier.LOW, Tier.MID, Tier.HIGH)
 SHARES = tuple(f"share_{tier}" for tier in TIERS)
 SKIPPED = "not run"
-OURS = ("box_batch", "box_lanes", "box_active_set")
 SHARED_MEMORY = Path("/dev/shm")
 FEWEST = 2048
 """Programs that batches of fewer are taken from, call by call."""
 
 BATCH = Schema("batch.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message", "ours",
+    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message",
     "batch", "threads", "programs", "judged", *SHARES, "worst_gap", "wall_us", "cpu_us", "wall_us_p50", "cpu_us_p50", "bytes", "grown_mb"),
     ("d", "lane", "solver", "threads", "batch", "repeat"),
-    types={"ours": pa.bool_(), **dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), pa.int64())})
+    types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), pa.int64()))
 """One row a contestant, number of threads, batch size and turn. Times are of one program: of the group of calls that was fastest by the
 processors, and the medians of the groups. ``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
 
@@ -75,6 +74,11 @@ class BatchSettings(RaceSettings):
     def batches(self) -> list[int]:
         """The batch sizes, from 1 on."""
         return [4**k for k in range(32) if 4**k <= self.largest]
+
+
+def asked_for(settings: RaceSettings) -> list[ContestantFile]:
+    """The contestants that are asked for; RaceError where there is none of a name."""
+    return chosen(settings, contestants(), of_file, "contestant")
 
 
 def race(run: Run, progress: Progress, workers: Workers) -> None:
@@ -119,7 +123,7 @@ def _turn(run: Run, settings: BatchSettings, programs: Programs, line_ups: Mappi
             why = _why_not(run.task(before)[0][0], batch, settings.longest_s) if batch > 1 else ""
             outcome = Outcome(SKIPPED, why) if why else line_ups[threads].children[entry.name, entry.lane].ask(
                 BatchRequest(programs.files, batch, turn, turn + max(FEWEST, batch), threads, settings.effort))
-            run.save(task, row_of(task, d, entry, outcome, programs, settings.judged), times_of(outcome))
+            run.save(task, row_of(task, outcome, programs, settings.judged), times_of(outcome))
 
 
 def _why_not(before: Row, batch: int, longest_s: float) -> str:
@@ -137,10 +141,11 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
     return {"wall": outcome.wall_ns, "cpu": outcome.cpu_ns} if isinstance(outcome, Batched) else {}
 
 
-def row_of(task: Task, d: int, entry: Entry, outcome: Outcome, programs: Programs, most: int) -> Row:
+def row_of(task: Task, outcome: Outcome, programs: Programs, most: int) -> Row:
     """Who, how right and how fast."""
+    d = programs.files.d
     row: Row = {**dict.fromkeys(BATCH.columns, NAN), **who(task, d), "tier": str(Tier.HIGH), "message": outcome.message,
-                "ours": entry.path is None and entry.name in OURS, **task.settings, "programs": 0, "judged": 0, "bytes": 8 * (d * d + 4 * d)}
+                **task.settings, "programs": 0, "judged": 0, "bytes": 8 * (d * d + 4 * d)}
     if not isinstance(outcome, Batched):
         return {**row, "status": outcome.failure}
     errors = np.array([*_errors(programs, task.repeat, outcome.answers, most)])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from bench.races.batch.contestant import Contestant
 from solvers import BoxBatch
 from solvers.arrays import Matrix
@@ -17,11 +15,11 @@ class Ours(Contestant):
     licence = "MIT"
     distribution = "piezobench"
     built_with = BUILT_WITH
-    batches: ClassVar[type[BoxBatch]] = BoxBatch
+    in_lanes = False
 
     def __init__(self, d: int, threads: int) -> None:
         super().__init__(d, threads)
-        self._batch = self.batches(d, threads)
+        self._batch = BoxBatch(d, threads, self.in_lanes)
 
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:  # noqa: D102
         return self._batch.solve(P, q, lb, ub)[0]

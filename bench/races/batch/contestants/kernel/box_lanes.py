@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 from bench.races.batch.contestants.kernel import box_batch
-from solvers import BoxBatch
-
-
-class Lanes(BoxBatch):
-    """Eight at a time; what the lanes leave unsolved goes to the exact solver."""
-
-    _lanes = 1
 
 
 class Ours(box_batch.Ours):
     """The batch solver on lanes."""
 
     algorithm = "block pivoting in lanes"
-    batches = Lanes
+    in_lanes = True
