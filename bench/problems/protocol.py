@@ -269,8 +269,8 @@ class ProblemSet(ABC):
     """Options that may be left out."""
     origin: ClassVar[Literal["simulated", "measured elsewhere", "a recording of yours"]] = "simulated"
     """Where the data of its problems come from."""
-    calibrated_on: ClassVar[str] = ""
-    """The set whose problems of other seeds say which settings reach an accuracy; its own name unless it is made from files."""
+    calibrated_on: ClassVar[tuple[str, ...]] = ()
+    """Sets whose problems of other seeds say which settings reach an accuracy; a set made from files has no other seeds of its own."""
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         for option, what in self.needs.items():

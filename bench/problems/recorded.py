@@ -37,7 +37,7 @@ class Recorded(ProblemSet):
     name = "recorded"
     origin = "a recording of yours"
     description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
-    calibrated_on = "paper"
+    calibrated_on = ("paper", "measured")
     needs: ClassVar = {"recording": "a recording in any known format"}
     takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column",
                        **dict.fromkeys(READING, "how the file is read")}
@@ -65,9 +65,12 @@ class Recorded(ProblemSet):
                     continue
                 basis = DataBasis(s, found.state)
                 basis.update(x[:start], y[:start], count=False)
-                basis.update(x[start:], y[start:])
+                middle = (start + fitted) // 2
+                basis.update(x[start:middle], y[start:middle])
+                first_half = basis.problem(proximal=PROXIMAL)
+                basis.update(x[middle:], y[middle:])
                 validation = Validation(s, basis.state.copy(), x_unseen, y_unseen, noise)
-                yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation)
+                yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation, neighbours=[first_half])
 
 
 def sensor_noise(y: NDArray[np.float64]) -> float:

@@ -11,7 +11,7 @@ too loose cost a solve or two, and only those that are found a pass over all pro
 time in a scaling of a set is not raced at the targets that are open by then.
 
 Only the lanes direct and kernel are searched. What calls a library in another way takes the rung of its direct lane. Sets that
-are made from files have no other seeds and are calibrated on another set.
+are made from files have no other seeds; they take the tightest of what other sets need.
 """
 
 from __future__ import annotations
@@ -160,8 +160,8 @@ def rungs_of(run: Run, settings: RaceSettings, field: Sequence[Described], child
 def _calibrated(settings: RaceSettings, field: Sequence[Described], children: Mapping[Who, SolverChild], set_name: str,
                 scaling: Scaling, progress: Progress) -> dict[Who, dict[Tier, Found]]:
     found: dict[Who, dict[Tier, Found]] = {}
-    of_set = find(set_name).calibrated_on or set_name
-    problems: list[RaceProblem] = []
+    sets = find(set_name).calibrated_on or (set_name,)
+    problems: dict[str, list[RaceProblem]] = {}
     known = {(solver.name, solver.lane) for solver in field}
     for done, solver in enumerate(field):
         who = solver.name, solver.lane
@@ -169,19 +169,22 @@ def _calibrated(settings: RaceSettings, field: Sequence[Described], children: Ma
         targets = [tier for tier in tiers_of(settings, solver.lane, scaling) if tier in TARGETS]
         if solver.lane not in SEARCHED and twin in known:
             targets = []  # it takes what the direct lane finds, below
-        ours: dict[Tier, Found] = {}
         if len(solver.ladder) == 1:
-            ours, targets = {tier: Found(0, True) for tier in targets}, []
-        key = calibration_store.key(settings, of_set, scaling, solver)
-        stored = {tier: Found(*one) for tier, one in calibration_store.load(key).items()}
-        ours |= {tier: stored[tier] for tier in targets if tier in stored}
-        if missing := [tier for tier in targets if tier not in stored]:
-            progress(f"settings of {solver.name} ({solver.lane}), {scaling}", done, len(field))
-            problems = problems or calibration_store.problems(of_set, settings, progress)
-            search = Search(problems, scaling, len(solver.ladder), children[who])
-            ours |= {tier: search.find(tier) for tier in missing}
-            calibration_store.save(key, {tier: (one.rung, one.met) for tier, one in {**stored, **ours}.items()})
-        found[who] = ours
+            found[who] = {tier: Found(0, True) for tier in targets}
+            continue
+        by_set: list[dict[Tier, Found]] = []
+        for of_set in sets:
+            key = calibration_store.key(settings, of_set, scaling, solver)
+            ours = {tier: Found(*one) for tier, one in calibration_store.load(key).items()}
+            if missing := [tier for tier in targets if tier not in ours]:
+                progress(f"settings of {solver.name} ({solver.lane}), {scaling}", done, len(field))
+                if of_set not in problems:
+                    problems[of_set] = calibration_store.problems(of_set, settings, progress)
+                search = Search(problems[of_set], scaling, len(solver.ladder), children[who])
+                ours |= {tier: search.find(tier) for tier in missing}
+                calibration_store.save(key, {tier: (one.rung, one.met) for tier, one in ours.items()})
+            by_set.append(ours)
+        found[who] = {tier: tightest([ours[tier] for ours in by_set]) for tier in targets}
     for solver in field:
         twin = IN_LANE_DIRECT.get(solver.name, solver.name), Lane.DIRECT
         if solver.lane not in SEARCHED and twin in known:
@@ -189,6 +192,12 @@ def _calibrated(settings: RaceSettings, field: Sequence[Described], children: Ma
             found[solver.name, solver.lane] = {tier: Found(None if one.rung is None else min(one.rung, last), one.met)
                                                for tier, one in found[twin].items() if tier in tiers_of(settings, solver.lane, scaling)}
     return found
+
+
+def tightest(several: Sequence[Found]) -> Found:
+    """The rung that serves as the tightest of several does; none where one search ended before it found any."""
+    rungs = [one.rung for one in several if one.rung is not None]
+    return Found(max(rungs) if len(rungs) == len(several) else None, all(one.met for one in several))
 
 
 def tiers_of(settings: RaceSettings, lane: Lane, scaling: Scaling) -> Sequence[Tier]:

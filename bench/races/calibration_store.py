@@ -31,7 +31,7 @@ SEEDS = (1000, 2000, 3000)
 """Added to the seed of the race; a set may use some seeds from its own on."""
 MIXTURES = 3
 """Data of each calibration problem that a solver is given as it is in a race: after a set-up with others."""
-RULE = 5
+RULE = 6
 """Counts how often what is asked of a setting has changed."""
 
 Findings = Mapping[Tier, tuple[int | None, bool]]

@@ -12,7 +12,7 @@ from command_line import CommandLine
 from bench.races.oneshot import plot_data
 from bench.races.oneshot.ranking import PACE, ranking, short_table
 from bench.races.oneshot.rows import ONESHOT
-from bench.races.oneshot.verdict import verdict
+from bench.races.oneshot.verdict import below_rounding, verdict
 from bench.store import Run
 from solvers import Tier
 from solvers.registry import OURS
@@ -42,6 +42,13 @@ def test_the_terminal_shows_a_real_race_in_a_hundred_columns_and_forty_lines(sho
     table = lines[next(i for i, line in enumerate(lines) if line.startswith("solver ")) + 1:]
     assert table[0].startswith(PACE)
     assert sum(" direct " in line or " kernel " in line for line in table) >= 10
+
+
+def test_a_problem_whose_cost_a_double_does_not_resolve_to_the_tier_is_named() -> None:
+    costs = pd.DataFrame({"problem": ["steep", "steep", "easy"], "d": 19, "V": [-0.2, -8.0, -0.2], "yardstick": [8e-8, 3.2e-6, 2e-5],
+                          "optimum": [2.5e6, 2.5e6, 1e4]})
+    (note,) = below_rounding(costs)
+    assert note.startswith("On steep a cost gap of 1e-9 is 4.0e-16 of |V*|,")
 
 
 def test_our_own_solvers_are_marked_in_every_table(shown: tuple[list[str], str]) -> None:

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.problems import RaceProblem, make
+from bench.problems import RaceProblem, find, make
 from bench.problems.measured import FOLDER
 from bench.problems.measured.making import PROGRAMS
 from bench.problems.measured.making import make as made_from
 from bench.problems.measured.stored import read
+from bench.races.calibration import Found, tightest
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model import DataBasis, plants
 from piezo_model.recordings import write_table
@@ -29,7 +30,7 @@ def test_measured_actuators_are_raced_by_default_and_each_has_its_source_and_lic
     assert OneshotSettings().problem_sets == ("paper", "measured")
     files = list(FOLDER.glob("*.npz"))
     assert len(files) == len(make("measured")) >= 3
-    assert sum(path.stat().st_size for path in files) < 70_000
+    assert all(path.stat().st_size < 30_000 for path in files)
     said = (FOLDER / "README.md").read_text()
     for path in files:
         line = next(line for line in said.splitlines() if f"`{path.name}`" in line)
@@ -68,18 +69,26 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     made_from("stage", tmp_path / "stage.csv", tmp_path)
     found = [read(tmp_path / "stage.npz", seed) for seed in range(PROGRAMS)]
     unseen = found[0][1]
+    whole = [programs[-1] for programs, _ in found]
     fitted = 2800
     np.testing.assert_allclose(unseen.x, x[fitted:], rtol=1e-6, atol=1e-5)
     np.testing.assert_allclose(unseen.y, y[fitted:], rtol=1e-6, atol=1e-5)
-    # Together the four programs count every sample once.
-    mean_P = sum(problem.P for problem, _ in found) / PROGRAMS
-    mean_q = sum(problem.q for problem, _ in found) / PROGRAMS
+    # Together the programs of the longest window count every sample once.
+    mean_P = sum(problem.P for problem in whole) / PROGRAMS
+    mean_q = sum(problem.q for problem in whole) / PROGRAMS
     reference = DataBasis(unseen.structure)
     reference.update(x[:fitted], y[:fitted])
     settled = np.arange(unseen.structure.n, unseen.structure.n + unseen.structure.dead_zones)  # of y alone, whatever the states were
     np.testing.assert_allclose(mean_P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(mean_q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
-    assert sum(problem.c for problem, _ in found) / PROGRAMS == pytest.approx(reference.c)
+    assert sum(problem.c for problem in whole) / PROGRAMS == pytest.approx(reference.c)
+
+
+def test_a_recording_of_ones_own_is_asked_as_tightly_as_simulated_and_measured_actuators_need() -> None:
+    assert find("recorded").calibrated_on == ("paper", "measured")
+    assert tightest([Found(2, True), Found(5, True)]) == Found(5, True)
+    assert tightest([Found(6, False), Found(5, True)]) == Found(6, False)
+    assert tightest([Found(2, True), Found(None, False)]) == Found(None, False)
 
 
 def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> None:

@@ -1,8 +1,9 @@
 """Three actuators that were measured, not simulated: P, q and c of their recordings, with the samples that followed.
 
 One NPZ file a recording lies beside this one; README.md says where the recordings come from and under which licence, and
-`making` makes the files again. The operators follow every sample of the first four fifths of a recording. Each file holds seven
-programs: the one of seed s counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor.
+`making` makes the files again. The operators follow every sample of the first four fifths of a recording. The program of seed s
+counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor; the first half of them makes
+its neighbouring window.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ class Measured(ProblemSet):
 
     name = "measured"
     origin = "measured elsewhere"
-    calibrated_on = "paper"
     description = "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
 
     def __len__(self) -> int:
@@ -31,8 +31,8 @@ class Measured(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Certify the program of each recording."""
         for path in _files():
-            problem, validation = read(path, self.seed)
-            yield certified(self.name, path.stem, problem, validation)
+            (*neighbours, problem), validation = read(path, self.seed)
+            yield certified(self.name, path.stem, problem, validation, neighbours=neighbours)
 
 
 def _files() -> list[Path]:

@@ -20,6 +20,8 @@ from piezo_model import DataBasis, IdentificationProblem, Recording
 
 ORDERS = (5, 3)
 PROGRAMS = 7
+WINDOWS = (0.5, 1.0)
+"""Shares of the counted part, from its start."""
 UNSEEN = 1000
 """Samples that follow."""
 
@@ -31,13 +33,17 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + UNSEEN))
     found = counted(recording, *ORDERS)
     (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
-    problems: list[IdentificationProblem] = []
+    ends = {found.skip + round(share * (x.size - found.skip)) for share in WINDOWS}
+    programs: list[list[IdentificationProblem]] = []
     for first in range(PROGRAMS):
         basis = DataBasis(found.structure, found.state)
+        windows = []
         for k in range(x.size):
             basis.update(x[k:k + 1], y[k:k + 1], count=k >= found.skip and k % PROGRAMS == first)
-        problems.append(basis.problem())
-    write(folder / f"{name}.npz", problems,
+            if k + 1 in ends:
+                windows.append(basis.problem())
+        programs.append(windows)
+    write(folder / f"{name}.npz", programs,
           Validation(found.structure, basis.state.copy(), x_unseen, y_unseen, sensor_noise(whole.arrays()[1])))
 
 

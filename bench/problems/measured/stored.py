@@ -1,4 +1,4 @@
-"""What a file of the set `measured` holds, written and read: P, q and c of several programs, and the samples after them."""
+"""What a file of the set `measured` holds, written and read: P, q and c of programs, by phase and window, and the samples after them."""
 
 from __future__ import annotations
 
@@ -22,31 +22,34 @@ class Meta(TypedDict):
 
     structure: ModelStructure
     noise_um: float
-    excitation: list[Excitation]
+    excitation: list[list[Excitation]]
 
 
-def write(path: Path, problems: Sequence[IdentificationProblem], unseen: Validation) -> None:
-    """Write programs of one structure and the data that follow; samples are rounded to single precision.
+def write(path: Path, programs: Sequence[Sequence[IdentificationProblem]], unseen: Validation) -> None:
+    """Write programs of one structure, for each phase its windows, and the data that follow, rounded to single precision.
 
     Of each P the upper triangle is kept, row by row.
     """
     meta = {"structure": unseen.structure.to_dict(), "noise_um": unseen.noise_um,
-            "excitation": [asdict(problem.excitation) for problem in problems]}
+            "excitation": [[asdict(problem.excitation) for problem in windows] for windows in programs]}
     with path.open("wb") as file:
-        np.savez_compressed(file, meta=np.array(json.dumps(meta)), P=np.array([problem.P[np.triu_indices_from(problem.P)] for problem in problems]),
-                            q=np.array([problem.q for problem in problems]), c=np.array([problem.c for problem in problems]),
+        np.savez_compressed(file, meta=np.array(json.dumps(meta)),
+                            P=np.array([[problem.P[np.triu_indices_from(problem.P)] for problem in windows] for windows in programs]),
+                            q=np.array([[problem.q for problem in windows] for windows in programs]),
+                            c=np.array([[problem.c for problem in windows] for windows in programs]),
                             play=unseen.state.play, creep=unseen.state.creep, x=unseen.x.astype(np.float32),
                             y=unseen.y.astype(np.float32))
 
 
-def read(path: Path, seed: int) -> tuple[IdentificationProblem, Validation]:
-    """The program of a seed, counted round by the programs that there are, and the data that follow."""
+def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation]:
+    """The programs of a seed, counted round by the phases that there are, the one of the longest window last, and the data that follow."""
     with opened(path) as data:
         meta = decoded(str(data["meta"]), Meta)
-        k = seed % data["c"].size
-        structure, excitation = meta["structure"], meta["excitation"][k]
-        P = np.zeros((structure.d, structure.d))
-        P[np.triu_indices_from(P)] = data["P"][k]
+        structure, phase = meta["structure"], seed % len(data["c"])
+        programs = []
+        for P, q, c, excitation in zip(*(data[name][phase] for name in "Pqc"), meta["excitation"][phase], strict=True):
+            upper = np.zeros((structure.d, structure.d))
+            upper[np.triu_indices_from(upper)] = P
+            programs.append(IdentificationProblem(structure, np.triu(upper, 1).T + upper, q, float(c), excitation))
         x, y = (data[name].astype(np.float64) for name in "xy")
-        return (IdentificationProblem(structure, np.triu(P, 1).T + P, data["q"][k], float(data["c"][k]), excitation),
-                Validation(structure, OperatorState(data["play"], data["creep"]), x, y, meta["noise_um"]))
+        return programs, Validation(structure, OperatorState(data["play"], data["creep"]), x, y, meta["noise_um"])

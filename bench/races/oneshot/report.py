@@ -9,7 +9,7 @@ import pandas as pd
 from bench.races.oneshot import charts, figures, plot_data
 from bench.races.oneshot.ranking import ranking, short_table, yardstick
 from bench.races.oneshot.rows import ONESHOT
-from bench.races.oneshot.verdict import notes, verdict
+from bench.races.oneshot.verdict import below_rounding, notes, verdict
 from bench.report.report import Figure, Report, Table
 from bench.report.words import OURS_NOTE, marked, number, settings_label
 from bench.store import Run, RunError
@@ -55,7 +55,8 @@ def report(run: Run) -> Report:
     shown = figures.at_tiers(summary).merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     wrong = [[marked(solver), *others] for solver, *others in figures.failures(rows)]
     return Report(
-        verdict(rows), short_table(table, note), summary, terminal=short_table(table, note, terminal=True), notes=notes(rows, summary),
+        verdict(rows), short_table(table, note), summary, terminal=short_table(table, note, terminal=True),
+        notes=[*below_rounding(costs), *notes(rows, summary)],
         definitions=[*DEFINITIONS, *_of_repeats(run)], tables=[
             Table("Every solver at every tier", [*HEADINGS.values()],
                   [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()], 3,

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from bench.races.calibration import IN_LANE_DIRECT
-from bench.races.metrics import UNNOTICED
+from bench.races.metrics import TOLERANCE, UNNOTICED
 from bench.races.oneshot import figures
 from bench.races.oneshot.ranking import ASKED, PACE, PAPER, Line, lane_of_paper, ranking, scaling_of
 from bench.report.words import apart, joined, marked, number, percent, periods, settings_label, solver_lanes
@@ -100,6 +101,14 @@ def notes(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]:
     """What else a race shows: other scalings, warm starts, cold caches, settings that differ by lane."""
     table = figures.raced(summary)
     return [*_other_scalings(rows), *_warm(summary), *_turns(table), *_lanes(rows)]
+
+
+def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
+    """Problems of which 1e-9 of the yardstick is less than rounding leaves of the cost, a sum of about d products as large as V*."""
+    resolved = costs.d * np.finfo(float).eps * costs.V.abs()
+    for name, part in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
+        yield (f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / part.optimum.max():.1e} of |V*|, less than rounding leaves of a cost in "
+               "double precision: a solver that stops by the difference of two costs cannot tell whether it is there.")
 
 
 def _other_scalings(rows: pd.DataFrame) -> Iterator[str]:
