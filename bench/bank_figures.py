@@ -13,7 +13,7 @@ from time import perf_counter_ns
 import numpy as np
 
 from bench.timing.clock import no_garbage_collection
-from bench.timing.percentiles import percentile
+from bench.timing.percentiles import QUANTILES, tail_cells
 from bench.timing.schedule import LEAD_NS, due, wait_until
 from piezo_model import CompensatorBank, ModelStructure
 from solvers.arrays import Nanoseconds, Vector
@@ -126,6 +126,5 @@ def steps_in_real_time(count: int, rate_Hz: float, seconds: float, threads: int,
 
 
 def _line(what: str, service: Nanoseconds, response: Nanoseconds, period_ns: int) -> tuple[str, ...]:
-    tail = (percentile(service / 1e3, q).value for q in (0.5, 0.99, 0.999))
-    return (what, *("–" if us is None else f"{us:.0f}" for us in (*tail, service.max() / 1e3)),
+    return (what, *tail_cells(service / 1e3, QUANTILES[:3]),
             *(f"{100.0 * float(np.mean(each > period_ns)):.3f} %" for each in (service, response)))

@@ -172,10 +172,7 @@ class Decision:
 def decide(run: Run, rule: Rule) -> Decision:
     """Apply the rule.
 
-    Raises
-    ------
-    RunError
-        No solver qualifies, or the run is of a kind without deadlines.
+    RunError where no solver qualifies, or the run is of a kind without deadlines.
     """
     race = run.settings.get("race", "oneshot")
     if race not in ("oneshot", STREAM_KIND):
@@ -256,19 +253,8 @@ def _candidate(who: Any, worst: pd.DataFrame, us: Microseconds, bound: float, ru
 def deployment(decision: Decision, model: HysteresisCreepModel | None = None, problem: str | None = None, simulated: bool = False) -> Deployment:
     """The file's content: a model of one's own, or the proven optimum of a problem of the run.
 
-    Parameters
-    ----------
-    decision : Decision
-    model : HysteresisCreepModel, optional
-    problem : str, optional
-        "set/name" of the problem; without it the first that is a recording of one's own.
-    simulated : bool
-        Whether a simulated actuator will do.
-
-    Raises
-    ------
-    RunError
-        No such problem, or none that was not simulated.
+    The problem is "set/name", by default the first that is a recording of one's own; ``simulated`` says whether a simulated actuator will
+    do. RunError where there is no such problem.
     """
     evidence = decision.evidence()
     if model is None:

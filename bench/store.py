@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -68,6 +69,11 @@ class Schema:
     def arrow(self) -> pa.Schema:
         """Columns with their types."""
         return columns.schema(("task", *self.columns), self.types)
+
+    def row(self, **known: Any) -> Row:
+        """A row of what is known: elsewhere no text, 0, False, or no number."""
+        nothing = {pa.large_string(): "", pa.int64(): 0, pa.bool_(): False}
+        return {field.name: nothing.get(field.type, math.nan) for field in self.arrow} | known
 
 
 class RunError(ValueError):
@@ -194,10 +200,6 @@ class Run:
     def note(self, **notes: Any) -> None:
         """Add to ``run.json`` what JSON can hold."""
         write_text(self.path / "run.json", json.dumps({**self.settings, **notes}, indent=1) + "\n")
-
-    def note_field(self, versions: Mapping[str, str], absent: Mapping[str, str]) -> None:
-        """Add the versions of the field to ``run.json``, and why others that were asked for are absent."""
-        self.note(field=dict(versions), absent=dict(absent))
 
     def problem_path(self, problem_set: str, problem: str) -> Path:
         """Where a problem is kept."""

@@ -14,6 +14,7 @@ import solvers
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.races.stream.stream_problem import make
+from bench.timing.percentiles import tail_cells
 from bench.timing.schedule import PERIOD_NS
 from solvers.arrays import Nanoseconds
 from solvers.core import face
@@ -40,8 +41,7 @@ def solver_steps(n: int, m: int, samples: int) -> tuple[int, Nanoseconds]:
 
 def line(what: str, nanoseconds: Nanoseconds) -> tuple[str, ...]:
     """One row of the table: order statistics, and how many missed the sampling period."""
-    tail = np.quantile(nanoseconds, (0.5, 0.99, 0.999, 0.9999), method="higher")
-    return what, *(f"{value:.0f}" for value in (*tail, nanoseconds.max())), str(int((nanoseconds > PERIOD_NS).sum()))
+    return what, *tail_cells(nanoseconds), str(int((nanoseconds > PERIOD_NS).sum()))
 
 
 def worst_case_figures(samples: int = SAMPLES) -> list[tuple[str, ...]]:

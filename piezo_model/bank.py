@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_model.atomic_file import replacing
 from piezo_model.compensator import DriveLimits
 from piezo_model.core import State, face
-from piezo_model.inverse_model import model_of
 from piezo_model.json_file import convert, decoded
 from piezo_model.learning.continuous_learning import CHECKPOINT_S, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE
@@ -238,7 +237,7 @@ class CompensatorBank:
     @property
     def models(self) -> list[HysteresisCreepModel]:
         """The models in use."""
-        return [model_of(self.structure, weights) for weights in self.weights]
+        return [HysteresisCreepModel.from_all_weights(self.structure, weights) for weights in self.weights]
 
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
         """One sample of every actuator.

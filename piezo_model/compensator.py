@@ -1,6 +1,6 @@
 """The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample, and integral action beside it.
 
-The compensator keeps the states of the *model*, H and K (`inverse_model`): what it returns after saturation and rate limits is
+The compensator keeps the states of the *model*, H and K: what it returns after saturation and rate limits is
 what the actuator really sees, and that is what moves the states on. Whatever the reference is, NaN and infinity
 included, the drive is finite and inside its limits.
 """
@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import json_file
 from piezo_model.core import State, face
-from piezo_model.inverse_model import all_weights, model_of
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
@@ -117,7 +116,7 @@ class Compensator:
         for name, values in (("r", operators.r), ("a", operators.a), ("low", zones.low), ("high", zones.high),
                              ("limits", self.limits), ("play", state.play), ("creep", state.creep), ("fade", fade), ("feedback", feedback)):
             self._core[name][:] = values
-        face.compensator_take(self._core.block, all_weights(model))
+        face.compensator_take(self._core.block, model.all_weights)
 
     @property
     def state(self) -> OperatorState:
@@ -155,8 +154,8 @@ class Compensator:
     @property
     def model(self) -> HysteresisCreepModel:
         """The model in use."""
-        if not np.array_equal(all_weights(self._model), self._core["weights"]):  # the learner handed weights over
-            self._model = model_of(self._model.structure, self._core["weights"])
+        if not np.array_equal(self._model.all_weights, self._core["weights"]):  # the learner handed weights over
+            self._model = HysteresisCreepModel.from_all_weights(self._model.structure, self._core["weights"])
         return self._model
 
     def correct(self, y_measured: float) -> None:

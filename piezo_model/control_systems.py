@@ -48,12 +48,9 @@ def initial_states(structure: ModelStructure, state: OperatorState | None = None
 
 
 def _operators(structure: ModelStructure, z: Vector) -> OperatorState:
-    """The states (states,) as the kernels take them; padding follows the input."""
-    thresholds, rates, lanes = structure.n + 1, len(structure.creep_rates), structure.lanes
-    play, creep = np.full(lanes, z[0]), np.zeros((rates, lanes))
-    play[:thresholds] = z[:thresholds]
-    creep[:, :thresholds] = np.reshape(z[thresholds:], (rates, thresholds))
-    return OperatorState(play, creep.ravel())
+    """The states (states,) as the kernels take them."""
+    play, *creep = z.reshape(-1, structure.n + 1)
+    return OperatorState.of(play, creep, structure)
 
 
 def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control.NonlinearIOSystem:

@@ -144,6 +144,17 @@ class HysteresisCreepModel:
         return cls(structure, np.concatenate([[1.0], w[H]]), w[S], w[K], float(w[-1]) if structure.offset else 0.0,
                    report or {})
 
+    @classmethod
+    def from_all_weights(cls, structure: ModelStructure, weights: Vector) -> HysteresisCreepModel:
+        """Make the model that has these :attr:`all_weights`."""
+        w_H, w_S, w_K, offset = np.split(weights, np.cumsum([structure.n + 1, structure.dead_zones, structure.creep_weights]))
+        return cls(structure, w_H, w_S, w_K, float(offset[0]))
+
+    @property
+    def all_weights(self) -> Vector:
+        """The weights in one vector, as the core's compensator keeps them: w_H0 … w_Hn, w'_S, w_K, offset."""
+        return np.concatenate([self.w_H, self.w_S_inverse, self.w_K, [self.offset]])
+
     @property
     def weights(self) -> Vector:
         """The unknowns w of the identification, scaled so that w_H0 = 1; shape (d,)."""

@@ -106,23 +106,9 @@ class Unsupported(Exception):
     """The problem has a feature that this solver cannot take; the message is one sentence that says which."""
 
 
-class Solver(ABC):
-    """One algorithm behind one interface.
+class Entrant(ABC):
+    """Whatever takes part in a race, as far as it is described."""
 
-    Parameters
-    ----------
-    **settings
-        The library's own settings, such as a rung of the ladder; without any it does what it does unasked.
-
-    Notes
-    -----
-    ``setup`` and ``update`` are timed apart from ``solve``. ``solve`` returns the array of the answer and builds
-    nothing else, so that the clock sees the solver alone; whether the answer is one is asked of ``solution``
-    afterwards. Arrays handed in are never written to.
-    """
-
-    name: ClassVar[str]
-    lane: ClassVar[Lane]
     algorithm: ClassVar[str]
     """Class of the algorithm in the field's words: "dual active set", "interior point", …"""
     licence: ClassVar[str]
@@ -134,10 +120,6 @@ class Solver(ABC):
     """Whether ``solve(warm_start=x)`` makes use of x."""
     always: ClassVar[Mapping[str, Any]] = {}
     """Settings of every use, which others on top may change."""
-    takes_rows: ClassVar[bool] = False
-    """Whether the solver follows data that come row by row by ``append``; it then has the setting ``forgetting``."""
-    iteration_setting: ClassVar[str | None] = None
-    """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -157,6 +139,29 @@ class Solver(ABC):
             from the data alone, before any solve.
         """
         return ({},)
+
+
+class Solver(Entrant):
+    """One algorithm behind one interface.
+
+    Parameters
+    ----------
+    **settings
+        The library's own settings, such as a rung of the ladder; without any it does what it does unasked.
+
+    Notes
+    -----
+    ``setup`` and ``update`` are timed apart from ``solve``. ``solve`` returns the array of the answer and builds
+    nothing else, so that the clock sees the solver alone; whether the answer is one is asked of ``solution``
+    afterwards. Arrays handed in are never written to.
+    """
+
+    name: ClassVar[str]
+    lane: ClassVar[Lane]
+    takes_rows: ClassVar[bool] = False
+    """Whether the solver follows data that come row by row by ``append``; it then has the setting ``forgetting``."""
+    iteration_setting: ClassVar[str | None] = None
+    """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.always, **settings}

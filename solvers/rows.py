@@ -104,15 +104,7 @@ class Program:
 
 
 class Intervals:
-    """The rows as intervals l ≤ R x ≤ u: those with a finite side, so that no row is dead.
-
-    Attributes
-    ----------
-    R : ndarray
-        Shape (k, d), C order.
-    l, u : ndarray
-        Shape (k,).
-    """
+    """The rows as intervals l ≤ R x ≤ u, R (k, d): those with a finite side, so that no row is dead."""
 
     def __init__(self, program: Program) -> None:
         self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
@@ -129,14 +121,7 @@ class Intervals:
 class Cones:
     """The rows as R x + s = r, s in the zero cone for equalities and fixed variables, then s ≥ 0; every r is finite.
 
-    Attributes
-    ----------
-    R : ndarray
-        Shape (k, d), C order.
-    r : ndarray
-        Shape (k,).
-    equal, unequal : int
-        How many of the rows are equalities, which come first, and how many are not.
+    R (k, d) and r (k,) begin with the ``equal`` rows that are equalities, and ``unequal`` follow.
     """
 
     def __init__(self, program: Program) -> None:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.solver_option import check_solver
 from bench.report.console import AsJson, console, print_json, progress_bar
 from bench.rig.rig import Rig
-from solvers import find
 
 FOLDER = Path("results/experiment")
 
@@ -24,12 +24,7 @@ def experiment_verb(
     """Let a simulated stage learn while it moves, and draw it."""
     from bench.experiment.experiment import run  # the figures' library takes a while to load
 
-    try:
-        find(solver).load()
-    except KeyError as error:
-        raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
-    except ImportError as error:
-        raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
+    check_solver(solver)
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
     rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)

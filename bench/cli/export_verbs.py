@@ -14,7 +14,7 @@ from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
-from bench.timing.percentiles import QUANTILES, percentile
+from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import format_of
@@ -146,10 +146,7 @@ def _print_figures(found: RealTimeFigures) -> None:
     for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
             console.print(f"Without {said}: {step.allowed.get(what, 'not asked for')}.")
-    tails = {name: [percentile(us, q) for q in QUANTILES] for name, us in times.items()}
-    print_table(("µs", *(p.name for p in tails["response"]), "max"),
-                [(name, *("–" if p.value is None else f"{p.value:.2f}" for p in row), f"{times[name].max():.2f}")
-                 for name, row in tails.items()])
+    print_table(("µs", *(Percentile(q).name for q in QUANTILES), "max"), [(name, *tail_cells(us, digits=2)) for name, us in times.items()])
     counts = found.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
     print_table(("up to, µs", *counts), [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values()))

@@ -11,6 +11,7 @@ import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
+from bench.cli.solver_option import check_solver
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
 from bench.fleet.identifying import Identifying
@@ -21,7 +22,6 @@ from bench.report.console import AsJson, check_writable, console, print_json, pr
 from piezo_model import Recording
 from piezo_model.identification.fit_review import review
 from piezo_model.units import quantity
-from solvers import find
 
 
 class LagOption(StrEnum):
@@ -62,12 +62,7 @@ def identify_verb(
 
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
-    try:
-        find(solver).load()
-    except KeyError as error:
-        raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
-    except ImportError as error:
-        raise typer.BadParameter(f"{solver} is not installed here ({error})", param_hint="--solver") from None
+    check_solver(solver)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Identifying(opening, n, m, _rates(creep_rates), skip, lag.value, solver, force, select)
     if out is None:

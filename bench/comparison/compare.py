@@ -135,18 +135,9 @@ def _how(kind: str, those: pd.DataFrame) -> str:
 
 
 def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
-    """Compare run b with run a.
+    """Compare run b with run a; RunError where one is not a finished one-shot race.
 
-    Parameters
-    ----------
-    a, b : Run
-    smallest : float
-        Smallest ratio of times that matters; above 1.
-
-    Raises
-    ------
-    RunError
-        Where a run is not a finished one-shot race.
+    Ratios of times that matter begin at ``smallest``, which is above 1.
     """
     for run in (a, b):
         if (race := run.settings.get("race", "oneshot")) != "oneshot":

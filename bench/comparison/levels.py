@@ -6,11 +6,10 @@ serve for the rows that had no turns.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pandas as pd
 
+from bench.races.oneshot.answer_times import HOT, IN_TURNS
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from bench.timing.clock import Effort
@@ -21,16 +20,9 @@ FEWEST = Effort().fewest
 NAMES = ["problem_set", "problem", "scaling", "solver", "lane", "tier", "start"]
 
 
-class Timed(NamedTuple):
-    """A way of timing, by the names under which a run keeps it."""
-
-    name: str
-    update: str
-    solve: str
-
-
-WAYS = (Timed("in turns", "interleaved_update", "interleaved_solve"), Timed("hot", "update", "solve"))
-"""The better one first."""
+BETTER = "in turns"
+WAYS = {BETTER: IN_TURNS, "hot": HOT}
+"""How answers are timed, and how the names begin under which a run keeps it."""
 
 
 def log_ratios(a: Run, b: Run) -> pd.DataFrame:
@@ -40,8 +32,8 @@ def log_ratios(a: Run, b: Run) -> pd.DataFrame:
     first, second = (levels(run).merge(served(run), on="task") for run in (a, b))
     both = first.merge(second, on=[*NAMES, "repeat", "timed"], suffixes=("_a", "_b"))
     both = both.drop_duplicates(["task_a", "task_b", "repeat", "timed"])
-    better = both.task_a.isin(both.task_a[both.timed == WAYS[0].name])
-    both = both[(both.timed == WAYS[0].name) | ~better]
+    better = both.task_a.isin(both.task_a[both.timed == BETTER])
+    both = both[(both.timed == BETTER) | ~better]
     both = both.assign(log_ratio=both.level_b - both.level_a).rename(columns={"task_a": "task"})
     return both.drop(columns=["level_a", "level_b", "task_b"])
 
@@ -55,12 +47,12 @@ def served(run: Run) -> pd.DataFrame:
 def levels(run: Run) -> pd.DataFrame:
     """One row a task, repeat and way of timing: ``task``, ``repeat``, ``timed`` and ``level``, the logarithm of ns."""
     times, found = run.times(), []
-    for way in WAYS:
-        both = [times[times.what == what].set_index(["task", "repeat"]).ns for what in (way.update, way.solve)]
+    for timed, way in WAYS.items():
+        both = [times[times.what == f"{way}{what}"].set_index(["task", "repeat"]).ns for what in ("update", "solve")]
         joined = pd.concat(both, axis=1, join="inner", keys=("updates", "solves"))
         for (task, repeat), updates, solves in zip(joined.index, joined.updates, joined.solves, strict=True):
             if min(len(updates), len(solves)) >= FEWEST:
-                found.append((task, repeat, way.name, np.log(max(np.median(updates) + np.median(solves), 1.0))))
+                found.append((task, repeat, timed, np.log(max(np.median(updates) + np.median(solves), 1.0))))
     return pd.DataFrame(found, columns=["task", "repeat", "timed", "level"])
 
 

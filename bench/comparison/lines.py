@@ -135,16 +135,9 @@ def _name(line: Any) -> str:
 
 
 def compare_times(pairs: pd.DataFrame, floor: str, smallest: float) -> Times:
-    """Compare what two runs took.
+    """Compare what two runs took, from one row a task and repeat: BLOCK, ``task``, ``solver``, ``lane``, ``log_ratio`` (ℓ_b − ℓ_a).
 
-    Parameters
-    ----------
-    pairs : DataFrame
-        One row a task and repeat: BLOCK, ``task``, ``solver``, ``lane``, ``log_ratio`` (ℓ_b − ℓ_a).
-    floor : str
-        Solver that does nothing: a witness of the machine, and no line.
-    smallest : float
-        Smallest ratio that matters.
+    The solver ``floor`` does nothing: a witness of the machine, and no line. Ratios that matter begin at ``smallest``.
     """
     by_solver = pairs.groupby([*BLOCK, "solver"]).log_ratio.median()
     witnesses = pairs.solver.nunique()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +15,7 @@ from bench.comparison.compare import RunComparison
 from bench.comparison.lines import CANNOT_TELL, LINE, SAME, UNLIMITED
 from bench.rendering import markdown_templates
 from bench.report import charts
+from bench.report.console import plain_json
 from bench.report.page import save
 from bench.report.report import Figure, Table
 from bench.report.words import OURS_NOTE, marked
@@ -62,23 +62,13 @@ def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
 
 def to_dict(comparisons: Sequence[RunComparison]) -> dict[str, Any]:
     """Everything as JSON can hold it; null stands for what is not known."""
-    return {"format": FORMAT, "version": VERSION, "baseline": str(comparisons[0].a.path), "comparisons": [
+    found: dict[str, Any] = plain_json({"format": FORMAT, "version": VERSION, "baseline": str(comparisons[0].a.path), "comparisons": [
         {"run": str(each.b.path), "warnings": list(each.warnings), "notes": [*each.doubts, *each.notes], "verdict": each.verdict,
          "difference": bool(each.differences), "regressions": each.regressions, "cannot_tell": each.cannot_tell,
-         "smallest": each.times.smallest, "machine": {timed: float(ratio) for timed, ratio in each.times.machine.items()},
-         "lines": _records(each.times.lines[LINE_COLUMNS]), "rows": _records(each.rows)}
-        for each in comparisons]}
-
-
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(name): _plain(value) for name, value in row.items()} for row in table.to_dict("records")]
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return list(value)
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+         "smallest": each.times.smallest, "machine": each.times.machine,
+         "lines": each.times.lines[LINE_COLUMNS].to_dict("records"), "rows": each.rows.to_dict("records")}
+        for each in comparisons]})
+    return found
 
 
 def line_grid(comparison: RunComparison, told: bool = True) -> Table:

@@ -40,20 +40,9 @@ class Experiment:
 
 def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lambda what, done, total: None,
         situations: int = 20) -> Experiment:
-    """Make the experiment and write its page and figures into a folder, which is made if it is not there.
+    """Make the experiment and write its page and figures into a folder, which is made if it is not there; OSError where it cannot be.
 
-    Parameters
-    ----------
-    folder : Path
-    rig : Rig
-    progress : function of (what, done, total), optional
-    situations : int
-        Drawn at random, besides the rig.
-
-    Raises
-    ------
-    OSError
-        Where the folder cannot be written.
+    So many ``situations`` are drawn at random, besides the rig.
     """
     folder.mkdir(parents=True, exist_ok=True)
     disturbed = situations // 4 + 1

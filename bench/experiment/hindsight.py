@@ -25,18 +25,14 @@ def tracking_error(y: Vector, y_ref: Vector) -> float:
 
 def floor(model: HysteresisCreepModel, state: OperatorState, plant: Plant, before: Memory, x: Vector, y: Vector,
           y_ref: Vector) -> float:
-    """Tracking error over a piece, in the output's unit.
+    """Tracking error over a piece, in the output's unit, by the best model of the same structure.
 
     Parameters
     ----------
     model : HysteresisCreepModel
-        Whose structure it is, and whose weights stay where the piece says nothing.
-    state : OperatorState
-        At the beginning of the piece.
-    plant : Plant
-        Left where the last round brings it.
-    before : dict
-        The plant's state at the beginning.
+        Whose weights stay where the piece says nothing.
+    state, before : OperatorState, dict
+        Of the model and of the plant at the beginning of the piece; the plant is left where the last round brings it.
     x, y, y_ref : array (N,)
         Drive, output and reference of the piece.
     """

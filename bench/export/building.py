@@ -45,15 +45,19 @@ def units(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("piezo*.c"))
 
 
+def compiled(compiler: str, words: Sequence[str], folder: Path, what: str) -> None:
+    """Call a compiler in a folder; ExportError says what it does not build, with the first error."""
+    done = subprocess.run([compiler, *words], cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
+        raise ExportError(f"{compiler} does not build {what}: {first}")
+
+
 def build(folder: Path, program: str, compiler: str, flags: Sequence[str]) -> Path:
     """Build ``program`` (replay or realtime) in a folder of :func:`write_sources`; ExportError where that fails."""
     target = folder / f"{program}-{Path(compiler).name}{''.join(flags).replace('/', '_').replace('=', '_')}"[:200]
     posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ()
-    done = subprocess.run([compiler, "-std=c99", *posix, *flags, f"{program}.c", *units(folder), "-o", str(target), "-lm"],
-                          cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
-        raise ExportError(f"{compiler} does not build the export: {first}")
+    compiled(compiler, ["-std=c99", *posix, *flags, f"{program}.c", *units(folder), "-o", str(target), "-lm"], folder, "the export")
     return target
 
 
@@ -62,7 +66,6 @@ class StepTime:
     """What a step takes, ns, and the memory of an axis, bytes."""
 
     fastest_ns: float
-    slowest_ns: float
     axis_bytes: int
 
 
@@ -78,16 +81,9 @@ class Replay:
 
 
 def replay(program: Path, samples: ArrayLike, repetitions: int = 0) -> Replay:
-    """Run the exported step over samples.
+    """Run the exported step, a program of :func:`build`, over samples, and so many times more to time it.
 
-    Parameters
-    ----------
-    program : Path
-        Of :func:`build`.
-    samples : array (N,) or (N, 2)
-        References; with learning, beside them the outputs measured before.
-    repetitions : int
-        Runs to time; none by default.
+    Samples are references (N,), with learning (N, 2) beside them the outputs measured before.
     """
     samples = np.ascontiguousarray(samples, dtype=np.float64)
     source, target = program.with_suffix(".in"), program.with_suffix(".out")
@@ -101,8 +97,8 @@ def replay(program: Path, samples: ArrayLike, repetitions: int = 0) -> Replay:
     target.unlink()
     time = None
     if repetitions:
-        fastest, slowest, size = done.stdout.split()
-        time = StepTime(float(fastest), float(slowest), int(size))
+        fastest, size = done.stdout.split()
+        time = StepTime(float(fastest), int(size))
     return Replay(x, tuple(int(word) for word in done.stderr.split()), time)
 
 

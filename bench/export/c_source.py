@@ -18,7 +18,6 @@ from bench.export import memory, numbers
 from bench.export.settings import LEARNS, SOLVERS, ExportError, ExportSettings
 from bench.rendering import c_templates
 from piezo_model import HysteresisCreepModel
-from piezo_model.inverse_model import all_weights
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.regressors import RegressorArrays
 from solvers.core.compile_core import folders as core_folders
@@ -46,18 +45,9 @@ environment = c_templates("bench.export")
 
 def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator",
            files: Mapping[str, str] = FILES, more: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Return the text of each file.
+    """Return the text of each of the files, by name and template.
 
-    Parameters
-    ----------
-    model : HysteresisCreepModel
-    settings : ExportSettings, optional
-    title : str
-        First words of every file; one line.
-    files : mapping
-        Name of each file and its template.
-    more : mapping, optional
-        What else the templates need.
+    Every file begins with the title, which is one line; the templates may need ``more`` than what is known of any model.
     """
     settings = settings or ExportSettings()
     data = {**known(model, settings, title), **(more or {})}
@@ -123,7 +113,7 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
         "learning": settings.learning, "cyclic": settings.cyclic, "learning_kind": kind + 1 if settings.learning else 0,
         "what_learns": LEARNS[kind], "solver": settings.solver,
         "number": partial(numbers.literal, precision=precision), "double": numbers.literal,
-        "list": partial(numbers.initialiser, precision=precision), "weights": all_weights(model),
+        "list": partial(numbers.initialiser, precision=precision), "weights": model.all_weights,
         "r_H": np.array((0.0, *s.play_thresholds)), "gains": creep_gain(s.creep_rates, s.sample_time),
         "zone_low": low, "zone_high": high, "outer_low": outer.low[:s.dead_zones], "outer_high": outer.high[:s.dead_zones],
         "period": _period(s.sample_time), "float_bound": f"{FLOAT_BOUND:g}", "memory": memory.figures(s, settings),

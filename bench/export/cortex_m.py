@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.export.building import EXACT, WARNINGS, tool, units
+from bench.export.building import EXACT, WARNINGS, compiled, tool, units
 from bench.export.c_source import export, render
 from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
@@ -64,10 +64,8 @@ def cross_build(folder: Path, model: HysteresisCreepModel, settings: ExportSetti
     compiler = tool(COMPILER, package=PACKAGES[COMPILER])
     write_files(folder, {**export(model, settings), **render(model, settings, files={"controller.c": "controller.c.jinja"})})
     image = folder / f"{core.name}.elf"
-    done = subprocess.run([compiler, *WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", *units(folder), "-o", str(image),
-                           "-lm"], cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise ExportError(f"{compiler} does not build the export for {core.name}: {done.stderr.strip()[:300]}")
+    compiled(compiler, [*WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", *units(folder), "-o", str(image), "-lm"], folder,
+             f"the export for {core.name}")
     return image
 
 

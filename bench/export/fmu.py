@@ -9,7 +9,6 @@ Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 from __future__ import annotations
 
 import platform
-import subprocess
 import tempfile
 import uuid
 import zipfile
@@ -19,7 +18,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from bench.export.building import EXACT, WARNINGS, tool
+from bench.export.building import EXACT, WARNINGS, compiled, tool
 from bench.export.c_source import known, render, sources
 from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
@@ -68,21 +67,9 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
 
 
 def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, fmi: int = 3) -> None:
-    """Write the FMU.
+    """Write the FMU, for FMI 2 or 3; the file is there whole or not at all.
 
-    Parameters
-    ----------
-    model : HysteresisCreepModel
-    settings : ExportSettings
-        Of the compensator alone, in double precision.
-    out : Path
-        The file; it is there whole or not at all.
-    fmi : 2 or 3
-
-    Raises
-    ------
-    ExportError
-        The settings ask for something else, or there is no C compiler.
+    ExportError where the settings are not those of the compensator alone in double precision, or there is no C compiler.
     """
     if settings.learning or settings.precision != "double":
         raise ExportError("an FMU holds the compensator alone, in double precision")
@@ -128,8 +115,6 @@ def _library(code: dict[str, str], name: str, fmi: int) -> bytes:
     compiler = tool("cc", "gcc", "clang")
     with tempfile.TemporaryDirectory(prefix="piezobench-fmu-") as folder:
         write_files(Path(folder), code)
-        done = subprocess.run([compiler, *WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared", f"{name}.c",
-                               f"fmi{fmi}.c", "-o", "library.so", "-lm"], cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise ExportError(f"{compiler} does not build the FMU: {done.stderr.strip()[:300]}")
+        compiled(compiler, [*WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared", f"{name}.c", f"fmi{fmi}.c",
+                            "-o", "library.so", "-lm"], Path(folder), "the FMU")
         return (Path(folder) / "library.so").read_bytes()

@@ -56,21 +56,9 @@ class Paced:
 
 
 class RealTime:
-    """The exported step, built for this machine.
+    """The exported step, built for this machine; ExportError where there is no C compiler, or it does not build.
 
-    Parameters
-    ----------
-    model : HysteresisCreepModel
-    settings : ExportSettings
-    priority : int
-        Of SCHED_FIFO, 1 to 99; 0 does not ask for it.
-    core : int, optional
-        To be pinned to; the last that may be used by default.
-
-    Raises
-    ------
-    ExportError
-        There is no C compiler, or it does not build.
+    It asks for a priority of SCHED_FIFO, 1 to 99, unless that is 0, and is pinned to a core, by default the last that may be used.
     """
 
     def __init__(self, model: HysteresisCreepModel, settings: ExportSettings, priority: int = 80,

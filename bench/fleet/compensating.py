@@ -35,10 +35,7 @@ class Compensating:
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the drive; returns how well the model follows the reference with it, and what keeps it from that.
 
-        Raises
-        ------
-        RecordingError
-            Sampling or unit of the reference are not the model's, or the limits are none.
+        RecordingError where sampling or unit of the reference are not the model's, or the limits are none.
         """
         model = HysteresisCreepModel.load(further[0])
         s, wanted = model.structure, read_reference(recording, **self.opening)

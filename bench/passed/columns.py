@@ -39,19 +39,9 @@ def schema(columns: Sequence[str], more: Mapping[str, pa.DataType] = MappingProx
 
 
 def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFrame:
-    """The table in a Parquet file.
+    """The table in a Parquet file; TableError says what is wrong with it.
 
-    Parameters
-    ----------
-    path : Path
-    wanted : pyarrow.Schema
-        Columns that must be there but for LATER; others are passed over.
-    name : sequence of str
-        Those that name a row.
-
-    Raises
-    ------
-    TableError
+    The wanted columns must be there but for LATER, and others are passed over; those of ``name`` name a row.
     """
     try:
         with parquet.ParquetFile(path) as file:

@@ -41,10 +41,7 @@ class Said:
     def of(cls, solution: Solution) -> Said:
         """Take it from a solution and its extras.
 
-        Raises
-        ------
-        ValueError
-            Duals are no real numbers.
+        ValueError where duals are no real numbers.
         """
         extras = solution.extras or {}
         count, time_us = _number(extras.get("iterations", extras.get("steps"))), _number(extras.get("reported_us"))

@@ -35,9 +35,7 @@ from bench.problem_files.program import (
 def read_mat(path: Path) -> ReadProgram:
     """Read P, q, r, A, l and u; r may be missing, and A with l and u.
 
-    Raises
-    ------
-    ProblemFileError
+    ProblemFileError says what is wrong.
     """
     try:
         found: dict[str, Any] = loadmat(str(path))

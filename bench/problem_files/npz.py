@@ -19,6 +19,7 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
+from bench.problem_files.program import QP_FIELDS as QP_FIELDS
 from bench.problem_files.program import (
     ProblemFileError,
     ReadProgram,
@@ -30,7 +31,6 @@ from bench.problem_files.program import (
     with_infinities,
 )
 
-QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 PARTS = ("data", "indices", "indptr", "shape")
 DAMAGED = (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError, RuntimeError,
            MemoryError, OverflowError, struct.error)
@@ -93,9 +93,7 @@ def opened(path: Path) -> Iterator[Any]:
 def read_npz(path: Path) -> ReadProgram:
     """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one.
 
-    Raises
-    ------
-    ProblemFileError
+    ProblemFileError says what is wrong.
     """
     with opened(path) as arrays:
         found = {name: _field(path, arrays, name) for name in QP_FIELDS}

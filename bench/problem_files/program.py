@@ -22,6 +22,18 @@ INFINITY = 1e20
 SYMMETRY = 1e-12
 """Difference between P and Pᵀ, as a share of the largest element, that is taken for rounding."""
 
+QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
+
+
+def fields_of(qp: Problem) -> dict[str, Any]:
+    """A program by field, as a request takes it to another process."""
+    return {name: getattr(qp, name) for name in QP_FIELDS}
+
+
+def copied(qp: Problem) -> Problem:
+    """A program with arrays of its own."""
+    return Problem(*(None if value is None else value.copy() for value in fields_of(qp).values()))
+
 
 class ProblemFileError(ValueError):
     """A file that holds no program that can be read; the message is one sentence that begins with the path."""

@@ -89,19 +89,9 @@ def read_test_set(path: str) -> list[tuple[str, Problem]] | str:
 
 
 def write_test_set(folder: Path, set_name: str, sparse: bool) -> Path:
-    """Write the class file of one problem set.
+    """Write the class file of one problem set, ``piezobench_<set>.py``, into the folder of its problems, ``<set>--<problem>.npz``.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the problems are, as ``<set>--<problem>.npz``.
-    sparse : bool
-        Whether any matrix is sparse; qpbenchmark then asks sparse solvers only.
-
-    Returns
-    -------
-    Path
-        ``piezobench_<set>.py`` in that folder.
+    Where any matrix is ``sparse`` qpbenchmark asks sparse solvers only.
     """
     module = f"piezobench_{set_name}"
     text = TEMPLATE.substitute(set=set_name, module=module, class_name=module.title().replace("_", ""), sparse=sparse)

@@ -43,10 +43,7 @@ class _Wrong(Exception):
 def read_qps(path: Path) -> ReadProgram:
     """Read a QPS or MPS file; continuous variables only.
 
-    Raises
-    ------
-    ProblemFileError
-        With file and line.
+    ProblemFileError says what is wrong, with file and line.
     """
     try:
         content = path.read_bytes()

@@ -59,13 +59,7 @@ class Backend(StrEnum):
 class Workers:
     """How work is spread; not part of a race's settings, since it may be resumed elsewhere.
 
-    Attributes
-    ----------
-    count : int
-        Workers on this machine; a cluster says itself how many it has.
-    backend : Backend
-    scheduler : str
-        Address of a Dask scheduler.
+    ``count`` are on this machine, and a cluster says itself how many it has; ``scheduler`` is the address of a Dask scheduler.
     """
 
     count: int = 1

@@ -22,21 +22,9 @@ class Limits:
 
 
 class LineUp:
-    """Solvers that wait for tasks on a core, all starting at once.
+    """Solvers that wait for tasks on a core, all starting at once; ``children`` are by name and lane.
 
-    Parameters
-    ----------
-    entries : sequence of Entry
-    limits : Limits
-    core : int, optional
-        None where nothing is timed, and then there is no sentinel.
-    folders : sequence of str
-        What solvers must not look into.
-
-    Attributes
-    ----------
-    children : dict
-        By name and lane.
+    Without a core nothing is timed, and then there is no sentinel. ``folders`` are what solvers must not look into.
     """
 
     def __init__(self, entries: Sequence[Entry], limits: Limits, core: int | None, folders: Sequence[str] = ()) -> None:

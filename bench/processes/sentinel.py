@@ -44,17 +44,11 @@ def work() -> list[int]:
 
 @dataclass
 class Sentinel:
-    """Looks at one core.
-
-    Attributes
-    ----------
-    core : int
-    looks : list of (float, list of int)
-        When (seconds since the epoch) and nanoseconds of each run.
-    """
+    """Looks at one core."""
 
     core: int
     looks: list[tuple[float, list[int]]] = field(default_factory=list)
+    """When (seconds since the epoch) and nanoseconds of each run."""
 
     def __post_init__(self) -> None:
         self._child = ForkedChild()

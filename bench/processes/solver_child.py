@@ -40,18 +40,8 @@ def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
 class SolverChild(ForkedChild):
     """The process of one solver in one lane; started at once, and again after it was lost.
 
-    Parameters
-    ----------
-    entry : Entry
-        The solver and its lane.
-    time_limit_s : float
-        Longest time for one task, everything included.
-    memory_mb : int
-        What the process may allocate once its solver is loaded.
-    core : int, optional
-        Core that it is pinned to.
-    folders : sequence of str
-        What it must not look into.
+    It has ``time_limit_s`` for a task, everything included, may allocate ``memory_mb`` once its solver is loaded, is pinned to ``core``, and
+    must not look into ``folders``.
     """
 
     def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None,

@@ -60,8 +60,8 @@ def field_of(run: Run, children: Iterable[SolverChild]) -> list[Described]:
     """The solvers that run here, noted in the run; RaceError where there is none, or one that was asked for by its name is in no lane."""
     described = [child.describe() for child in children]
     field = [solver for solver in described if not solver.absent]
-    run.note_field({f"{solver.name} ({solver.lane})": solver.version for solver in field},
-                   {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
+    run.note(field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
+             absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
     here = {solver.name for solver in field}
     for solver in described:
         if solver.name in run.settings["settings"]["solvers"] and solver.name not in here:

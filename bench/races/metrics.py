@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from qpsolvers import Solution
 
 from bench.passed.outcome import Outcome
@@ -94,6 +95,16 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement
     error = model_error(problem, form, x)
     return Judgement(Status.OK, "", gap, violation, *_residuals(solution), _weight_error(problem, form, x), error,
                      stage_excess(problem, error))
+
+
+def worst(values: pd.Series) -> float:
+    """The largest of several; NaN where any is, so that to fail most of them does not look like exactness."""
+    return float(values.max(skipna=False))
+
+
+def least_good(statuses: pd.Series) -> str:
+    """Ok where all are, else the first that is not."""
+    return next((str(status) for status in statuses if status != Status.OK), str(Status.OK))
 
 
 def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:

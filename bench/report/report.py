@@ -10,6 +10,7 @@ import altair as alt
 import pandas as pd
 
 from bench.report import charts
+from bench.report.words import marked
 
 Draw = Callable[[pd.DataFrame], list[alt.TopLevelMixin]]
 
@@ -38,6 +39,12 @@ class Table:
     def records(self) -> list[dict[str, str]]:
         """Rows by their headings."""
         return [dict(zip(self.headings, row, strict=True)) for row in self.rows]
+
+
+def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
+    """These columns of the rows with a message, the first row of each that has the same in ``once``."""
+    wrong = rows[rows.message != ""].drop_duplicates([*once])[[*columns]]
+    return Table("What went wrong", columns, wrong.assign(solver=wrong.solver.map(marked)).astype(str).values.tolist(), len(columns))
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,7 @@ def usable() -> list[int]:
 
 
 class Core:
-    """A core that nobody else times on.
-
-    Attributes
-    ----------
-    number : int
-    """
+    """A core that nobody else times on."""
 
     def __init__(self, number: int, lock: int) -> None:
         self.number, self._lock = number, lock

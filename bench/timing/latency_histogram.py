@@ -24,10 +24,7 @@ LOWEST_NS, HIGHEST_NS, DIGITS = 1, 3_600_000_000_000, 3
 def recorded(nanoseconds: ArrayLike, period_ns: int | None = None) -> str:
     """Record times, shape (N,), corrected for a period if one is given, and return the histogram as text.
 
-    Raises
-    ------
-    ValueError
-        A time is negative or above an hour.
+    ValueError where a time is negative or above an hour.
 
     Examples
     --------

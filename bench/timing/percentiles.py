@@ -20,6 +20,7 @@ Biometrika 26 (1934) 404 to 413.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,6 +101,18 @@ def percentile(sample: ArrayLike, q: float, confidence: float = CONFIDENCE) -> P
         return Percentile(q, reason=str(error))
     rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
     return Percentile(q, float(ordered[rank - 1]), float(ordered[low - 1]), float(ordered[high - 1]))
+
+
+def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits: int = 0) -> list[str]:
+    """Percentiles and the maximum of a sample as cells of a table, – for a percentile that is refused.
+
+    Examples
+    --------
+    >>> tail_cells(np.arange(1000), (0.5, 0.999))
+    ['499', '–', '999']
+    """
+    values = [*(percentile(sample, q).value for q in quantiles), float(np.max(sample))]
+    return ["–" if value is None else f"{value:.{digits}f}" for value in values]
 
 
 def rate_bound(events: int, samples: int, confidence: float = CONFIDENCE) -> float:

@@ -76,21 +76,8 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
 def count(recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool) -> Counted:
     """Find the sign of the output, what to leave out at the start, and the states before the first sample.
 
-    Parameters
-    ----------
-    recording : Recording
-    s : ModelStructure
-    solver, proximal
-        As of ``identify``.
-    skip : int, optional
-        First samples to leave out; a transient's by default.
-    fit_range : bool
-        Whether the output's range in the structure is to be that of the counted part.
-
-    Raises
-    ------
-    IdentificationError
-        Too few samples are left.
+    First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure becomes that of the counted
+    part. IdentificationError where too few samples are left.
     """
     head = head_of(recording, s)
 

@@ -68,14 +68,8 @@ def find_start(recording: Recording, s: ModelStructure, cost: Callable[[Operator
                ) -> tuple[OperatorState, float | None]:
     """Return the start of the smallest cost, and the input in unit amplitudes at which creep had rested, if it had.
 
-    Parameters
-    ----------
-    recording : Recording
-    s : ModelStructure
-    cost : function of OperatorState
-        Mean square error over the recording from these states on, with whatever else is free at its best.
-    refine : bool
-        Whether to go on from the best of the handful.
+    The cost is the mean square error over the recording from these states on, with whatever else is free at its best; ``refine`` goes on from
+    the best of the handful.
     """
     low, high = s.unit_input(np.array(recording.x_range))
     centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))

@@ -26,15 +26,9 @@ SAID = {
 
 
 class ContinuousLearning(Learner):
-    """The continuous learner of a compensator.
+    """The continuous learner of a compensator, whose weights it changes.
 
-    Parameters
-    ----------
-    compensator : Compensator
-        Whose weights it changes.
-    settings : LearningSettings
-    log : deque of Event
-        Gets what changes how learning goes on; hand-overs and refusals are counted, and only the first is an event.
+    The log gets what changes how learning goes on; hand-overs and refusals are counted, and only the first is an event.
     """
 
     def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:

@@ -24,15 +24,7 @@ from piezo_model.model import HysteresisCreepModel
 
 
 class CyclicLearning(Learner):
-    """The cyclic learner of a compensator.
-
-    Parameters
-    ----------
-    compensator : Compensator
-        Whose model it changes.
-    settings : LearningSettings
-    log : deque of Event
-    """
+    """The cyclic learner of a compensator, whose model it changes."""
 
     def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:
         s = compensator.model.structure

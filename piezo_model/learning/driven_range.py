@@ -43,13 +43,7 @@ class RangeMemory(TypedDict):
 
 
 class DrivenRange:
-    """What was driven lately.
-
-    Parameters
-    ----------
-    looks : int
-        Looks that make a piece.
-    """
+    """What was driven lately; so many looks make a piece."""
 
     def __init__(self, looks: int = 1) -> None:
         self.looks, self.looked = looks, 0

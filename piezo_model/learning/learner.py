@@ -35,19 +35,9 @@ class LearningMemory(TypedDict):
 
 
 class Learner(ABC):
-    """The learner of a compensator.
+    """The learner of a compensator, whose weights it changes.
 
-    Parameters
-    ----------
-    compensator : Compensator
-        Whose weights it changes.
-    settings : LearningSettings
-    log : deque of Event
-    core : State
-        Its state, to be filled by the subclass.
-    observe, drive : callable
-        The core's loops over samples.
-    driven : DrivenRange
+    The subclass brings the state of the core, which it fills, and the core's loops that observe and drive.
     """
 
     def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log, core: State, observe: Loop, drive: Loop,

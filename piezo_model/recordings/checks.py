@@ -99,12 +99,7 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
 class ValueCheck:
     """Finite values and their range, over any number of pieces.
 
-    Parameters
-    ----------
-    label : str
-        How the sentence of an error starts.
-    where : callable
-        Names a row counted from 0.
+    The sentence of an error starts with the label; ``where`` names a row counted from 0.
     """
 
     def __init__(self, label: str, where: Where) -> None:
@@ -145,14 +140,7 @@ class ValueCheck:
 class ClockCheck:
     """Uniform sampling, over any number of pieces, the first of which settles the sampling period to look for.
 
-    Parameters
-    ----------
-    label, where
-        As for :class:`ValueCheck`.
-    seconds : float
-        Seconds in one unit of the times.
-    tolerance : float
-        Allowed deviation of an interval, as a share of the period.
+    Label and where are as for :class:`ValueCheck`; a unit of the times is so many seconds, and an interval may differ by a share of the period.
     """
 
     def __init__(self, label: str, where: Where, seconds: float, tolerance: float) -> None:

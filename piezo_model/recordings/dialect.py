@@ -92,21 +92,9 @@ class Layout:
 
 
 def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | None = None) -> Layout | None:
-    """Find the table in the first lines of a file.
+    """Find the table in the first lines of a file, which are complete; None where no rows of numbers are found.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Complete lines.
-    decimal : str, optional
-        Decimal mark where the user says it.
-    header : int, optional
-        Index of the line that names the columns, or -1 for none, where the user says it.
-
-    Returns
-    -------
-    Layout or None
-        None where no rows of numbers are found.
+    The user may say the decimal mark, and the index of the line that names the columns, or -1 for none.
     """
     first = max((header if header is not None else -1) + 1, 0)
     quoted = any('"' in line for line in lines)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+
+from numpy.typing import NDArray
 
 from piezo_model.units import canonical, seconds
 
@@ -22,8 +24,19 @@ def sample_time_in(lines: Iterable[str]) -> float | None:
     >>> sample_time_in(["Operator: K", "# Sampling rate (kHz) = 20"]), sample_time_in(["dt: 5 ms"]), sample_time_in(["t;u;y"])
     (5e-05, 0.005, None)
     """
-    found = {value for line in lines for match in _STATED.finditer(line) if (value := _period(match)) is not None}
+    return only(_period(match) for line in lines for match in _STATED.finditer(line))
+
+
+def only(periods: Iterable[float | None]) -> float | None:
+    """The period that is stated, or None where none or more than one is."""
+    found = {period for period in periods if period is not None}
     return found.pop() if len(found) == 1 else None
+
+
+def sample_time_in_scalars(arrays: Mapping[str, NDArray]) -> float | None:
+    """Sampling period in seconds that numbers among arrays state by their names, or by the last part of these."""
+    return only(sample_time_of(name.rpartition("/")[2], float(array.ravel()[0])) for name, array in arrays.items()
+                if array.size == 1 and array.dtype.kind in "iuf")
 
 
 def sample_time_of(name: str, value: float, unit: str = "") -> float | None:

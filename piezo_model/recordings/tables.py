@@ -130,6 +130,11 @@ class ChannelTable:
     form: str
     channels: Sequence[Channel] = field(repr=False)
 
+    def __post_init__(self) -> None:
+        """Refuse a file that has none."""
+        if not self.channels:
+            raise RecordingError(f"{self.path}: is {self.form} without a column of numbers")
+
     @property
     def columns(self) -> tuple[Column, ...]:
         """Of all channels."""
@@ -173,8 +178,6 @@ def in_memory(path: Path, form: str, arrays: Mapping[str, NDArray], units: Mappi
             kind: Kind = "flag" if values.dtype.kind == "b" else "number"
             column = Column.of_path(label, units.get(name, ""), values.size, sample_time, kind)
             channels.append(Channel(column, array_slice(values)))
-    if not channels:
-        raise RecordingError(f"{path}: is {form} without a column of numbers")
     return ChannelTable(path, form, channels)
 
 

@@ -37,7 +37,6 @@ def printed_digit(times: Vector) -> tuple[float, Rounding]:
     """Last decimal digit that all times are printed with, and the rounding that grows with them."""
     rounding = Rounding(float(np.finfo(np.float32 if _single(times) else np.float64).eps))
     decimals = _decimals(times, rounding)
-    decimals = _decimals(times, rounding)
     digits = _significant_digits(times, rounding, decimals)
     if digits is not None:
         rounding = Rounding(rounding.share, digits)

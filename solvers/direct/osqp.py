@@ -23,7 +23,8 @@ from scipy.sparse import csc_matrix
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.protocol import Matrix, Unsupported, Vector
+from solvers.direct._box import refuse_crossing
+from solvers.protocol import Matrix, Vector
 from solvers.rows import Intervals, Program, Triangle
 
 
@@ -39,8 +40,7 @@ class Osqp(LibrarySolver):
         self.program = p = Program(problem)
         self._rows = Intervals(p)
         self._triangle = Triangle(p.d)
-        if np.any(self._rows.l > self._rows.u):
-            raise Unsupported("osqp refuses bounds that cross, and a lower bound of the problem is above its upper one")
+        refuse_crossing(p, self.name)
         self._zero = np.zeros(p.d), np.zeros(self._rows.l.size)
         self._solver = osqp.OSQP()
         self._solver.setup(self._triangle.matrix(p.P), p.q.copy(), csc_matrix(self._rows.R), self._rows.l, self._rows.u,

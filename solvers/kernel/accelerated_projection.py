@@ -16,12 +16,13 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import BUILT_WITH, face
+from solvers.core import face
 from solvers.descent import Descent
+from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 
-class AcceleratedProjection(Solver):
+class AcceleratedProjection(Ours, Solver):
     """Accelerated projected gradient.
 
     Settings
@@ -45,9 +46,6 @@ class AcceleratedProjection(Solver):
     name: ClassVar[str] = "accelerated_projection"
     lane: ClassVar[Lane] = Lane.KERNEL
     algorithm: ClassVar[str] = "accelerated projected gradient"
-    licence: ClassVar[str] = "MIT"
-    distribution: ClassVar[str] = "piezobench"
-    built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
     iteration_setting: ClassVar[str | None] = "steps"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})

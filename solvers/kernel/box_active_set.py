@@ -32,7 +32,8 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import BUILT_WITH, CAPPED, OK, REASONS, block, face
+from solvers.core import CAPPED, OK, REASONS, block, face
+from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 COUNTS = ("exchanges", "systems", "dual_steps", "proximal_steps", "fallbacks")
@@ -41,7 +42,7 @@ PROXIMAL = 1e-11
 """BOX_PROXIMAL of box.h."""
 
 
-class BoxActiveSet(Solver):
+class BoxActiveSet(Ours, Solver):
     """Exact box QP solver, cold or warm; it has no tolerance, so its ladder has one rung.
 
     Settings
@@ -66,9 +67,6 @@ class BoxActiveSet(Solver):
     name: ClassVar[str] = "box_active_set"
     lane: ClassVar[Lane] = Lane.KERNEL
     algorithm: ClassVar[str] = "primal-dual active set"
-    licence: ClassVar[str] = "MIT"
-    distribution: ClassVar[str] = "piezobench"
-    built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:

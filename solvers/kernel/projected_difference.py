@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
 from solvers.cone import EMPTY, Cone
-from solvers.core import BUILT_WITH, OK, REASONS, face
+from solvers.core import OK, REASONS, face
 from solvers.descent import Descent
+from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box, dense
 
 
-class ProjectedDifference(Solver):
+class ProjectedDifference(Ours, Solver):
     """Projected gradient with a fixed step, for bounds and for general rows G x ≤ h without equalities.
 
     A number of steps is asked for and not a tolerance, so its rungs are numbers of steps.
@@ -56,9 +57,6 @@ class ProjectedDifference(Solver):
     name: ClassVar[str] = "projected_difference"
     lane: ClassVar[Lane] = Lane.KERNEL
     algorithm: ClassVar[str] = "projected gradient"
-    licence: ClassVar[str] = "MIT"
-    distribution: ClassVar[str] = "piezobench"
-    built_with: ClassVar[str] = BUILT_WITH
     warm_startable: ClassVar[bool] = True
     iteration_setting: ClassVar[str | None] = "steps"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})

@@ -17,7 +17,8 @@ from typing import ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import BUILT_WITH, CAPPED, NOT_FINITE, OK, REASONS, block, face
+from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face
+from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
 
 LARGEST = 1e100
@@ -26,7 +27,7 @@ FOUND = 1e-12
 """Relative violation of the optimality conditions above which an answer does not count as found."""
 
 
-class RecursiveActiveSet(Solver):
+class RecursiveActiveSet(Ours, Solver):
     """Exact box QP solver that takes rows.
 
     Settings
@@ -56,9 +57,6 @@ class RecursiveActiveSet(Solver):
     name: ClassVar[str] = "recursive_active_set"
     lane: ClassVar[Lane] = Lane.KERNEL
     algorithm: ClassVar[str] = "principal pivoting on a recursively updated inverse"
-    licence: ClassVar[str] = "MIT"
-    distribution: ClassVar[str] = "piezobench"
-    built_with: ClassVar[str] = BUILT_WITH
     takes_rows: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:

@@ -43,7 +43,7 @@ def carry_on(folder: Path) -> None:
     except RunError:
         run = Run.create(folder, {"race": "none", "settings": {}, "machine": MACHINE}, "run")
     if not run.is_finished(PLAIN):
-        run.note_field({"daqp": "1"}, {})
+        run.note(field={"daqp": "1"}, absent={})
         for task in TASKS:
             if not run.is_done(task):
                 run.save(task, row(task), {"solve": np.arange(3)})

@@ -124,7 +124,7 @@ def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(race
 
     assert judged(x[1:257])["share_high"] == 1.0
     assert judged(x[1:257])["judged"] == 16
-    assert judged(x[:256])["share_low"] == 0.0  # each is the answer of the program before
+    assert judged(x[:256])["share_mid"] == 0.0  # each is the answer of the program before; to 1e-3 one in a hundred is right by chance
     spoiled = x[1:257].copy()
     spoiled[programs.sample(1, 257, 16)[0] - 1] += 1e-4
     assert judged(spoiled)["share_high"] == 15 / 16

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from random_models import Case, cases, drive
 
 from piezo_model.compensator import Compensator
-from piezo_model.inverse_model import all_weights, model_of
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure
 
@@ -95,7 +94,7 @@ def test_the_inversion_of_the_core_is_the_analytic_one(case: Case) -> None:
         np.testing.assert_allclose(core[ours], theirs, rtol=1e-12, atol=1e-15)
     n = case.structure.n + 1
     np.testing.assert_allclose(core["W_H"][:n], expected.W_H[:n], rtol=1e-13)
-    np.testing.assert_array_equal(all_weights(model_of(case.structure, core["weights"])), all_weights(case.model))
+    np.testing.assert_array_equal(HysteresisCreepModel.from_all_weights(case.structure, core["weights"]).all_weights, case.model.all_weights)
 
 
 @settings(max_examples=20)

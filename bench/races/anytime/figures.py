@@ -105,9 +105,3 @@ def _paper(part: pd.DataFrame) -> Iterator[str]:
         sooner = next((budget for budget in BUDGETS if fits.iloc[0][budget] <= reached), None)
         yield (f"The paper's method, one step a sample, begins at {gap(begun)} and is at {gap(reached)} after {BUDGETS[-1]} periods"
                + ("." if sooner is None else f"; with as many steps as fit into the time it is there within {sooner}."))
-
-
-def failures(rows: pd.DataFrame) -> list[list[str]]:
-    """What went wrong, each sentence once a solver lane: solver, lane, tier, scaling, problem, status, message."""
-    said = rows[rows.message != ""].drop_duplicates(["solver", "lane", "message"])
-    return said[["solver", "lane", "tier", "scaling", "problem", "status", "message"]].values.tolist()

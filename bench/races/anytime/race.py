@@ -20,7 +20,7 @@ from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.row import Row, for_tiers, who
 from bench.passed.task import Task
-from bench.problem_files.npz import QP_FIELDS
+from bench.problem_files.program import fields_of
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
@@ -98,7 +98,7 @@ def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described],
     done, total = 0, sum(len(tasks) for *_, tasks in parts)
     for repeat, problem, scaling, tasks in parts:
         line_up.begin(repeat)
-        fields = {name: getattr(problem.forms[scaling].qp, name) for name in QP_FIELDS}
+        fields = fields_of(problem.forms[scaling].qp)
         with watched(run, f"{problem.set_name}--{problem.name}--{scaling}--{repeat}", line_up.sentinel):
             for task in tasks:
                 progress(f"{task.solver} ({task.lane}) on {problem.name}, {scaling}", done, total)
@@ -121,9 +121,7 @@ def rows_of(problem: RaceProblem, task: Task, outcome: Outcome) -> list[Row]:
     """One row a point; one in all where there is none."""
     shared = who(task, problem.d, outcome.asked)
     if not isinstance(outcome, Curve):
-        return for_tiers(task, [{**shared, "status": outcome.failure, "message": outcome.message, "limit": -1, "iteration_setting": "",
-                 "found": False, "iterations": -1, "cost_gap": NAN, "violation": NAN, "update_us": NAN, "solve_us_p50": NAN,
-                 "samples": 0, "periods": NAN}])
+        return for_tiers(task, [ANYTIME.row(**shared, status=outcome.failure, message=outcome.message, limit=-1, iterations=-1)])
     return for_tiers(task, [{**shared, **_figures(problem.forms[task.scaling], point), "iteration_setting": outcome.iteration_setting}
                             for point in outcome.points])
 

@@ -6,13 +6,12 @@ import pandas as pd
 
 from bench.races.anytime import charts, figures, plot_data
 from bench.races.anytime.race import ANYTIME, BUDGETS
-from bench.report.report import Figure, Report, Table
+from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, marked
 from bench.store import Run
 from bench.timing.schedule import PERIOD_US
 
 WHO = ("solver", "lane", "tier", "pace")
-WRONG = ("solver", "lane", "tier", "scaling", "problem", "status", "message")
 SHORT = (1, 10, 100, 1_000, 15_200)
 """Budgets of the short table."""
 DEFINITIONS = (
@@ -42,7 +41,7 @@ def report(run: Run) -> Report:
         notes=[f"{problem_set}, {d} unknowns, {scaling} data: {' '.join(figures.verdict(part))}" for (problem_set, d, scaling), part in by_set]
         if len(by_set) > 1 else [],
         tables=[*(_table(f"{problem_set}, {d} unknowns, {scaling} data", part, WHO, BUDGETS) for (problem_set, d, scaling), part in by_set),
-                Table("What went wrong", WRONG, [[marked(line[0]), *map(str, line[1:])] for line in figures.failures(rows)], 7)],
+                what_went_wrong(rows, ("solver", "lane", "tier", "scaling", "problem", "status", "message"), ("solver", "lane", "message"))],
         figures=[Figure.of("anytime", "Accuracy within sampling periods",
                            "The best cost gap that is there within so many sampling periods, median over the problems; lower and further left is "
                            "better. Gaps below 1e-17 are drawn at that.", plot_data.anytime(rows), charts.anytime)])

@@ -20,7 +20,7 @@ from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.said import Said, real
 from bench.passed.task import Task
-from bench.timing.clock import Effort, time_kernel, time_pairs
+from bench.timing.clock import Effort, Timed, time_kernel, time_pairs
 from solvers.arrays import Vector
 from solvers.protocol import Nanoseconds, Solver
 
@@ -93,9 +93,8 @@ class AnytimeRequest(Request):
             x = real(stood)
         said = Said.of(solver.solution())
         if self.task.lane.times_itself:
-            times = [time_kernel(solver, problem.P[None], problem.q[None])]
-            while len(times) < effort.fewest or (sum(t.updates[0] + t.solves[0] for t in times) < effort.budget_s * 1e9
-                                                 and len(times) < effort.most):
+            times: list[Timed] = []
+            while effort.goes_on(len(times), sum(int(t.updates[0] + t.solves[0]) for t in times)):
                 times.append(time_kernel(solver, problem.P[None], problem.q[None]))
             updates, solves = (np.concatenate(parts) for parts in zip(*((t.updates, t.solves) for t in times), strict=True))
         else:

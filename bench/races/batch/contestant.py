@@ -2,50 +2,33 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from solvers import Lane
 from solvers.arrays import Matrix, Vector
+from solvers.protocol import Entrant
 from solvers.registry import Entry
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT)
 
 
-class Contestant(ABC):
-    """Solves batches of programs  minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub.
+class Contestant(Entrant):
+    """Solves batches of programs  minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub  of d variables, with so many threads at most.
 
-    It asks its library for what it takes to be right to 1e-9 in the relative cost, where the library can.
-
-    Parameters
-    ----------
-    d : int
-    threads : int
-        That it may use; one in the lane direct.
+    It asks its library for what it takes to be right to 1e-9 in the relative cost, where the library can. In the lane direct it has one thread.
     """
 
-    algorithm: ClassVar[str]
-    licence: ClassVar[str]
-    distribution: ClassVar[str]
-    """Installed package whose version is reported, or "piezobench"."""
-    built_with: ClassVar[str] = ""
     compiles: ClassVar[bool] = False
     """Whether it compiles anew for each size of a batch, which is done before it is timed."""
-    warm_startable: ClassVar[bool] = False
-    always: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, d: int, threads: int) -> None:
         self.d, self.threads = d, threads
-
-    @classmethod
-    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """It has one rung."""
-        return ({},)
 
     @abstractmethod
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from bench.races.batch.race import SHARES
+from bench.races.metrics import least_good
 from bench.report.words import joined, marked, number
-from solvers import Status
 from solvers.registry import OURS
 
 GROUP = ["d", "solver", "lane", "threads", "batch"]
@@ -35,11 +35,6 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     table["rate"], table["core_rate"], table["core_rate_p50"] = 1e6 / table.wall_us, 1e6 / table.cpu_us, 1e6 / table.cpu_us_p50
     table["gb_s"], table["cores_busy"] = 1e-9 * table.rate * table.bytes, table.cpu_us / table.wall_us
     return table
-
-
-def least_good(values: pd.Series) -> str:
-    """Ok where all are, else the first that is not."""
-    return next((str(value) for value in values if value != Status.OK), str(Status.OK))
 
 
 def best(table: pd.DataFrame, rate: str = "core_rate") -> pd.DataFrame:

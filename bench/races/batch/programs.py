@@ -51,20 +51,9 @@ class Files:
 
 
 class Programs:
-    """All programs of one size, and the proofs of those that are judged.
+    """All programs of one size, at least ``count``, and the proofs of those that are judged.
 
-    Parameters
-    ----------
-    run : Run
-        Keeps the families, so that a resumed race has the same programs.
-    d : int
-    count : int
-        How many there are at least.
-    seed : int
-    folder : Path
-        For the files.
-    limit : int, optional
-        Families to draw from; all by default.
+    The run keeps the families, at most ``limit`` of them, so that a resumed race has the same programs; ``folder`` is for the files.
     """
 
     def __init__(self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress) -> None:

@@ -144,10 +144,10 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
 def row_of(task: Task, outcome: Outcome, programs: Programs, most: int) -> Row:
     """Who, how right and how fast."""
     d = programs.files.d
-    row: Row = {**dict.fromkeys(BATCH.columns, NAN), **who(task, d), "tier": str(Tier.HIGH), "message": outcome.message,
-                **task.settings, "programs": 0, "judged": 0, "bytes": 8 * (d * d + 4 * d)}
+    row = BATCH.row(**who(task, d), **task.settings, tier=str(Tier.HIGH), status=outcome.failure, message=outcome.message,
+                    bytes=8 * (d * d + 4 * d))
     if not isinstance(outcome, Batched):
-        return {**row, "status": outcome.failure}
+        return row
     errors = np.array([*_errors(programs, task.repeat, outcome.answers, most)])
     shares = {f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else NAN for tier in TIERS}
     wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from bench.races.metrics import least_good, worst
 from bench.report.words import apart, gap, joined, marked, number, settings_label
 from bench.rig.rig import RANGE_UM
-from solvers import Status
 
 NOTICED = 1.1
 """The stage notices where its error is more than 10 % above the least."""
@@ -26,16 +26,6 @@ GROUP = ["problem", "solver", "lane", "tier", "settings"]
 def root_mean_square(values: pd.Series) -> float:
     """Axes taken together."""
     return float(np.sqrt(np.mean(values**2)))
-
-
-def worst(values: pd.Series) -> float:
-    """The largest, NaN where any is."""
-    return float(values.max(skipna=False))
-
-
-def least_good(values: pd.Series) -> str:
-    """Ok where all are, else the first that is not."""
-    return next((str(value) for value in values if value != Status.OK), str(Status.OK))
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:

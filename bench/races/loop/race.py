@@ -132,8 +132,8 @@ def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
     rig = settings.rig(task)
     shared = who(task, rig.structures[0].d)
     if not isinstance(outcome, Driven):
-        return for_tiers(task, [{**dict.fromkeys(LOOP.columns), **shared, "status": outcome.failure, "message": outcome.message, "axis": "",
-                 "window": -1, "hand_overs": 0, "refused": 0, "faults": 0}])
+        return for_tiers(task, [LOOP.row(**shared, status=outcome.failure, message=outcome.message, window=-1,
+                                        hand_overs=0, refused=0, faults=0)])
     error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
     straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
     rows = []

@@ -7,11 +7,11 @@ import pandas as pd
 
 from bench.races.loop import charts, figures
 from bench.races.loop.race import LOOP
-from bench.report.report import Figure, Report, Table
-from bench.report.words import OURS_NOTE, gap, marked, number
+from bench.report.report import Figure, Report, Table, what_went_wrong
+from bench.report.words import OURS_NOTE, gap, number
 from bench.store import Run
 
-WRONG = ("stage", "solver", "lane", "tier", "status", "message")
+WHO = ("stage", "solver", "lane", "tier")
 DEFINITIONS = (
     "Every solver learns in the same loop on the same stage, with the same reference and noise, in a process of its own. The drifting stage "
     "has actuators whose gain changes.",
@@ -32,12 +32,10 @@ def report(run: Run) -> Report:
     every = [[line.problem, line.who, line.lane, gap(line.cost_gap), f"{line.rms_percent:.4f}", f"{1e3 * line.rms_um:.1f}", f"{line.max_percent:.3f}",
               f"{1e3 * line.max_um:.0f}", _samples(line.learn_samples), _samples(line.stale_samples), str(line.hand_overs), str(line.refused),
               line.status] for _, line in table.iterrows()]
-    who = ["problem", "solver", "lane", "tier"]
-    wrong = rows[rows.message != ""].drop_duplicates(who)[[*who, "status", "message"]].values.tolist()
     return Report(
         figures.verdict(table), ranking(table), table, notes=list(figures.notes(table)), definitions=DEFINITIONS,
         tables=[Table("Every learner on each stage, last window", headings, every, 3, ("stage", "lane", "status")), _by_window(rows, table),
-                Table("What went wrong", WRONG, [[stage, marked(solver), *map(str, others)] for stage, solver, *others in wrong], 6)],
+                what_went_wrong(rows.rename(columns={"problem": "stage"}), (*WHO, "status", "message"), WHO)],
         figures=[Figure.of("loop", "Does the stage notice its solver?",
                            "RMS error of both axes over the last window against the exact cost gap of the weights in use. Lower is better; where "
                            "points lie level, the stage does not notice. Dashed: a straight line in place of a model. Gaps below 1e-17 are drawn "

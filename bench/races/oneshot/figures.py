@@ -11,6 +11,7 @@ from __future__ import annotations
 import pandas as pd
 
 from bench.races import null_solver
+from bench.races.metrics import worst
 from bench.races.oneshot import answer_times
 from bench.timing.percentiles import percentile
 from solvers import Status, Tier
@@ -56,11 +57,6 @@ def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
 def at_tiers(table: pd.DataFrame) -> pd.DataFrame:
     """Without the rungs that serve the picture alone."""
     return table[table.tier != Tier.RUNG]
-
-
-def worst(values: pd.Series) -> float:
-    """The largest; NaN where any problem has no answer, so that failing most of them does not look like exactness."""
-    return float(values.max(skipna=False))
 
 
 def _known(values: pd.Series) -> float:

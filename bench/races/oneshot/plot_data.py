@@ -18,6 +18,7 @@ import pandas as pd
 
 from bench.races import null_solver
 from bench.races.calibration import IN_LANE_DIRECT, SEARCHED
+from bench.races.metrics import worst
 from bench.races.oneshot import figures, ranking
 from bench.report.charts import LEAST_GAP, NAMED, together
 from bench.report.words import MARK, marked
@@ -73,7 +74,7 @@ def work_precision(rows: pd.DataFrame) -> pd.DataFrame:
     rows = rows.assign(unasked=rows.task.isin(rows.task[rows.tier == Tier.DEFAULT]))
     rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50).drop_duplicates("task")
     table = rows.groupby(["scaling", "solver", "lane", "rung", "unasked"]).agg(
-        problems=("problem", "size"), worst_cost_gap=("cost_gap", figures.worst), total_us=("total_us", "median"),
+        problems=("problem", "size"), worst_cost_gap=("cost_gap", worst), total_us=("total_us", "median"),
         steps=("periods", "median"), settings=("settings", "first")).reset_index()
     pace = table[(table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))]
     table = pd.concat([table.assign(who=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),

@@ -16,7 +16,7 @@ import pandas as pd
 
 from bench.races import null_solver
 from bench.races.calibration import SEARCHED, TARGETS
-from bench.races.oneshot.figures import worst
+from bench.races.metrics import worst
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number
 from bench.timing.schedule import PERIOD_US

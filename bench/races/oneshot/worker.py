@@ -20,12 +20,11 @@ from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.said import Said, real
 from bench.passed.task import Task
+from bench.problem_files.program import copied, fields_of
 from bench.processes.worker import seen
 from bench.timing.clock import Timed, time_block, time_call, time_kernel
 from solvers.arrays import Matrix, Vector
 from solvers.protocol import Nanoseconds, Solver
-
-QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 
 
 @dataclass
@@ -58,7 +57,7 @@ class OneShot(Request):
     def of(cls, task: Task, form: Any) -> Self:
         """The request for a certified form, whose certificate and other windows stay with the parent."""
         start = form.warm_start if task.start == "warm" else None
-        return cls(task, {name: getattr(form.qp, name) for name in QP_FIELDS}, start, form.unit)
+        return cls(task, fields_of(form.qp), start, form.unit)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
@@ -185,16 +184,7 @@ def preemptions() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
 
 
-def copied(problem: Problem) -> Problem:
-    """A problem with arrays of its own."""
-    return Problem(*(None if value is None else value.copy() for value in _fields(problem)))
-
-
 def arrays(problem: Problem) -> list[Any]:
     """Every array of a problem, those of sparse matrices too."""
-    return [part for value in _fields(problem) if value is not None
+    return [part for value in fields_of(problem).values() if value is not None
             for part in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])]
-
-
-def _fields(problem: Problem) -> tuple[Any, ...]:
-    return problem.P, problem.q, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub

@@ -21,7 +21,7 @@ from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.row import Row, for_tiers, who
 from bench.passed.task import UNASKED, Task
-from bench.problem_files.npz import QP_FIELDS
+from bench.problem_files.program import fields_of
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.processes.engine import Workers
@@ -133,7 +133,7 @@ def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequ
           progress: Progress) -> None:
     """Do the tasks that are not done, each in a fresh process."""
     judge = Judge.of(stream)
-    fields = {name: getattr(stream.start, name) for name in QP_FIELDS}
+    fields = fields_of(stream.start)
     for done, task in enumerate(tasks):
         progress(f"{task.solver} ({task.lane})", done, len(tasks))
         if not run.is_done(task):
@@ -163,12 +163,11 @@ def rows_of(task: Task, outcome: Outcome, judge: Judge, wanted: int) -> list[Row
     ``wanted`` is how many samples the kernel lane was asked for.
     """
     steps = {name: count for name, count in outcome.asked.items() if name == "steps"}
-    row: Row = {**who(task, judge.stream.d, steps), "message": outcome.message, "paced": task.lane is not Lane.KERNEL, "stopped": "",
-                "mutates_input": outcome.mutated}
+    row = STREAM.row(**who(task, judge.stream.d, steps), status=outcome.failure, message=outcome.message,
+                     paced=task.lane is not Lane.KERNEL, mutates_input=outcome.mutated,
+                     **dict.fromkeys(("solves", "missed", "stalls", "unanswered", "exact_instants"), 0))
     if not isinstance(outcome, Streamed):
-        counts = dict.fromkeys(("samples", "solves", "missed", "stalls", "unanswered", "exact_instants"), 0)
-        return for_tiers(task, [{**dict.fromkeys(STREAM.columns), **row, **counts, "status": outcome.failure, "service_histogram": "",
-                                 "response_histogram": ""}])
+        return for_tiers(task, [row])
     row |= _paced(outcome, judge) if outcome.timeline else _unpaced(outcome, wanted)
     row |= _worth(outcome, judge)
     return [{**each, "status": str(_status(each, Tier(each["tier"])))} for each in for_tiers(task, [row])]

@@ -12,7 +12,7 @@ import pandas as pd
 from bench.races.settings import settings_of
 from bench.races.stream import charts, figures, plot_data
 from bench.races.stream.race import STREAM, StreamSettings
-from bench.report.report import Figure, Report, Table
+from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
 from bench.store import Run
 from bench.timing import latency_histogram
@@ -21,7 +21,6 @@ from bench.timing.schedule import PERIOD_US
 
 NAMES = ("solver", "lane", "tier", "settings")
 QUANTILE_NAMES = tuple(Percentile(q).name for q in QUANTILES)
-WRONG = ("solver", "lane", "tier", "settings", "status", "message")
 
 
 def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
@@ -82,10 +81,9 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
                (*QUANTILE_NAMES, "max", f"{QUANTILE_NAMES[-1]} corrected", "rows", "stopped", "status"), kernel,
                lambda line: [*_percentiles(line, "service"), _corrected(line), str(line.samples), line.stopped,
                              line.status])]
-    wrong = [[marked(line[0]), *map(str, line[1:])] for line in table[table.message != ""][[*WRONG]].values.tolist()]
     return Report(figures.verdict(table, settings), ranking(table),
                   table.drop(columns=[name for name in table.columns if name.endswith("histogram")]), figures=shown,
-                  notes=figures.notes(table, settings), tables=[*tables, Table("What went wrong", WRONG, wrong, 6)],
+                  notes=figures.notes(table, settings), tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
                   definitions=definitions(settings), limits=(*Report.limits, "The system is no real-time system."))
 
 

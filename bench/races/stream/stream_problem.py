@@ -102,17 +102,9 @@ class Meta(TypedDict):
 
 
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:
-    """Drive, measure and turn what follows the building phase into rows.
+    """Drive, measure and turn the ``samples`` that follow the building phase into rows.
 
-    Parameters
-    ----------
-    experiment : Experiment
-    samples : int
-        Length of the stream.
-    time_constant_s : float
-        τ; the building phase forgets with it too.
-    certified : int
-        How many instants get a proof, at most every tenth sample and the last.
+    Both forget with the time constant; so many instants get a proof as are to be ``certified``, at most every tenth sample and the last.
     """
     plant = experiment.sensor()
     x = experiment.reference(experiment.drive, experiment.build_s + samples * SAMPLE_TIME, plant)

@@ -24,6 +24,7 @@ from qpsolvers import Problem
 from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.task import Task
+from bench.problem_files.program import copied
 from bench.timing.clock import no_garbage_collection
 from bench.timing.schedule import PERIOD_NS, Timeline, follow
 from solvers.arrays import Matrix, Nanoseconds, Vector
@@ -82,7 +83,7 @@ class StreamRequest(Request):
         """A solver set up with the start, untouched by what another one does to its arrays."""
         forgetting = {"forgetting": self.forgetting} if cls.takes_rows else {}
         solver = cls(**self.task.asked(cls, self.c), **forgetting)
-        solver.setup(Problem(**{name: None if value is None else value.copy() for name, value in self.fields.items()}))
+        solver.setup(copied(Problem(**self.fields)))
         return solver
 
     def _paced(self, cls: type[Solver], samples: int, give_up: int) -> Outcome:
@@ -114,16 +115,7 @@ class StreamRequest(Request):
 
 
 class PacedRun:
-    """What is done at each sample on the schedule, with everything allocated before it begins.
-
-    Parameters
-    ----------
-    solver : Solver
-        Set up with the start.
-    request : StreamRequest
-    samples : int
-        Length of the run.
-    """
+    """What is done at each sample on the schedule, by a solver set up with the start, with everything allocated before it begins."""
 
     def __init__(self, solver: Solver, request: StreamRequest, samples: int) -> None:
         self._solver, self._request = solver, request

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError
-from piezo_model.recordings.sampling_remark import sample_time_of
+from piezo_model.recordings.sampling_remark import only, sample_time_of
 from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, parsed
 
 NAME = "an HDF5 file"
@@ -64,8 +63,6 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
         stated = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
         channels = [Channel(column, read) for item in datasets for column, read in _columns(path, item, stated)]
-    if not channels:
-        raise RecordingError(f"{path}: is an HDF5 file without a column of numbers")
     return ChannelTable(path, "HDF5", channels)
 
 
@@ -90,17 +87,11 @@ def _columns(path: Path, item: Any, stated: float | None) -> Iterator[tuple[Colu
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:
     """The sampling period, where attributes and scalars state exactly one."""
-    found = set()
-    for holder in holders:
-        for key, value in holder.attrs.items():
-            if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
-                found.add(sample_time_of(key, float(value)))
-    for item in datasets:
-        if item.size == 1 and item.dtype.kind in "iuf":
-            found.add(sample_time_of(item.name.rpartition("/")[2], float(np.ravel(item[()])[0]),
-                                     _text(item.attrs.get("units", ""))))
-    found.discard(None)
-    return found.pop() if len(found) == 1 else None
+    by_attribute = (sample_time_of(key, float(value)) for holder in holders for key, value in holder.attrs.items()
+                    if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf")
+    by_scalar = (sample_time_of(item.name.rpartition("/")[2], float(np.ravel(item[()])[0]), _text(item.attrs.get("units", "")))
+                 for item in datasets if item.size == 1 and item.dtype.kind in "iuf")
+    return only([*by_attribute, *by_scalar])
 
 
 def _text(value: Any) -> str:

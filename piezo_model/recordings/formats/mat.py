@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.sampling_remark import sample_time_of
+from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
 
 NAME = "a MATLAB file"
@@ -42,10 +42,8 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         variables = read(str(path))
     units: dict[str, str] = {}
     found = {name: array for name, array in _arrays("", variables, units) if name is not None}
-    stated = {period for name, array in found.items() if array.size == 1 and array.dtype.kind in "iuf"
-              and (period := sample_time_of(name.rpartition("/")[2], float(array.ravel()[0]))) is not None}
     return in_memory(path, "MATLAB 7.3" if modern else "MATLAB", {name: array for name, array in found.items() if array.size > 1},
-                     units, stated.pop() if len(stated) == 1 else None)
+                     units, sample_time_in_scalars(found))
 
 
 def _read_classic(path: str) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, Reading, parsed
 
 NAME = "an MDF file"
@@ -54,6 +53,4 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
                     kind: Kind = "flag" if probe.samples.dtype.kind == "b" else "number"
                     channels.append(Channel(Column.of_path(name, probe.unit or "", rows, None, kind, nested=len(groups) > 1),
                                             Slice(path, k, at)))
-    if not channels:
-        raise RecordingError(f"{path}: is an MDF file without a channel of numbers")
     return ChannelTable(path, "MDF", channels)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from piezo_model.recordings.sampling_remark import sample_time_of
+from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
 
 NAME = "an archive of NumPy"
@@ -27,6 +27,4 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
     """Read every array."""
     with parsed(path, "NumPy"), np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    stated = {period for name, array in arrays.items() if array.size == 1 and array.dtype.kind in "iuf"
-              and (period := sample_time_of(name, float(array.ravel()[0]))) is not None}
-    return in_memory(path, "NumPy", arrays, sample_time=stated.pop() if len(stated) == 1 else None)
+    return in_memory(path, "NumPy", arrays, sample_time=sample_time_in_scalars(arrays))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.tables import Channel, ChannelTable, Column, Kind, Reading, parsed
 
 NAME = "a TDMS file"
@@ -54,8 +53,6 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         single = len(file.groups()) == 1
         channels = [Channel(_column(channel, single), Slice(path, channel.group_name, channel.name))
                     for channel in listed if len(channel) > 1]
-    if not channels:
-        raise RecordingError(f"{path}: is a TDMS file without a channel of numbers")
     return ChannelTable(path, "TDMS", channels)
 
 

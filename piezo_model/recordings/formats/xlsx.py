@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.dialect import Dialect, Layout, layout_of
+from piezo_model.recordings.dialect import Layout, layout_of
 from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.sampling_remark import sample_time_in
 from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, array_slice, parsed
 
 NAME = "an Excel workbook"
 ORDER = 50
-TAB = Dialect("\t", ".")
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -6,16 +6,14 @@ import numpy as np
 
 from bench.races.batch.contestant import Loop
 from solvers.arrays import Matrix, Vector
-from solvers.core import BUILT_WITH, OK, block, face
+from solvers.core import OK, block, face
+from solvers.ours import Ours
 
 
-class Ours(Loop):
+class BoxActiveSet(Ours, Loop):
     """The same compiled functions as in the lane kernel, three calls a program."""
 
     algorithm = "primal-dual active set"
-    licence = "MIT"
-    distribution = "piezobench"
-    built_with = BUILT_WITH
 
     def __init__(self, d: int, threads: int) -> None:
         super().__init__(d, threads)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from bench.races.batch.contestant import Contestant
 from solvers import BoxBatch
 from solvers.arrays import Matrix
-from solvers.core import BUILT_WITH
+from solvers.ours import Ours
 
 
-class Ours(Contestant):
+class Batch(Ours, Contestant):
     """The public batch solver."""
 
     algorithm = "primal-dual active set"
-    licence = "MIT"
-    distribution = "piezobench"
-    built_with = BUILT_WITH
     in_lanes = False
 
     def __init__(self, d: int, threads: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bench.races.batch.contestants.kernel import box_batch
 
 
-class Ours(box_batch.Ours):
+class Lanes(box_batch.Batch):
     """The batch solver on lanes."""
 
     algorithm = "block pivoting in lanes"
