@@ -83,19 +83,25 @@ class Browser:
         events = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
         return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
 
-    def screenshot(self, path: Path) -> None:
-        """Take a picture of the whole page."""
-        taken = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"})
-        path.write_bytes(base64.b64decode(taken["data"]))
+    def picture(self, name: str) -> None:
+        """A picture of the whole page to look at, in the folder that PIEZOBENCH_SCREENSHOTS names, if it does."""
+        if folder := os.environ.get("PIEZOBENCH_SCREENSHOTS"):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            taken = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"})
+            Path(folder, f"{name}.png").write_bytes(base64.b64decode(taken["data"]))
+
+    def sections(self, page: Path) -> list[str]:
+        """The sections of a report's page, which must draw every plot and nothing beyond the edge on screens of every width."""
+        for width, pixels in WIDTHS.items():
+            self.open(page, width)
+            assert self.console() == []
+            assert all(plot["marks"] > 0 for plot in self.plots())
+            self.picture(f"{page.parent.name}-{width}")
+            assert self.run("return document.documentElement.scrollWidth") <= pixels
+        found: list[str] = self.run("return [...document.querySelectorAll('section[id]')].map(s => s.id)")
+        return found
 
     def close(self) -> None:
         """End it."""
         self.driver.quit()
         shutil.rmtree(self.profile, ignore_errors=True)
-
-
-def screenshots(fallback: Path) -> Path:
-    """Folder for pictures to look at: what PIEZOBENCH_SCREENSHOTS names, else a temporary one."""
-    folder = Path(os.environ.get("PIEZOBENCH_SCREENSHOTS", fallback))
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder

@@ -30,6 +30,8 @@ while line := sys.stdin.readline():
         print(os.getpid(), flush=True)
         for number, path in enumerate((os.devnull, call["stdout"], call["stderr"])):
             os.dup2(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND), number)
+        for stream in (sys.stdout, sys.stderr):
+            stream.reconfigure(encoding=call["encoding"])
         os.chdir(call["folder"])
         if call["largest_file"]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)
@@ -62,8 +64,8 @@ class Finished:
 class Call:
     """A call that is under way."""
 
-    def __init__(self, server: CommandLine, pid: int, stdout: Path, stderr: Path) -> None:
-        self.server, self.pid, self.stdout, self.stderr = server, pid, stdout, stderr
+    def __init__(self, server: CommandLine, pid: int, stdout: Path, stderr: Path, encoding: str) -> None:
+        self.server, self.pid, self.stdout, self.stderr, self.encoding = server, pid, stdout, stderr, encoding
 
     def kill(self) -> None:
         """``kill -9``; no harm to a call that has ended, whose process stays a zombie until :meth:`wait`."""
@@ -81,7 +83,7 @@ class Call:
     def wait(self) -> Finished:
         """Wait for its end."""
         self.server.ask("")
-        return Finished(int(self.server.answer()), self.stdout.read_text(), self.stderr.read_text())
+        return Finished(int(self.server.answer()), self.stdout.read_text(self.encoding), self.stderr.read_text(self.encoding))
 
     def running(self) -> list[int]:
         """Processes of its session that are there, itself and children of its race."""
@@ -123,20 +125,20 @@ class CommandLine:
         assert line, Path(self.log.name).read_text()
         return line
 
-    def start(self, *words: object, folder: Path | None = None, largest_file: int = 0) -> Call:
-        """Start a call; wait for its end before the next one."""
+    def start(self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8") -> Call:
+        """Start a call, on a terminal of an encoding; wait for its end before the next one."""
         self.calls += 1
         stdout, stderr = (self.folder / f"call{self.calls}.{name}" for name in ("stdout", "stderr"))
         for path in (stdout, stderr):
             path.touch()  # a process may be killed before it opens them
         call: Mapping[str, object] = {"words": [str(word) for word in words], "stdout": str(stdout), "stderr": str(stderr),
-                                      "folder": str(folder or self.folder), "largest_file": largest_file}
+                                      "folder": str(folder or self.folder), "largest_file": largest_file, "encoding": encoding}
         self.ask(json.dumps(call))
-        return Call(self, int(self.answer()), stdout, stderr)
+        return Call(self, int(self.answer()), stdout, stderr, encoding)
 
-    def __call__(self, *words: object, folder: Path | None = None, largest_file: int = 0) -> Finished:
+    def __call__(self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8") -> Finished:
         """Call and wait."""
-        return self.start(*words, folder=folder, largest_file=largest_file).wait()
+        return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding).wait()
 
     def close(self) -> None:
         """End the server."""

@@ -1,6 +1,6 @@
 """Pages in Markdown whose examples are run as they stand.
 
-```sh        lines of ``piezobench``, each a process of its own that must succeed; ``sh fails``: each must refuse
+```sh        lines of commands, each a process of its own that must succeed; ``sh fails``: each must refuse
 ```python    executed, all blocks of a page in one namespace; ``python title="x.py"``: written to that file instead
 ```text      what the block before it printed, line by line
 """
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import CommandLine, Finished
 
 from piezo_model import plants
 from piezo_model.recordings import write_table
@@ -60,13 +61,13 @@ def lay_out(folder: Path) -> None:
     write_table(folder / "reference.csv", {"time_s": np.arange(y_ref.size) * SAMPLE_TIME, "reference_um": y_ref})
 
 
-def run(page: Path, folder: Path) -> None:
+def run(page: Path, folder: Path, piezobench: CommandLine) -> None:
     """Run the blocks of a page in a folder, which is the current one, and compare what they print with what the page shows."""
     names: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
     for block in blocks(page):
         if block.language == "sh":
-            printed = "".join(call(words, folder, refused=block.rest == "fails") for words in commands(block.text))
+            printed = "".join(call(words, folder, piezobench, refused=block.rest == "fails") for words in commands(block.text))
         elif block.language == "python" and block.rest:
             (folder / re.sub(r'title="(.*)"', r"\1", block.rest)).write_text(block.text, encoding="utf-8")
         elif block.language == "python":
@@ -77,10 +78,14 @@ def run(page: Path, folder: Path) -> None:
             assert printed.rstrip() == block.text.rstrip(), page.name
 
 
-def call(words: list[str], folder: Path, refused: bool = False) -> str:
+def call(words: list[str], folder: Path, piezobench: CommandLine, refused: bool = False) -> str:
     """What a command prints; it must succeed, or be refused in one sentence."""
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == (2 if refused else 0), (words, done.stderr)
+    if words[0] == "piezobench":
+        done = piezobench(*words[1:], folder=folder)
+    else:
+        environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+        other = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        done = Finished(other.returncode, other.stdout, other.stderr)
+    assert done.status == (2 if refused else 0), (words, done.stderr)
     assert not refused or done.stderr.count("\n") == 1
     return done.stdout

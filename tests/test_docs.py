@@ -7,6 +7,7 @@ from pathlib import Path
 import documents
 import numpy as np
 import pytest
+from command_line import CommandLine
 
 from bench.races.oneshot.report import HEADINGS
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
@@ -23,10 +24,11 @@ Steps = set[tuple[str, str]]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_examples_of_a_page_run_and_print_what_it_shows(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_examples_of_a_page_run_and_print_what_it_shows(
+        page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piezobench: CommandLine) -> None:
     monkeypatch.chdir(tmp_path)
     documents.lay_out(tmp_path)
-    documents.run(page, tmp_path)
+    documents.run(page, tmp_path, piezobench)
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)

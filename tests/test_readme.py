@@ -10,6 +10,7 @@ import documents
 import numpy as np
 import pytest
 import typer
+from command_line import CommandLine
 
 from bench.cli.app import command_line
 
@@ -29,10 +30,10 @@ def stage(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(stage: Path) -> None:
+def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(stage: Path, piezobench: CommandLine) -> None:
     (block,) = [text for text in blocks("sh") if "identify" in text]
     for words in documents.commands(block):
-        documents.call(words, stage)
+        documents.call(words, stage, piezobench)
     assert (stage / "model.json").is_file()
     assert (stage / "stage.html").is_file()
     assert (stage / "drive.csv").read_text().startswith("time_s,drive_V")
@@ -47,13 +48,13 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, c
     assert np.all(np.isfinite(names["drive"]))
 
 
-def test_the_commands_from_a_race_to_a_controller_work_as_they_stand(stage: Path) -> None:
+def test_the_commands_from_a_race_to_a_controller_work_as_they_stand(stage: Path, piezobench: CommandLine) -> None:
     shutil.copytree(ROOT / "results" / "reference", stage / "results" / "reference")
-    documents.call(["piezobench", "identify", "stage.csv", "--out", "model.json"], stage)
+    documents.call(["piezobench", "identify", "stage.csv", "--out", "model.json"], stage, piezobench)
     (block,) = [text for text in blocks("sh") if "deploy" in text]
     for words in documents.commands(block):
         if words[1] not in ("realtime", "experiment"):  # half a minute each, and run by tests of their own
-            said = documents.call(words, stage)
+            said = documents.call(words, stage, piezobench)
             assert words[1] != "deploy" or "Model: from model.json." in said
     assert (stage / "controller" / "Makefile").is_file()
     assert (stage / "stage.fmu").is_file()

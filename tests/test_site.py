@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from browser import WIDTHS, Browser, screenshots
+from browser import WIDTHS, Browser
 
 import piezo_model
 import solvers
@@ -44,12 +44,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(page: str, site: str, browser: Browser, tmp_path: Path) -> None:
+def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(page: str, site: str, browser: Browser) -> None:
     for width, pixels in WIDTHS.items():
         for dark in (False, True):
             browser.open(f"{site}/{page}.html", width, dark)
             assert browser.run("return document.body.dataset.mdColorScheme") == ("slate" if dark else "default")
-            browser.screenshot(screenshots(tmp_path) / f"{page.replace('/', '-')}-{width}-{'dark' if dark else 'light'}.png")
+            browser.picture(f"{page.replace('/', '-')}-{width}-{'dark' if dark else 'light'}")
             assert browser.console() == []
             assert all(address.startswith((site, "data:", "blob:")) for address in browser.requests())
             assert browser.run("return document.documentElement.scrollWidth") <= pixels

@@ -42,6 +42,24 @@ def saved(run: Run, what: str) -> dict[str, np.ndarray]:
     return found
 
 
+@dataclass(frozen=True)
+class Resumed:
+    """What was kept of a race that was killed, by task, and how the call ended that carried it on."""
+
+    kept: dict[str, np.ndarray]
+    call: Finished
+
+
+def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int, *words: object) -> Resumed:
+    """Kill the race that a call starts or carries on after some tasks, and carry it on to its end."""
+    piezobench.start(*words).kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= tasks)
+    kept = saved(run, what)
+    assert len(kept) >= tasks
+    done = piezobench("resume", run.path)
+    assert done.status == 0, done.stderr
+    return Resumed(kept, done)
+
+
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
     small = SMALL[2:] if "--set" in words else SMALL
     call = piezobench("race", *small, "--out", out, "--name", name, *words)

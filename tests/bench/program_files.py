@@ -7,7 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
+from qpsolvers import Problem
 from scipy.io import savemat
+
+from bench.problem_files.npz import QP_FIELDS
 
 INF = 1e20
 
@@ -95,3 +98,12 @@ def write_qps(path: Path, p: Drawn) -> Path:
     lines += [f"    X{i}  X{j}  {float(p.P[i, j])!r}" for i in range(d) for j in range(i + 1) if p.P[i, j]]
     path.write_text("\n".join([*lines, "ENDATA", ""]))
     return path
+
+
+def dense(matrix: object) -> np.ndarray:
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+
+def same(a: Problem, b: Problem) -> bool:
+    pairs = [(getattr(a, name), getattr(b, name)) for name in QP_FIELDS]
+    return all((x is None and y is None) or np.array_equal(dense(x), dense(y)) for x, y in pairs)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from browser import Browser
 from command_line import CommandLine
-from conftest import saved
+from conftest import Resumed, killed_and_resumed
 from qpsolvers import Problem
 
 import solvers
-from bench.passed.progress import silent
 from bench.passed.task import UNASKED, Task
 from bench.races.anytime import figures as anytime_figures
 from bench.races.anytime.figures import FITS, PAPER
@@ -85,8 +85,11 @@ def test_iterates_come_closer_as_the_limit_grows(entry: solvers.registry.Entry, 
 
 @dataclass(frozen=True)
 class Raced:
+    """A race that was killed and carried on."""
+
     run: Run
     rows: pd.DataFrame
+    resumed: Resumed
 
     def points(self, solver: str, lane: str = "direct", repeat: int = 0) -> pd.DataFrame:
         return self.rows[(self.rows.solver == solver) & (self.rows.lane == lane) & (self.rows.repeat == repeat)]
@@ -108,15 +111,15 @@ class Mine(Solver):
 
 
 @pytest.fixture(scope="module")
-def raced(tmp_path_factory: pytest.TempPathFactory) -> Raced:
+def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Raced:
     folder = tmp_path_factory.mktemp("anytime")
     (folder / "raises.py").write_text(MINE)
     settings = AnytimeSettings(solvers=("daqp", "osqp", "piqp", "projected_difference", "recursive_active_set"),
                                lanes=(Lane.KERNEL, Lane.DIRECT), scalings=("scaled",), limit=1, effort=Effort(0.001, 1, 20),
                                longest_s=0.02, repeats=2, solver_files=(str(folder / "raises.py"),))
     run = kinds()["anytime"].start(folder, settings, "run")
-    kinds()["anytime"].carry_on(run, silent)
-    return Raced(run, run.rows(ANYTIME))
+    resumed = killed_and_resumed(piezobench, run, "row", 1, "resume", run.path)
+    return Raced(run, run.rows(ANYTIME), resumed)
 
 
 def curve(hard: Problem, name: str, limits: tuple[int, ...], longest_s: float, rung: int = UNASKED) -> Curve:
@@ -250,7 +253,7 @@ def test_the_verdict_compares_the_papers_pace_with_what_fits() -> None:
     assert "is at 1.0e-01 after 15200 periods; with as many steps as fit into the time it is there within 5." in paper
 
 
-def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced) -> None:
+def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced, browser: Browser) -> None:
     _, path = kinds()["anytime"].write(raced.run)
     text = path.read_text(encoding="utf-8")
     assert "solver lanes reach a cost gap" in text.split("![")[0]
@@ -261,24 +264,17 @@ def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced) 
     before = {name: (raced.run.path / name).read_bytes() for name in ("report.md", "anytime.svg", "summary.csv")}
     kinds()["anytime"].write(raced.run)
     assert {name: (raced.run.path / name).read_bytes() for name in before} == before
+    assert browser.sections(path.with_suffix(".html")) == ["anytime"]
 
 
-def test_a_race_that_is_killed_is_resumed_and_keeps_what_was_done(piezobench: CommandLine, tmp_path: Path) -> None:
-    words = ("--race", "anytime", "--limit", 1, "--budget", 0.001, "--scaling", "scaled", "--tier", "high", "--lane", "direct",
-             "--solver", "daqp", "--solver", "piqp", "--solver", "osqp")
-    call, run = piezobench.start("race", *words, "--out", tmp_path, "--name", "run"), Run(tmp_path / "run")
-    call.kill_once(lambda: any((run.path / "tasks").glob("[!.]*.npz")))
-    kept = {task: json.loads(str(row)) for task, row in saved(run, "row").items()}
-    done = piezobench("resume", run.path)
-    assert done.status == 0, done.stderr
-    rows = run.rows(ANYTIME)
-    assert set(rows.solver) == {"daqp", "piqp", "osqp"}
+def test_a_race_that_was_killed_is_resumed_and_keeps_what_was_done(piezobench: CommandLine, raced: Raced) -> None:
+    rows = raced.rows
+    assert set(rows.solver) == {"daqp", "osqp", "piqp", "projected_difference", "recursive_active_set", "raises"}
     assert not rows.duplicated(["task", "limit"]).any()
-    assert kept
-    for task, before in kept.items():
-        after = rows[rows.task == task]
-        assert after.solve_us_p50.tolist() == [point["solve_us_p50"] for point in before]
-    assert "is finished already" in piezobench("resume", run.path).stdout
+    for task, row in raced.resumed.kept.items():
+        before, after = json.loads(str(row)), rows[rows.task == task]
+        np.testing.assert_array_equal(after.solve_us_p50, [point["solve_us_p50"] for point in before])
+    assert "is finished already" in piezobench("resume", raced.run.path).stdout
 
 
 def test_several_workers_are_refused_before_anything_is_made(piezobench: CommandLine, tmp_path: Path) -> None:

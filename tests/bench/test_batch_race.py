@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import saved
+from conftest import killed_and_resumed
 
 from bench.passed.progress import silent
 from bench.races.batch import figures
@@ -46,15 +46,12 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     (folder / "liar.py").write_text(LIAR)
     words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", folder / "liar.py")
              for word in ("--solver", name)]
-    call, run = piezobench.start("race", *TINY, *words, "--out", folder, "--name", "run"), Run(folder / "run")
-    call.kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= 3)
-    kept = {task: json.loads(str(row)) for task, row in saved(run, "row").items()}
-    done = piezobench("resume", run.path)
-    assert done.status == 0, done.stderr
-    assert "solves" in done.stdout
+    run = Run(folder / "run")
+    resumed = killed_and_resumed(piezobench, run, "row", 3, "race", *TINY, *words, "--out", folder, "--name", "run")
+    assert "solves" in resumed.call.stdout
     rows = run.rows(BATCH).set_index("task")
-    assert kept
-    for task, before in kept.items():
+    for task, row in resumed.kept.items():
+        before = json.loads(str(row))
         assert rows.loc[task].cpu_us == before["cpu_us"] or before["status"] == "crashed"
     return run
 

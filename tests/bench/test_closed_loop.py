@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from browser import Browser
 
 from bench.passed.outcome import Outcome
 from bench.passed.progress import silent
@@ -127,7 +128,7 @@ def test_a_process_that_fails_gives_one_row_that_says_how() -> None:
     assert (row["status"], row["window"], row["message"]) == ("crashed", -1, "the process ended with SIGSEGV")
 
 
-def test_the_report_answers_whether_accuracy_matters(run: Run) -> None:
+def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: Run, browser: Browser) -> None:
     assert kind_of(run) is kinds()["loop"]
     _, path = kind_of(run).write(run)
     text = path.read_text(encoding="utf-8")
@@ -137,6 +138,7 @@ def test_the_report_answers_whether_accuracy_matters(run: Run) -> None:
     assert "<svg" in (run.path / "loop.svg").read_text(encoding="utf-8")
     summary = pd.read_csv(run.path / "summary.csv")
     assert len(summary) == 5 * 2
+    assert browser.sections(path.with_suffix(".html")) == ["loop", "loop_time"]
 
 
 OWN = """

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import slowed_solver
-from browser import Browser, screenshots
+from browser import Browser
 from command_line import CommandLine
 from conftest import Race
 
@@ -232,7 +232,7 @@ def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_ra
         browser.open(page, width)
         assert browser.console() == []
         assert all(plot["marks"] > 0 for plot in browser.plots())
-        browser.screenshot(screenshots(tmp_path) / f"comparison-{width}.png")
+        browser.picture(f"comparison-{width}")
     assert browser.run("return document.title") == "Comparison of <b>a, b"
     assert browser.run("return document.querySelectorAll('main b').length") == 0
     assert EVIL in browser.run("return document.querySelector('main').textContent")

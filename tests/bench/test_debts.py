@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from command_line import CommandLine
-from conftest import SMALL, THIRD, Race
+from conftest import Race
 
 from bench import problems
 from bench.passed.progress import silent
@@ -61,17 +61,6 @@ def test_a_damaged_problem_is_one_sentence_with_the_file_named(piezobench: Comma
     assert path.name in refusal
     with pytest.raises(RunError, match="remove the file and resume"):
         run.problem("paper", run.settings["problems"]["paper"][0])
-
-
-def test_a_killed_race_leaves_nothing_in_the_folder_for_temporary_files(piezobench: CommandLine, tmp_path: Path) -> None:
-    def left() -> set[str]:
-        return {path.name for path in piezobench.folder.rglob("*piezobench*") if not path.name.endswith(".lock")}
-
-    before = left()
-    run = Run(tmp_path / "run")
-    call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
-    call.kill_once(lambda: any((run.path / "tasks").glob("*.npz")))
-    assert left() == before
 
 
 def test_an_atomic_file_is_synced_before_its_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

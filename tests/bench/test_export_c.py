@@ -117,13 +117,15 @@ def test_single_precision_stays_within_its_stated_bound(tmp_path: Path, size: in
     assert np.all((x >= LIMITS[0]) & (x <= LIMITS[1]))
 
 
-@pytest.mark.parametrize(("shape", "settings"), [
+SHAPES: tuple[tuple[dict[str, object], dict[str, object]], ...] = (
     ({"n": 0, "m": 0, "rates": ()}, {}), ({"n": 20, "m": 9, "rates": (1.0,), "offset": True}, {}),
-    ({"n": 7, "m": 4, "rates": (1.0, 2.0, 3.0, 4.0)}, {"rate_limit": 1e4}),
-    ({"n": 8, "m": 0, "rates": (), "offset": True}, {"name": "left_axis"})], ids=str)
-@pytest.mark.parametrize(("solver", "precision"), [
-    (None, "double"), (None, "float"), ("recursive_active_set", "double"), pytest.param("recursive_active_set", "float", marks=NIGHTLY),
-    ("projected_difference", "float"), pytest.param("projected_difference", "double", marks=NIGHTLY)])
+    ({"n": 7, "m": 4, "rates": (1.0, 2.0, 3.0, 4.0)}, {"rate_limit": 1e4}), ({"n": 8, "m": 0, "rates": (), "offset": True}, {"name": "left_axis"}))
+PARTS = tuple(product((None, *SOLVERS), ("double", "float")))
+
+
+@pytest.mark.parametrize(("shape", "settings", "solver", "precision"), [
+    pytest.param(*shape, *part, marks=() if k in (0, i + 1, i + 2) else NIGHTLY)
+    for i, shape in enumerate(SHAPES) for k, part in enumerate(PARTS)], ids=str)
 def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
         tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None, precision: str) -> None:
     model, y_ref = a_model(**shape), references(500)

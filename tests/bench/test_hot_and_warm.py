@@ -37,7 +37,9 @@ def form_of(qp: Problem) -> CertifiedForm:
 @pytest.fixture(scope="module")
 def drift_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Two problems that follow each other, in two fresh processes; one solver has no use for a start."""
-    return raced(piezobench, tmp_path_factory.mktemp("drift"), "drift", "--set", "drift", "--limit", 2, "--lane", "kernel",
+    folder = tmp_path_factory.mktemp("drift")
+    file = faulty_solvers.written(folder, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')")
+    return raced(piezobench, folder, "drift", "--set", "drift", "--limit", 2, "--lane", "kernel", "--solver", file,
                  "--solver", "quadprog", "--solver", "box_active_set", "--scaling", "scaled", "--repeats", 2)
 
 
@@ -45,7 +47,7 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     rows = drift_race.rows
     warm = set(rows.solver[rows.start == "warm"])
     assert warm == {"daqp", "osqp", "box_active_set"}
-    assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "null"}
+    assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
     assert (both.status == Status.OK).all()
     assert len(both) == 2 * 2 * (1 + 2)  # problems, starts, lanes
@@ -76,10 +78,8 @@ def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift
         assert row.samples == sum(each.size for each in ns.values())
 
 
-def test_each_repeat_has_processes_of_its_own(piezobench: CommandLine, tmp_path: Path) -> None:
-    file = faulty_solvers.written(tmp_path, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')")
-    raced(piezobench, tmp_path, "run", "--solver", file, "--repeats", 3, "--scaling", "scaled")
-    assert len(set((tmp_path / "says_who.py.pids").read_text().split())) == 3
+def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
+    assert len(set((drift_race.run.path.parent / "says_who.py.pids").read_text().split())) == 2
 
 
 def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_the_exact_tier(clean_race: Race) -> None:

@@ -7,19 +7,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from browser import WIDTHS, Browser, screenshots
-from command_line import CommandLine
+from browser import WIDTHS, Browser
 from conftest import Race
 
-from bench.passed.progress import silent
-from bench.races.loop.race import LoopSettings
 from bench.races.oneshot import figures, plot_data
 from bench.races.oneshot.verdict import verdict
-from bench.races.registry import kind_of, kinds
+from bench.races.registry import kind_of
 from bench.report import charts
 from bench.report.words import marked
 from bench.store import Run
-from solvers import Status, Tier
+from solvers import Status
 
 LARGEST = 6_000_000
 EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
@@ -56,26 +53,10 @@ def page(wide_race: Race) -> Path:
     return wide_race.run.path / "report.html"
 
 
-@pytest.fixture(scope="module")
-def other_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Pages of a stream, of an anytime and of a closed-loop race."""
-    out = tmp_path_factory.mktemp("others")
-    few = ("--solver", "daqp", "--solver", "projected_difference", "--lane", "direct", "--out", out)
-    calls = {"stream": ("--samples", 400), "anytime": ("--limit", 1, "--budget", 0.002, "--lane", "kernel")}
-    for name, words in calls.items():
-        call = piezobench("race", "--race", name, *few, *words, "--name", name)
-        assert call.status == 0, call.stderr
-    short = LoopSettings(solvers=("box_active_set",), tiers=(Tier.HIGH,), quick=True, windows=2)
-    loop = kinds()["loop"].start(out, short, "loop")
-    kinds()["loop"].carry_on(loop, silent)
-    kinds()["loop"].write(loop)
-    return {name: out / name / "report.html" for name in (*calls, "loop")}
-
-
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every_plot(
-        browser: Browser, page: Path, width: str, dark: bool, tmp_path: Path) -> None:
+        browser: Browser, page: Path, width: str, dark: bool) -> None:
     browser.open(page, width, dark)
     assert browser.console() == []
     assert {address for address in browser.requests() if not address.startswith(("data:", "blob:", "chrome:"))} == {page.resolve().as_uri()}
@@ -87,30 +68,7 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
         assert (0.35 if beside_table else 0.5) * WIDTHS[width] < plot["width"] <= WIDTHS[width]
         assert plot["right"] <= WIDTHS[width]
     assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
-    picture = screenshots(tmp_path) / f"report-{width}{'-dark' if dark else ''}.png"
-    browser.screenshot(picture)
-    assert picture.stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(("name", "sections"), [
-    ("stream", ["latency_tails", "deadline_profile"]), ("anytime", ["anytime"]), ("loop", ["loop", "loop_time"])])
-def test_the_pages_of_the_other_races_draw_what_they_have(browser: Browser, other_races: dict[str, Path], name: str,
-                                                          sections: list[str], tmp_path: Path) -> None:
-    for width in WIDTHS:
-        browser.open(other_races[name], width)
-        assert browser.console() == []
-        assert all(plot["marks"] > 0 for plot in browser.plots())
-        browser.screenshot(screenshots(tmp_path) / f"{name}-{width}.png")
-        assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
-    assert browser.run("return [...document.querySelectorAll('section[id]')].map(s => s.id)") == sections
-
-
-def test_every_line_of_a_stream_has_a_name_of_its_own(other_races: dict[str, Path]) -> None:
-    folder = other_races["stream"].parent / "figures"
-    for name, x in (("deadline_profile", "periods"), ("latency_tails", "one_in")):
-        lines = pd.read_csv(folder / f"{name}.csv")
-        assert lines.name.str.contains("steps 15200").any()
-        assert not lines.duplicated(["view", "name", x]).any()
+    browser.picture(f"report-{width}{'-dark' if dark else ''}")
 
 
 def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(browser: Browser, page: Path,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from browser import Browser, screenshots
+from browser import Browser
 from command_line import CommandLine
 
 from piezo_model import HysteresisCreepModel, IdentificationError, ModelStructure, Recording, identify, plants
@@ -46,7 +46,7 @@ def recording(x: np.ndarray, y: np.ndarray) -> Recording:
 
 
 @pytest.mark.usefixtures("said")
-def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, desk: Path, tmp_path: Path) -> None:
+def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
     for width, pixels in (("desktop", 1400), ("phone", 390)):
         browser.open(desk / "stage page.html", width)
         assert browser.console() == []
@@ -54,7 +54,7 @@ def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, des
         plots = browser.plots()
         assert len(plots) == 5
         assert all(plot["marks"] > 0 and plot["right"] <= pixels for plot in plots)
-        browser.screenshot(screenshots(tmp_path) / f"recording-{width}.png")
+        browser.picture(f"recording-{width}")
     assert browser.run("return document.title") == "Recording <u>stage.csv"
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
     for link in browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))"):

@@ -46,26 +46,20 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
 
 def listed(target: Path, code: str) -> str:
     """What Python prints with the folder on its path."""
-    return piezobench_code(target, f"import solvers\nfrom solvers.registry import describe, entries, find\n{code}")
-
-
-def piezobench_code(target: Path, code: str) -> str:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
-    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run([sys.executable, "-c", f"import solvers\nfrom solvers.registry import describe, find\n{code}"], env=environment,
+                          capture_output=True, text=True, check=True).stdout
 
 
-def test_a_name_without_a_lane_is_in_the_lane_direct(tmp_path: Path) -> None:
-    target = installed(tmp_path / "site", "tiny = tiny_solvers:Mine")
-    assert listed(target, "print(find('tiny').lane, solvers.get('tiny').name)").split() == ["direct", "tiny"]
-
-
-@pytest.mark.parametrize(("entry_point", "said"), [
-    ("direct.tiny = tiny_solvers:Yours", "has no Solver class Yours"),
-    ("kernel.tiny = tiny_solvers:Mine", "calls itself tiny in the lane direct, and is registered as tiny in the lane kernel"),
-    ("direct.tiny = no_such_module:Mine", "No module named 'no_such_module'")])
-def test_a_solver_that_does_not_keep_its_promise_is_absent_with_the_reason(tmp_path: Path, entry_point: str, said: str) -> None:
-    target = installed(tmp_path / "site", entry_point)
-    assert said in listed(target, "print(describe(find('tiny')).absent)")
+def test_a_name_without_a_lane_is_in_the_lane_direct_and_what_does_not_keep_its_promise_is_absent_with_the_reason(tmp_path: Path) -> None:
+    target = installed(tmp_path / "site", "tiny = tiny_solvers:Mine\ndirect.yours = tiny_solvers:Yours\nkernel.lost = tiny_solvers:Mine\n"
+                       "direct.gone = no_such_module:Mine")
+    first, *absent = listed(target, "print(find('tiny').lane, solvers.get('tiny').name)\n"
+                            "for name in ('yours', 'lost', 'gone'): print(describe(find(name)).absent)").splitlines()
+    assert first.split() == ["direct", "tiny"]
+    promised = ("has no Solver class Yours", "calls itself tiny in the lane direct, and is registered as lost in the lane kernel",
+                "No module named 'no_such_module'")
+    assert [said in reason for said, reason in zip(promised, absent, strict=True)] == [True] * 3
 
 
 def test_a_solver_that_was_asked_for_by_its_name_and_is_absent_ends_the_race_with_the_reason(tmp_path: Path) -> None:

@@ -1,16 +1,14 @@
 """Every problem that is raced carries the proof of its optimum."""
 
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
-from qpsolvers import Problem
 
 from bench.problems import RaceProblem, find, sets
 from bench.problems.protocol import QP_FIELDS, SCALINGS
-from solvers.certificate import NotCertified, verify
+from solvers.certificate import verify
 
 
 @pytest.fixture(scope="module")
@@ -40,30 +38,6 @@ def same_bits(a: RaceProblem, b: RaceProblem) -> bool:
 def test_the_certificate_of_a_problem_is_accepted(first: RaceProblem, paper: list[RaceProblem], scaling: str) -> None:
     for problem in (first, paper[1]):
         verify(problem.forms[scaling].qp, problem.forms[scaling].certificate)
-
-
-@pytest.mark.parametrize("scaling", SCALINGS)
-def test_a_certificate_is_rejected_for_data_that_differ_in_one_bit(paper: list[RaceProblem], scaling: str) -> None:
-    form = paper[0].forms[scaling]
-    P, q = form.qp.P.copy(), form.qp.q.copy()
-    q[4] = np.nextafter(q[4], np.inf)
-    P[3, 3] = np.nextafter(P[3, 3], np.inf)
-    for changed in (Problem(form.qp.P, q, lb=form.qp.lb, ub=form.qp.ub), Problem(P, form.qp.q, lb=form.qp.lb, ub=form.qp.ub)):
-        with pytest.raises(NotCertified, match="line 1"):
-            verify(changed, form.certificate)
-
-
-@pytest.mark.parametrize("scaling", SCALINGS)
-def test_a_certificate_that_says_another_answer_value_or_active_set_is_rejected(paper: list[RaceProblem],
-                                                                               scaling: str) -> None:
-    form = paper[0].forms[scaling]
-    proof = form.certificate
-    other = (np.nextafter(proof.x[0], np.inf), *proof.x[1:])
-    active = proof.lower[1:] if proof.lower else (0,)
-    for changed in (replace(proof, x=tuple(float(value) for value in other)), replace(proof, lower=active),
-                    replace(proof, value=f"{proof.value}1"), replace(proof, value_rounded=0.0)):
-        with pytest.raises(NotCertified):
-            verify(form.qp, changed)
 
 
 def test_both_scalings_have_the_same_optimal_weights(first: RaceProblem) -> None:

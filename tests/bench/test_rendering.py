@@ -5,10 +5,8 @@ from __future__ import annotations
 import ctypes
 import io
 import json
-import os
 import re
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
@@ -26,8 +24,8 @@ from bench.report.console import PlainConsole, print_table
 from piezo_model.signals import multi_sine
 
 RUN = "int system(const char *); __attribute__((constructor)) static void run_it(void) {{ if (system({touch})) {{ }} }}"
-UNITS = (("V", f"um */\n#ifndef RUN\n#define RUN\n{RUN}\n#endif\n/*"),
-         ('V\\n", k, lowest, highest); int system(const char *); system({touch}); fprintf(stderr, "', "um"),
+UNITS = (('V\\n", k, lowest, highest); int system(const char *); system({touch}); fprintf(stderr, "',
+          f"um */\n#ifndef RUN\n#define RUN\n{RUN}\n#endif\n/*"),
          ('"/><x y="<&>" %s %n \\" ??/ \N{DEGREE SIGN}\x01', "*/ %s ??/"))
 """Units that end a comment, a string and an attribute, and name signs that formats, C and XML do not take as they are."""
 
@@ -91,16 +89,15 @@ def test_hostile_text_stays_text_in_markdown_wherever_a_template_names_it() -> N
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(tmp_path: Path, encoding: str) -> None:
+def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(piezobench: CommandLine, tmp_path: Path, encoding: str) -> None:
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
     recording, model = tmp_path / "stage\x1b[2J[red].csv", tmp_path / "m.json"
     y = a_model().simulate(x)
     pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, "[red]drive \x1b[2J[/blue] [V]": x, "h [/] [µm]": y}).to_csv(recording, index=False)
-    done = subprocess.run([sys.executable, "-m", "bench", "identify", recording, "--out", model], capture_output=True, check=False,
-                          env={**os.environ, "PYTHONIOENCODING": encoding})
-    assert done.returncode == 0, done.stderr
-    assert not {0x1b, 0x9b} & set(done.stdout + done.stderr)
-    assert b"[red]drive " in done.stdout
+    done = piezobench("identify", recording, "--out", model, encoding=encoding)
+    assert done.status == 0, done.stderr
+    assert not {0x1b, 0x9b} & set((done.stdout + done.stderr).encode(encoding))
+    assert "[red]drive " in done.stdout
     assert model.is_file()
 
 

@@ -41,9 +41,14 @@ def assert_same(rows: pd.DataFrame, clean_race: Race) -> None:
     pd.testing.assert_frame_equal(without_times(rows), without_times(clean_race.rows))
 
 
-def test_a_race_killed_at_random_moments_ends_as_an_unbroken_one(piezobench: CommandLine, tmp_path: Path,
-                                                                 clean_race: Race) -> None:
-    chance, run = random.Random(SEED), Run(tmp_path / "run")
+def temporary(piezobench: CommandLine) -> set[str]:
+    """What is in the folder for temporary files."""
+    return {path.name for path in piezobench.folder.rglob("*piezobench*") if not path.name.endswith(".lock")}
+
+
+def test_a_race_killed_at_random_moments_leaves_nothing_behind_and_ends_as_an_unbroken_one(piezobench: CommandLine, tmp_path: Path,
+                                                                                           clean_race: Race) -> None:
+    chance, run, before = random.Random(SEED), Run(tmp_path / "run"), temporary(piezobench)
     for after in sorted(chance.choices(range(TASKS + 1), k=KILLS)):
         if (run.path / "run.json").is_file():
             call = piezobench.start("resume", run.path)
@@ -55,6 +60,7 @@ def test_a_race_killed_at_random_moments_ends_as_an_unbroken_one(piezobench: Com
         call.kill()
         call.wait()
         wait_until_gone(call.pid)
+        assert temporary(piezobench) == before
     last = piezobench("resume", run.path)
     assert last.status == 0, last.stderr
     assert_same(run.rows(ONESHOT), clean_race)

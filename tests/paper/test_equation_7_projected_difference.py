@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import quadprog
 from allocations import left_by
+from box_programs import INF, seeds, spectrum_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
@@ -14,15 +15,7 @@ from solvers import Unsupported, get
 from solvers.cone import Cone
 from solvers.descent import limit, trajectory
 
-INF = np.inf
-seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None)
-
-
-def random_P(rng, d, decades=2.0):
-    U = np.linalg.qr(rng.normal(size=(d, d)))[0]
-    P = U * 10 ** -(decades * np.linspace(0, 1, d)) @ U.T
-    return (P + P.T) / 2
 
 
 def solver(problem, **settings_):
@@ -55,7 +48,7 @@ def two_sided_sums(n, m, epsilon):
 @given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.05, 1.5))
 def test_the_compiled_steps_are_the_equation(seed, d, ratio):
     rng = np.random.default_rng(seed)
-    P, q, w = random_P(rng, d), rng.normal(size=d), rng.normal(size=d)
+    P, q, w = spectrum_matrix(rng, d, 2.0), rng.normal(size=d), rng.normal(size=d)
     lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
     eta = ratio * limit(P)
     expected, at = [], np.clip(w, lb, ub)
@@ -69,7 +62,7 @@ def test_the_compiled_steps_are_the_equation(seed, d, ratio):
 @given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.1, 0.98))
 def test_below_the_limit_the_distance_to_the_optimum_never_grows_and_goes_to_zero(seed, d, ratio):
     rng = np.random.default_rng(seed)
-    P, q = random_P(rng, d, 1.0), rng.normal(size=d)
+    P, q = spectrum_matrix(rng, d, 1.0), rng.normal(size=d)
     lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
     exact = get("box_active_set")
     exact.setup(Problem(P, q, lb=lb, ub=ub))
@@ -84,7 +77,7 @@ def test_below_the_limit_the_distance_to_the_optimum_never_grows_and_goes_to_zer
 @given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(1.02, 3.0))
 def test_above_the_limit_a_free_problem_diverges(seed, d, ratio):
     rng = np.random.default_rng(seed)
-    P, q, free = random_P(rng, d), rng.normal(size=d), np.full(d, INF)
+    P, q, free = spectrum_matrix(rng, d, 2.0), rng.normal(size=d), np.full(d, INF)
     best = -np.linalg.solve(P, q)
     start = best + 1e-3 * np.linalg.eigh(P)[1][:, -1]
     path = trajectory(P, q, -free, free, start, ratio * limit(P), (0, 100))
@@ -105,7 +98,7 @@ def test_a_step_beyond_the_limit_needs_the_explicit_setting():
 
 def test_iterates_come_at_the_chosen_step_counts_and_agree_with_the_solver():
     rng = np.random.default_rng(1)
-    P, q, lb, ub = random_P(rng, 18), rng.normal(size=18), np.zeros(18), np.full(18, INF)
+    P, q, lb, ub = spectrum_matrix(rng, 18, 2.0), rng.normal(size=18), np.zeros(18), np.full(18, INF)
     counts = (1, 10, 100, 1000, 15200)
     path = trajectory(P, q, lb, ub, np.zeros(18), 0.5 * limit(P), counts)
     for count, w in zip(counts, path, strict=True):
@@ -123,7 +116,7 @@ def test_the_start_is_the_projection_of_the_warm_start_or_of_zero():
 
 def test_a_tolerance_stops_early_and_is_off_by_default():
     rng = np.random.default_rng(2)
-    problem = Problem(random_P(rng, 18, 2.0), rng.normal(size=18), lb=np.zeros(18))
+    problem = Problem(spectrum_matrix(rng, 18, 2.0), rng.normal(size=18), lb=np.zeros(18))
     default, early = solver(problem), solver(problem, tolerance=1e-6)
     default.solve()
     w = early.solve()
@@ -139,7 +132,7 @@ def test_a_tolerance_stops_early_and_is_off_by_default():
 def test_diagonal_scaling_changes_the_path_and_not_the_answer(seed, d):
     rng = np.random.default_rng(seed)
     scale = 10 ** rng.uniform(-2, 2, d)
-    P, q = random_P(rng, d, 1.0) * np.outer(scale, scale), rng.normal(size=d) * scale
+    P, q = spectrum_matrix(rng, d, 1.0) * np.outer(scale, scale), rng.normal(size=d) * scale
     lb = -rng.random(d) / scale
     exact = get("box_active_set")
     exact.setup(Problem(P, q, lb=lb))
@@ -150,7 +143,7 @@ def test_diagonal_scaling_changes_the_path_and_not_the_answer(seed, d):
 
 def test_an_update_of_P_takes_a_new_step_and_of_q_keeps_it():
     rng = np.random.default_rng(3)
-    P, q, lb = random_P(rng, 6, 1.0), rng.normal(size=6), np.zeros(6)
+    P, q, lb = spectrum_matrix(rng, 6, 1.0), rng.normal(size=6), np.zeros(6)
     for scaling in (False, True):
         s = solver(Problem(P, q, lb=lb), diagonal_scaling=scaling)
         s.update(q=2 * q)
@@ -167,7 +160,7 @@ def test_slopes_in_a_box_and_weights_in_a_cone_have_one_optimum(seed, n, m, scal
     rng = np.random.default_rng(seed)
     T, lb_slopes, lb_weights, G, h = two_sided_sums(n, m, 0.1)
     d = n + 2 * m + 1
-    P, q = random_P(rng, d, 0.5), rng.normal(size=d)
+    P, q = spectrum_matrix(rng, d, 0.5), rng.normal(size=d)
     slopes = solver(Problem(P, q, lb=lb_slopes)).solve()
     s = solver(Problem(T.T @ P @ T, T.T @ q, G, h, lb=lb_weights), diagonal_scaling=scaling)
     weights = s.solve()
@@ -218,7 +211,7 @@ def test_the_projection_onto_any_polyhedron_with_bounds_is_that_of_quadprog(seed
 
 def test_rows_that_are_bounds_or_repeat_others_change_nothing():
     rng = np.random.default_rng(4)
-    P, q = random_P(rng, 4, 1.0), rng.normal(size=4)
+    P, q = spectrum_matrix(rng, 4, 1.0), rng.normal(size=4)
     G, h = np.array([[1.0, 1.0, 0.0, 0.0]]), np.array([-0.5])
     plain = solver(Problem(P, q, G, h, lb=np.array([-INF, -INF, 0.0, -1.0])))
     more_G = np.array([[1.0, 1.0, 0, 0], [2.0, 2.0, 0, 0], [1.0, 1.0, 0, 0], [0, 0, -2.0, 0], [0, 0, 0, -1.0], [0, 0, 0, 0]])
@@ -258,7 +251,7 @@ def test_unusable_problems_are_refused_in_one_sentence():
 def test_inputs_are_not_written():
     rng = np.random.default_rng(5)
     _, _, lb, G, h = two_sided_sums(2, 2, 0.1)
-    P, q, start = random_P(rng, 7), rng.normal(size=7), rng.normal(size=7)
+    P, q, start = spectrum_matrix(rng, 7, 2.0), rng.normal(size=7), rng.normal(size=7)
     before = [a.copy() for a in (P, q, G, h, lb, start)]
     s = solver(Problem(P, q, G, h, lb=lb), steps=50)
     s.update(P, q)
@@ -269,6 +262,6 @@ def test_inputs_are_not_written():
 
 def test_many_solves_allocate_nothing_that_stays():
     rng = np.random.default_rng(6)
-    s = solver(Problem(random_P(rng, 18), rng.normal(size=18), lb=np.zeros(18)), steps=10)
+    s = solver(Problem(spectrum_matrix(rng, 18, 2.0), rng.normal(size=18), lb=np.zeros(18)), steps=10)
     s.solve()
     assert left_by(s.solve, 500) < 1024

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from box_programs import INF, gap, inside, random_bounds, seeds
 from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
@@ -13,10 +14,8 @@ from solvers.core import BREAKDOWN, face
 from solvers.exact.program import RoundingDecides
 from solvers.kernel.recursive_active_set import LARGEST
 
-INF = np.inf
 REFRESH = 256
 """SWEPT_REFRESH of swept.h."""
-seeds = st.integers(0, 2**32 - 1)
 forgettings = st.sampled_from([1.0, 0.999, 0.99, 0.9, 0.5])
 quick = settings(max_examples=25, deadline=None)
 
@@ -25,14 +24,6 @@ def recursive(P, q, lb=None, ub=None, **given_settings):
     s = get("recursive_active_set", "kernel", **given_settings)
     s.setup(Problem(P, q, lb=lb, ub=ub))
     return s
-
-
-def random_bounds(rng, d):
-    """Free, lower, upper, two-sided and fixed variables in one."""
-    lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
-    ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
-    fixed = rng.random(d) < 0.1
-    return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
 
 
 def random_row(rng, d, previous):
@@ -47,16 +38,6 @@ def random_row(rng, d, previous):
 
 def follow(P, q, row, forgetting, weight):
     return forgetting * P + weight * np.outer(row[:-1], row[:-1]), forgetting * q + weight * row[:-1] * row[-1]
-
-
-def gap(problem, x):
-    """The exact cost above the certified optimum, relative to it."""
-    problem = Problem((problem.P + problem.P.T) / 2, problem.q, lb=problem.lb, ub=problem.ub)
-    return exact_cost_gap(problem, certify(problem, x), x).relative
-
-
-def inside(x, lb, ub):
-    return bool(((lb <= x) & (x <= ub)).all())
 
 
 @quick

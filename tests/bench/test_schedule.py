@@ -1,0 +1,125 @@
+"""The schedule of a stream, on a clock that only our own actions move."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
+
+TICK = 50
+"""What one look at the clock takes, ns."""
+
+
+class Clock:
+    """A clock that moves by a tick when it is read and by what is slept or worked."""
+
+    def __init__(self) -> None:
+        self.now, self.slept = 0, 0
+
+    def __call__(self) -> int:
+        self.now += TICK
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += round(seconds * 1e9)
+        self.slept += 1
+
+
+def run_on(clock: Clock, samples: int, service: Callable[[int], int], data: int = 0, **options: Any,
+           ) -> tuple[Timeline, list[tuple[int, int]], list[tuple[int, int]]]:
+    """A timeline of solves that take ``service(j)`` ns, and which samples were absorbed and handed over."""
+    absorbed: list[tuple[int, int]] = []
+    updated: list[tuple[int, int]] = []
+
+    def absorb_rows(first: int, last: int) -> None:
+        absorbed.append((first, last))
+        clock.now += data
+
+    def solve() -> None:
+        clock.now += service(len(updated) - 1)
+
+    timeline = follow(samples, absorb_rows, lambda first, last: updated.append((first, last)), solve, lambda j: None,
+                      clock=clock, sleep=clock.sleep, **options)
+    return timeline, absorbed, updated
+
+
+def test_due_times_are_exact_multiples_of_the_period_whatever_the_solves_take() -> None:
+    assert [due(7, k, PERIOD_NS) - 7 for k in range(4)] == [0, 125_000, 250_000, 375_000]
+    timeline, *_ = run_on(Clock(), 400, lambda j: 1_000 + 317 * (j % 300))
+    waited = timeline.began - timeline.solved * PERIOD_NS
+    assert np.all(waited >= 0)
+    assert waited[-1] <= 2 * TICK  # nothing adds up from sample to sample
+    assert waited.max() <= 2 * TICK
+
+
+def test_a_quick_solver_answers_every_sample_with_its_own_data() -> None:
+    timeline, absorbed, updated = run_on(Clock(), 100, lambda j: 5_000)
+    assert timeline.solved.tolist() == list(range(100))
+    assert absorbed == updated == [(k, k) for k in range(100)]
+    assert not timeline.late.any()
+    assert timeline.in_use(np.ones(100, dtype=bool)).tolist() == list(range(100))
+
+
+def test_what_the_data_take_is_in_no_service_time_and_before_the_due_time_where_there_is_time() -> None:
+    quick, *_ = run_on(Clock(), 50, lambda j: 5_000, data=20_000)
+    assert np.all(quick.data_ns >= 20_000)
+    assert np.all(quick.service_ns <= 5_000 + 3 * TICK)
+    assert np.all(quick.response_ns <= 5_000 + 5 * TICK)
+
+
+def test_a_slow_solver_takes_the_newest_sample_with_the_data_of_those_it_missed() -> None:
+    timeline, absorbed, updated = run_on(Clock(), 100, lambda j: 1_000_000)
+    assert absorbed == updated
+    assert [k for first, last in absorbed for k in range(first, last + 1)] == list(range(100))
+    assert set(np.diff(timeline.solved)[:-1].tolist()) == {8}  # a millisecond is eight periods
+    assert timeline.late.all()
+    assert timeline.samples == 100
+
+
+def test_one_stall_delays_all_samples_that_came_due_in_it() -> None:
+    timeline, *_ = run_on(Clock(), 40, lambda j: 1_000_000 if j == 10 else 1_000)
+    service, response = np.sort(timeline.service_ns), np.sort(timeline.response_ns)
+    assert np.sum(service > PERIOD_NS) == 1  # all that a loop without a schedule sees
+    assert np.flatnonzero(timeline.late).tolist() == list(range(10, 18))
+    assert response[-8:].min() > PERIOD_NS
+    assert timeline.stalls == 1
+
+
+def test_figures_of_a_timeline_are_what_they_are_said_to_be() -> None:
+    chance = np.random.default_rng(2)
+    times = np.where(chance.random(300) < 0.1, chance.integers(0, 2_000_000, 300), chance.integers(0, 150_000, 300))
+    timeline, *_ = run_on(Clock(), 300, lambda j: int(times[j]))
+    usable = chance.random(timeline.solved.size) < 0.8
+    in_use = timeline.in_use(usable)
+    for k in range(300):
+        j = next(j for j, solved in enumerate(timeline.solved) if solved >= k)
+        assert timeline.response_ns[k] == timeline.ended[j] - k * PERIOD_NS
+        assert timeline.response_ns[k] >= timeline.service_ns[j]
+        assert timeline.late[k] == (timeline.ended[j] > (k + 1) * PERIOD_NS)
+        there = [j for j, end in enumerate(timeline.ended) if usable[j] and end <= (k + 1) * PERIOD_NS]
+        assert in_use[k] == (there[-1] if there else -1)
+
+
+def test_a_solver_that_is_late_from_the_first_sample_on_is_stopped_and_one_that_was_in_time_once_is_not() -> None:
+    hopeless, *_ = run_on(Clock(), 1000, lambda j: 1_000_000, give_up=100)
+    assert 100 <= hopeless.samples < 110
+    assert hopeless.response_ns.size == hopeless.samples
+    saved, *_ = run_on(Clock(), 1000, lambda j: 1_000 if j == 3 else 1_000_000, give_up=100)
+    assert saved.samples == 1000
+
+
+def test_the_loop_sleeps_only_where_more_than_the_spin_remains() -> None:
+    clock = Clock()
+    run_on(clock, 20, lambda j: 1_000)
+    assert clock.slept == 1  # before the first due time
+    assert LEAD_NS > SPIN_NS > PERIOD_NS
+    slow = Clock()
+    run_on(slow, 20, lambda j: 1_000, period_ns=1_000_000)
+    assert slow.slept == 20
+
+
+@pytest.mark.parametrize(("late", "count"), [([], 0), ([0], 0), ([1], 1), ([1, 1, 0, 1], 2), ([0, 1, 1, 0, 0, 1, 0], 2)])
+def test_stalls_are_runs_of_late_samples(late: list[int], count: int) -> None:
+    assert runs(np.array(late, dtype=bool)) == count

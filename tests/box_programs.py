@@ -1,0 +1,40 @@
+"""Random programs in boxes: drawn from a seed, with every kind of bounds, and judged by the exact optimum."""
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from qpsolvers import Problem
+
+from solvers.certificate import certify, exact_cost_gap
+
+Array = NDArray[np.float64]
+INF = np.inf
+seeds = st.integers(0, 2**32 - 1)
+
+
+def spectrum_matrix(rng: np.random.Generator, d: int, decades: float) -> Array:
+    """A symmetric matrix of d variables with eigenvalues from 1 down to 10^-decades."""
+    U = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    P: Array = U * 10 ** -(decades * np.linspace(0, 1, d)) @ U.T
+    return (P + P.T) / 2
+
+
+def random_bounds(rng: np.random.Generator, d: int) -> tuple[Array, Array]:
+    """Free, lower, upper, two-sided and fixed variables in one."""
+    lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
+    ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
+    fixed = rng.random(d) < 0.1
+    return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
+
+
+def inside(x: Array, lb: Array, ub: Array) -> bool:
+    """Whether no bound is violated, not by the last digit."""
+    return bool(((lb <= x) & (x <= ub)).all())
+
+
+def gap(problem: Problem, x: Array, least: float = 0.0) -> float:
+    """The exact cost above the certified optimum, relative to that or to the least size that is given."""
+    problem = Problem((problem.P + problem.P.T) / 2, problem.q, lb=problem.lb, ub=problem.ub)
+    proof = certify(problem, x)
+    found = exact_cost_gap(problem, proof, x)
+    return found.absolute / max(abs(proof.value_rounded), least) if least else found.relative
