@@ -19,7 +19,7 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import TOLERANCE, relative_gap
-from bench.races.oneshot.worker import Answered, Block, End, OneShot
+from bench.races.oneshot.worker import Answered, Block, End, Forget, OneShot
 from bench.timing.clock import LONG_NS, Effort
 from solvers import Status, Tier
 from solvers.arrays import Matrix
@@ -130,13 +130,16 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
             found.append(more)
         if len(found) + left < ENOUGH:
             break
-    idle.ask(End(nothing.key))
+    idle.ask(Forget())
     return f"its process takes {found[0]:.1f} times as much of the processor as most of its calls say" if len(found) >= ENOUGH else ""
 
 
-def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProblem, fresh: FreshData, effort: Effort,
+def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProblem, fresh: FreshData, effort: Effort, keep: bool = False,
           ) -> tuple[Outcome, Tally]:
-    """The outcome of a task with its times, and what was seen of it; ``idle`` is the process of a solver that does nothing."""
+    """The outcome of a task with its times, and what was seen of it.
+
+    ``idle`` is the process of a solver that does nothing; ``keep`` leaves the solver in its process, set up as it is.
+    """
     form, tally, size = problem.forms[task.scaling], Tally(), 1
     outcome = child.ask(OneShot.of(task, form))
     if outcome.failure:
@@ -157,7 +160,7 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
         each = max(tally.spent_ns / tally.count, 1.0)
         size = max(effort.fewest - tally.count, math.ceil((effort.budget_s * 1e9 - tally.spent_ns) / each), 1)
     tally.fault = tally.fault or _remembers(child, task, fresh, each)
-    end = child.ask(End(task.key, effort.budget_s))
+    end = child.ask(End(task.key, effort.budget_s, keep))
     if end.failure:
         return end, tally
     if end.seen:

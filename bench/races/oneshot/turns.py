@@ -15,10 +15,10 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild
 from bench.races.oneshot.blocks import Tally, ask
-from bench.races.oneshot.worker import End, OneShot
+from bench.races.oneshot.worker import OneShot
 from solvers import Lane, Tier
 
-LONGEST_US = 3000.0
+LONGEST_US = 1000.0
 """Tasks whose update and solve take longer than this hot have no turn: caches do not matter there, and time does."""
 WARM_UP = 3
 """Calls before the first turn."""
@@ -60,15 +60,13 @@ def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], Solver
         The order in each round follows from it.
     """
     tallies = {task.key: Tally() for task in tasks}
-    ready = [task for task in tasks if not children[task.solver, task.lane].ask(OneShot.of(task, form)).failure]
+    ready = [task for task in tasks if not children[task.solver, task.lane].ask(OneShot.of(task, form, unless_kept=True)).failure]
     for task in list(ready):
         if ask(children[task.solver, task.lane], task, *fresh.unseen(WARM_UP)).failure:
             ready.remove(task)
-    begun, chance = list(ready), random.Random(seed)
+    chance = random.Random(seed)
     for _ in range(rounds):
         chance.shuffle(ready)
         data = fresh.unseen(1)
         ready = [task for task in ready if not tallies[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure]
-    for task in begun:
-        children[task.solver, task.lane].ask(End(task.key))
     return [(task, tallies[task.key]) for task in tasks if task in ready and rounds]

@@ -25,6 +25,7 @@ from bench.races.oneshot.blocks import timed
 from bench.races.oneshot.rows import rows_of, times_of, with_turns
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.turns import LONGEST_US, most_exact, take_turns
+from bench.races.oneshot.worker import Forget
 from bench.races.run_problems import watched_folders
 from bench.store import Run
 from piezo_model.identification_problem import Scaling
@@ -68,12 +69,16 @@ class Unit:
         with watched(run, self.name, line_up.sentinel) as notes:
             rows = _hot(self, run, fresh, line_up, tell)
             _in_turns(self, run, fresh, line_up, rows)
+            for child in line_up.children.values():
+                if child.is_running:
+                    child.ask(Forget())
             notes |= _interruptions(rows)
 
 
 def _hot(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tell: Tell) -> list[Row]:
     """One task after the other; returns the first row of each."""
     rows, effort = [], unit.settings.effort
+    kept = most_exact(unit.tasks) if unit.settings.rounds else []
     idle = line_up.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
     for task in unit.tasks:
         tell(task)
@@ -82,7 +87,7 @@ def _hot(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tell: Tell) ->
         else:
             less = replace(effort, budget_s=effort.budget_s / FOR_THE_PICTURE)
             outcome, tally = timed(line_up.children[task.solver, task.lane], idle, task, unit.problem, fresh,
-                                   less if task.tiers == (Tier.RUNG,) else effort)
+                                   less if task.tiers == (Tier.RUNG,) else effort, keep=task in kept)
             ours = rows_of(unit.problem, task, outcome, max(tally.gaps.values(), default=NAN), tally.fault)
             rows.append(ours[0])
             run.save(task, ours, times_of(outcome))

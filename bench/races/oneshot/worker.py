@@ -52,15 +52,20 @@ class OneShot(Request):
     """What every solve starts from; None for cold solves. Shape (d,)."""
     c: float = 1.0
     """The constant that the solver's ladder is made for."""
+    unless_kept: bool = False
+    """Do nothing where the solver of this task is there already."""
 
     @classmethod
-    def of(cls, task: Task, form: Any) -> Self:
+    def of(cls, task: Task, form: Any, unless_kept: bool = False) -> Self:
         """The request for a certified form, whose certificate and other windows stay with the parent."""
         start = form.warm_start if task.start == "warm" else None
-        return cls(task, fields_of(form.qp), start, form.unit)
+        return cls(task, fields_of(form.qp), start, form.unit, unless_kept)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
+        if self.unless_kept and self.task.key in _benches:
+            return Outcome(found=True)
+
         def another() -> Bench:
             return Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start)
 
@@ -96,15 +101,26 @@ class Block(Request):
 
 @dataclass(frozen=True)
 class End(Request):
-    """Solve the first problem once more, say how the solver behaved, and forget it."""
+    """Solve the first problem once more, say how the solver behaved, and forget it unless it is kept for its turns."""
 
     key: str
-    budget_s: float = 0.0
+    budget_s: float
+    keep: bool
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Time some more set-ups, too, within the budget."""
-        bench = _benches.pop(self.key)
+        bench = _benches[self.key] if self.keep else _benches.pop(self.key)
         return replace(attempt(lambda: bench.end(self.budget_s)), seen=seen())
+
+
+@dataclass(frozen=True)
+class Forget(Request):
+    """Let the solvers go that are kept."""
+
+    def answer(self, cls: type[Solver], first: bool) -> Outcome:
+        """There may be none."""
+        _benches.clear()
+        return Outcome(found=True)
 
 
 _benches: dict[str, Bench] = {}
