@@ -20,10 +20,8 @@ from solvers import Lane, Tier
 
 LONGEST_US = 1000.0
 """Tasks whose update and solve take longer than this hot have no turn: caches do not matter there, and time does."""
-WARM_UP = 3
-"""Calls before the first turn."""
-
-
+WARM_UP = 1
+"""Calls before the first turn, of a solver that has been hot."""
 IN_TURNS = (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT)
 """Tiers, the one at which solvers take turns first; the others stand in where a solver is not asked for it."""
 
