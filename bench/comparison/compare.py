@@ -84,8 +84,10 @@ class RunComparison:
     @property
     def cannot_tell(self) -> bool:
         """Whether a change of times that matters may have gone unseen."""
-        right = (self._untimed.status_a == Status.OK) & (self._untimed.status_b == Status.OK)
-        return bool(self.doubts or self.times.lanes(CANNOT_TELL) or right.any())
+        untimed = self._untimed
+        right = untimed[(untimed.status_a == Status.OK) & (untimed.status_b == Status.OK)]
+        lanes = [set(part[["solver", "lane"]].itertuples(index=False, name=None)) for part in (right, self.rows[self.rows.ratio.notna()])]
+        return bool(self.doubts or self.times.lanes(CANNOT_TELL) or lanes[0] - lanes[1])  # a row more or less does not hide a lane
 
     @property
     def _untimed(self) -> pd.DataFrame:
