@@ -7,6 +7,7 @@ take turns; see `unit`. Beside them runs a solver that does nothing, the floor o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -30,8 +31,8 @@ from piezo_model.identification_problem import Scaling
 from solvers import Tier
 from solvers.registry import Described, Entry
 
-PICTURED = 4
-"""One problem in so many is in the picture of time against accuracy with all rungs."""
+PICTURED, MOST_PICTURED = 4, 5
+"""One problem in so many is in the picture of time against accuracy with all rungs, and no more than so many problems."""
 
 
 def race(run: Run, progress: Progress, workers: Workers) -> None:
@@ -49,7 +50,7 @@ def tasks_of(settings: OneshotSettings, field: Sequence[Described], found: Mappi
     """All tasks of one problem in one scaling, each rung once with the tiers that it serves.
 
     Warm tasks are there for solvers that make use of a start, on problems that have one; none is for the picture, which shows
-    every fourth problem in the first scaling.
+    some problems in the first scaling.
     """
     follows = problem.forms[scaling].warm_start is not None
     left_out = {*(() if problem.has_noise else (Tier.STAGE,)), *(() if pictured and scaling == settings.scalings[0] else (Tier.RUNG,))}
@@ -65,12 +66,12 @@ def tasks_of(settings: OneshotSettings, field: Sequence[Described], found: Mappi
 def units_of(run: Run, settings: OneshotSettings, line_up: LineUp, field: Sequence[Described], problems: Sequence[RaceProblem],
              progress: Progress) -> list[Unit]:
     """All that is to be done, in order; the solver that does nothing opens each unit."""
-    floor = null_solver.ENTRY
+    floor, apart = null_solver.ENTRY, max(PICTURED, math.ceil(len(problems) / MOST_PICTURED))
     found = {(name, scaling): rungs_of(run, settings, field, line_up.children, name, scaling, progress)
              for name in settings.problem_sets for scaling in settings.scalings}
     return [Unit(run.path.resolve(), settings, problem, scaling, repeat,
                  (Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, (Tier.DEFAULT,), repeat=repeat),
-                  *tasks_of(settings, field, found[problem.set_name, scaling], problem, scaling, repeat, i % PICTURED == 0)))
+                  *tasks_of(settings, field, found[problem.set_name, scaling], problem, scaling, repeat, i % apart == 0)))
             for repeat in range(settings.repeats) for i, problem in enumerate(problems) for scaling in settings.scalings]
 
 
