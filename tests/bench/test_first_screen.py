@@ -51,6 +51,10 @@ def test_a_problem_whose_cost_a_double_does_not_resolve_to_the_tier_is_named() -
     assert note.startswith("On steep a cost gap of 1e-9 is 4.0e-16 of |V*|,")
 
 
+def test_a_race_to_one_accuracy_names_its_fastest_without_saying_at_which(rows: pd.DataFrame) -> None:
+    assert re.search(r"; fastest \w+† \(\w+\) with [\d.]+ µs", verdict(rows[rows.tier == Tier.HIGH])[0])
+
+
 def test_our_own_solvers_are_marked_in_every_table(shown: tuple[list[str], str]) -> None:
     lines, report = shown
     for line in [*lines, *report.splitlines()]:

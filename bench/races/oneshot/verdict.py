@@ -49,7 +49,7 @@ def _fastest(lines: Sequence[Line], targets: Sequence[Tier]) -> str:
             won.setdefault(f"{best.name} ({best.lane})", {})[tier] = best.results[tier].us
     if len(won) == 1 and len(next(iter(won.values()))) == len(targets):
         ((name, us),) = won.items()
-        return f"{'at every accuracy' if len(targets) > 1 else ''}: {name} with {_times([*us.values()])}"
+        return f"{'at every accuracy: ' if len(targets) > 1 else ''}{name} with {_times([*us.values()])}"
     return joined(f"to {joined(ASKED.get(tier, '1e-3') for tier in us)}: {name} with {_times([*us.values()])}"
                   for name, us in won.items()) if won else ""
 
