@@ -17,6 +17,7 @@ $(VENV)/.field: EXTRAS := bench,field,copyleft
 $(VENV)/.dev:   EXTRAS := bench,field,copyleft,heavy,commercial,codegen,ecosystem,dask,formats,docs,dev
 $(VENV)/.docs:  EXTRAS := docs
 $(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
+	@echo "installing $(EXTRAS) into $(VENV)"
 	@if command -v uv >/dev/null 2>&1; then \
 	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \
 	  uv pip install --quiet --compile-bytecode --python $(BIN)/python -c constraints.txt -e '.[$(EXTRAS)]'; \

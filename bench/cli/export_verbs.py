@@ -77,7 +77,7 @@ def export_c_verb(
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
     what = {"compensator": "the compensator", "learning": f"the self-learning loop with {settings.solver}"}[settings.part]
-    console.print(f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; README.md says what is where and its memory.")
+    console.print(f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, the calls and the memory.")
     console.print(f"Source: {folder}; make -C {folder} run builds and runs the example.")
 
 

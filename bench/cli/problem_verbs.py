@@ -85,7 +85,7 @@ def problems_verb(
 
 
 def _count(cls: type[ProblemSet]) -> str:
-    return f"needs --{', --'.join(cls.needs)}" if cls.needs else str(len(cls()))
+    return "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs) if cls.needs else str(len(cls()))
 
 
 def _chosen(problem_set: str | None, source: Path | None, seed: int, options: Mapping[str, str],

@@ -27,7 +27,7 @@ def write(path: Path, name: str, review: Review, orders: OrderSelection | None =
         Figure("loops", "Loops, measured and modelled", "Output against input over the counted part of the recording.",
                *_loops(review, *units)),
         Figure("error", "Error over time", "Measured minus modelled output, lowest and highest of each stretch of time. A "
-               "grey part at the start is not counted.",
+               "grey part at the start is not counted, and cut off where it is larger than twice the largest error that is.",
                *_error(review, units[1])),
         Figure("weights", "Weights", "In unit amplitudes with w_H0 = 1. Bars are 95 % intervals, corrected for the memory of the "
                "residual; a weight without one stands at its bound or was never reached. Excitation is the RMS of the operator's "
@@ -67,8 +67,11 @@ def _error(review: Review, unit: str) -> tuple[pd.DataFrame, list[alt.TopLevelMi
     edges = np.unique(np.linspace(0, e.size, min(e.size, POINTS // 2) + 1).astype(int))
     table = pd.DataFrame({"time_s": edges[:-1] * review.model.structure.sample_time, "lowest": np.minimum.reduceat(e, edges[:-1]),
                           "highest": np.maximum.reduceat(e, edges[:-1]), "counted": edges[:-1] >= review.skipped})
-    plot = alt.Chart(charts.data(table)).mark_rule(strokeWidth=1.5, strokeCap="round").encode(
-        x=alt.X("time_s:Q", title="time, s"), y=alt.Y("lowest:Q", title=f"error, {unit}"), y2="highest:Q",
+    end = 2.0 * np.abs(e[review.skipped:]).max()  # a transient would leave a flat line of the rest
+    lowest, highest = max(e.min(), -end), min(e.max(), end)
+    plot = alt.Chart(charts.data(table)).mark_rule(strokeWidth=1.5, strokeCap="round", clip=True).encode(
+        x=alt.X("time_s:Q", title="time, s"), y2="highest:Q",
+        y=alt.Y("lowest:Q", title=f"error, {unit}", scale=alt.Scale(domain=[lowest, highest])),
         color=alt.Color("counted:N", scale=alt.Scale(domain=[True, False], range=[BLUE, "#999999"]),
                         legend=alt.Legend(title=None, labelExpr="datum.value ? 'counted' : 'not counted'")))
     return table, [charts.finished(plot, None, 260)]

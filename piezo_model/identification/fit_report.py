@@ -185,8 +185,8 @@ class FitReport:
 
 
 def _offset_sentence(offset: Offset, unit: str) -> str:
-    return (f"The sensor has an offset of {quantity(offset.value, unit, 3)} at the input of S; without a free constant the error at "
-            f"the input would be {percent(offset.error_without_offset_percent)} RMS instead of {percent(offset.error_percent)}.")
+    return (f"The sensor has an offset of {quantity(offset.value, unit, 3)}, seen at the input; a model without it would err there by "
+            f"{percent(offset.error_without_offset_percent)} RMS instead of {percent(offset.error_percent)}.")
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
