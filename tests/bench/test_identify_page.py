@@ -9,6 +9,7 @@ import pytest
 from browser import Browser
 from command_line import CommandLine
 
+from bench.report import recording_page
 from piezo_model import HysteresisCreepModel, IdentificationError, ModelStructure, Recording, identify, plants
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.order_selection import select_order
@@ -59,6 +60,22 @@ def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, des
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
     for link in browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))"):
         assert (desk / link.replace("%20", " ")).is_file()
+
+
+def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(browser: Browser, tmp_path: Path) -> None:
+    x, y = signals()
+    y[:40] += 30.0 * np.exp(-np.arange(40) / 10)
+    measured = recording(x, y)
+    found = review(measured, identify(measured, n=3, m=1))
+    assert found.skipped
+    assert np.abs(found.error).max() > 5.0 * np.abs(found.error[found.skipped:]).max()
+    browser.open(recording_page.write(tmp_path / "page.html", "stage.csv", found))
+    share = browser.run("""
+        const plot = document.querySelector('#error svg');
+        const rules = [...plot.querySelectorAll('.mark-rule.role-mark line')].slice(arguments[0]).map(rule => rule.getBoundingClientRect());
+        return (Math.max(...rules.map(r => r.bottom)) - Math.min(...rules.map(r => r.top))) / plot.getBoundingClientRect().height;
+    """, found.skipped)  # no more stretches than samples are left out
+    assert 0.3 < share < 1.0
 
 
 def test_the_order_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:
