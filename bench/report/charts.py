@@ -42,7 +42,8 @@ CONFIG: dict[str, Any] = {
     "background": "transparent", "font": "system-ui, sans-serif", "view": {"stroke": None},
     "axis": {"labelColor": INK, "titleColor": INK, "domainColor": INK, "tickColor": INK, "gridColor": INK,
              "gridOpacity": 0.12, "titleFontWeight": "normal", "labelFontSize": 11, "titleFontSize": 12},
-    "legend": {"labelColor": INK, "titleColor": INK, "orient": "top", "title": None, "labelFontSize": 12, "symbolSize": 80},
+    "legend": {"labelColor": INK, "titleColor": INK, "orient": "top", "title": None, "labelFontSize": 12, "symbolSize": 80,
+               "columns": 4},
     "header": {"labelColor": INK, "titleColor": INK}, "title": {"color": INK},
     "text": {"color": INK, "fontSize": 11}, "rule": {"color": INK}}
 
@@ -138,8 +139,10 @@ def log(field: str, title: str, values: pd.Series, power_of_ten: bool = False) -
     low, high = (float(known.min()), float(known.max())) if len(known) else (1.0, 10.0)
     first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
     steps, every = ((1, 2, 5), 1) if last - first <= 3 else ((1,), 1 + (last - first) // 12)
-    axis = alt.Axis(values=[step * 10.0**k for k in range(first, last + 1, every) for step in steps], labelOverlap=True,
-                    format=".0e" if power_of_ten else "~s" if last - first > 5 else "~g")
+    lines = [step * 10.0**k for k in range(first, last + 1, every) for step in steps]
+    axis = alt.Axis(values=lines, labelOverlap=True, format=".0e" if power_of_ten else "~s" if last - first > 5 else "~g")
+    if sum(low <= line <= high for line in lines) < 2:  # too short a stretch for these
+        axis = alt.Axis(labelOverlap=True, format="~g")
     return {"shorthand": f"{field}:Q", "scale": alt.Scale(type="log", nice=False, padding=8), "title": title, "axis": axis}
 
 

@@ -1,9 +1,11 @@
 """The report's page as a reader meets it: in a real browser, from disk."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
+import altair as alt
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +15,7 @@ from conftest import Race
 from bench.races.oneshot import figures, plot_data
 from bench.races.oneshot.verdict import verdict
 from bench.races.registry import kind_of
-from bench.report import charts
+from bench.report import charts, svg
 from bench.report.words import marked
 from bench.store import Run
 from solvers import Status
@@ -223,3 +225,12 @@ def test_only_what_no_other_beats_is_on_the_front() -> None:
 def test_what_is_not_finite_is_null_in_a_plot() -> None:
     values = json.loads(charts.data(pd.DataFrame({"a": [1.0, np.nan, np.inf]})).to_dict()["values"])
     assert [value["a"] for value in values] == [1.0, None, None]
+
+
+@pytest.mark.parametrize("values", [(0.134, 0.169), (0.9, 1.1), (1e-9, 1.2e-9), (0.1, 3.0)])
+def test_a_logarithmic_axis_has_labels_however_short_it_is(values: tuple[float, float]) -> None:
+    table = pd.DataFrame({"error": values, "solver": ["one", "other"]})
+    axis = alt.X(**charts.log("error", "error", table.error))
+    drawn = svg.text([alt.Chart(charts.data(table)).mark_point().encode(x=axis, y="solver:N")])
+    labels = re.findall(r">(\d[\d.]*(?:e.\d+)?)</text>", drawn)
+    assert len(set(labels)) > 1
