@@ -42,7 +42,7 @@ def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(stage
 def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(stage)
     (block,) = blocks("python")
-    names: dict[str, object] = {"y_ref": np.linspace(-10.0, 10.0, 100)}
+    names: dict[str, object] = {}
     exec(compile(block, "README.md", "exec"), names)
     assert re.match(r".* % with a line, .* % with this model: RMS error", capsys.readouterr().out)
     assert np.all(np.isfinite(names["drive"]))
