@@ -20,7 +20,7 @@ from bench.races import null_solver
 from bench.races.oneshot import report
 from bench.races.oneshot.blocks import timed
 from bench.races.oneshot.rows import over_repeats
-from bench.races.oneshot.turns import take_turns
+from bench.races.oneshot.turns import LONGEST_US, take_turns
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Status, Tier, find
@@ -86,7 +86,7 @@ def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_the_exact_tier(
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
-    quick = rows[((rows.tier == "high") | (rows.solver == "null")) & (rows.update_us + rows.solve_us_p50 <= 3000.0)]
+    quick = rows[((rows.tier == "high") | (rows.solver == "null")) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
     assert set(turns.index) == set(quick.index)
     assert set(rows.index[rows.interleaved_us_p50.notna()]) == set(quick.index)
     for task, ns in turns.items():
