@@ -176,7 +176,7 @@ class Run:
 
     def discard(self) -> None:
         """Remove the folder, unless a task of it is done."""
-        if not any((self.path / "tasks").glob("[!.]*.npz")):
+        if not self._done():
             shutil.rmtree(self.path)
 
     @contextmanager
@@ -215,6 +215,10 @@ class Run:
         except ProblemFileError as error:
             raise RunError(f"{error}; remove the file and resume the run, and it is made again") from None
 
+    def _done(self) -> list[Path]:
+        """The files of the tasks that are done; an interrupted write leaves a hidden one."""
+        return sorted((self.path / "tasks").glob("[!.]*.npz"))
+
     def is_done(self, task: Task) -> bool:
         """Whether the task's row is on disk, and whole."""
         return zipfile.is_zipfile(self._task_path(task))
@@ -252,7 +256,7 @@ class Run:
     def finish(self, schema: Schema) -> None:
         """Gather the tasks into tables; the single files go only after the tables are whole, and all at once."""
         rows, times = [], []
-        for path in sorted((self.path / "tasks").glob("[!.]*.npz")):  # an interrupted write leaves a hidden file
+        for path in self._done():
             with _opened(path) as data:
                 some = _rows(data)
                 rows += some

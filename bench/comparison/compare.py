@@ -84,10 +84,10 @@ class RunComparison:
     @property
     def cannot_tell(self) -> bool:
         """Whether a change of times that matters may have gone unseen."""
-        untimed = self._untimed
+        untimed, timed = self._untimed, self.rows[self.rows.ratio.notna()]
         right = untimed[(untimed.status_a == Status.OK) & (untimed.status_b == Status.OK)]
-        lanes = [set(part[["solver", "lane"]].itertuples(index=False, name=None)) for part in (right, self.rows[self.rows.ratio.notna()])]
-        return bool(self.doubts or self.times.lanes(CANNOT_TELL) or lanes[0] - lanes[1])  # a row more or less does not hide a lane
+        hidden = set(zip(right.solver, right.lane, strict=True)) - set(zip(timed.solver, timed.lane, strict=True))
+        return bool(self.doubts or self.times.lanes(CANNOT_TELL) or hidden)
 
     @property
     def _untimed(self) -> pd.DataFrame:

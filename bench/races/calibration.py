@@ -169,7 +169,7 @@ def _calibrated(settings: RaceSettings, field: Sequence[Described], children: Ma
         targets = [tier for tier in tiers_of(settings, solver.lane, scaling) if tier in TARGETS]
         if solver.lane not in SEARCHED and twin in known:
             targets = []  # it takes what the direct lane finds, below
-        if len(solver.ladder) == 1:
+        if not targets or len(solver.ladder) == 1:
             found[who] = {tier: Found(0, True) for tier in targets}
             continue
         by_set: list[dict[Tier, Found]] = []

@@ -67,4 +67,4 @@ def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], Solver
         chance.shuffle(ready)
         data = fresh.unseen(1)
         ready = [task for task in ready if not tallies[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure]
-    return [(task, tallies[task.key]) for task in tasks if task in ready and rounds]
+    return [(task, tallies[task.key]) for task in tasks if task in ready]

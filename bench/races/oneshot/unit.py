@@ -55,6 +55,11 @@ class Unit:
         return f"{self.problem.set_name}--{self.problem.name}--{self.scaling}--{self.repeat}"
 
     @property
+    def turning(self) -> list[Task]:
+        """Tasks that take turns if they are quick."""
+        return most_exact(self.tasks) if self.settings.rounds else []
+
+    @property
     def folders(self) -> tuple[str, ...]:
         """What solvers must not look into."""
         return watched_folders(Run(self.run))
@@ -78,7 +83,7 @@ class Unit:
 def _hot(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tell: Tell) -> list[Row]:
     """One task after the other; returns the first row of each."""
     rows, effort = [], unit.settings.effort
-    kept = most_exact(unit.tasks) if unit.settings.rounds else []
+    kept = unit.turning
     idle = line_up.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
     for task in unit.tasks:
         tell(task)
@@ -99,7 +104,7 @@ def _in_turns(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, rows: Seq
     """Rounds of those that are quick, whose figures are added to the tasks on disk."""
     form, settings = unit.problem.forms[unit.scaling], unit.settings
     quick = {task.key for task, row in zip(unit.tasks, rows, strict=True) if row["update_us"] + row["solve_us_p50"] <= LONGEST_US}
-    for task, tally in take_turns([task for task in most_exact(unit.tasks) if task.key in quick], line_up.children, form, fresh,
+    for task, tally in take_turns([task for task in unit.turning if task.key in quick], line_up.children, form, fresh,
                                   settings.rounds, f"{settings.seed} {unit.name}"):
         ours, times = run.task(task)
         turns = {"interleaved_update": np.concatenate(tally.updates), "interleaved_solve": np.concatenate(tally.solves)}
