@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
+from programs import program
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -37,16 +37,14 @@ class Browser:
     """One browser with a user of its own."""
 
     def __init__(self) -> None:
-        programs = [shutil.which(name) for name in ("chromium", "chromedriver")]
-        if None in programs:
-            pytest.fail("Chromium is missing, and these tests look at pages with it: apt-get install chromium chromium-driver")
+        chromium, driver = program("chromium"), program("chromedriver")
         self.profile = tempfile.mkdtemp(prefix="chromium-")
         options = Options()
-        options.binary_location = str(programs[0])
+        options.binary_location = chromium
         for flag in (*FLAGS, f"--user-data-dir={self.profile}"):
             options.add_argument(flag)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-        self.driver = webdriver.Chrome(options=options, service=Service(str(programs[1])))
+        self.driver = webdriver.Chrome(options=options, service=Service(driver))
 
     def open(self, page: Path | str, width: str = "desktop", dark: bool = False) -> None:
         """Open a page from disk, or at an address, and wait until its plots are drawn."""

@@ -10,6 +10,7 @@ from browser import Browser
 from command_line import CommandLine
 from figures import Figures
 from hypothesis import settings
+from programs import program
 
 # The tests start hundreds of processes, each of which would compile every module of ours again.
 sys.dont_write_bytecode = False
@@ -51,6 +52,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Let the longest groups begin."""
     if hasattr(config, "workerinput"):
         items.sort(key=lambda item: next((i for i, group in enumerate(LONGEST) if group == group_of(item.nodeid)), len(LONGEST)))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what is marked as needing a program that is not there, before anything is made for it."""
+    for mark in item.iter_markers("needs"):
+        for name in mark.args:
+            program(name)
 
 
 @pytest.fixture(scope="session")

@@ -48,6 +48,7 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, c
     assert np.all(np.isfinite(names["drive"]))
 
 
+@pytest.mark.needs("cc")
 def test_the_commands_from_a_race_to_a_controller_work_as_they_stand(stage: Path, piezobench: CommandLine) -> None:
     shutil.copytree(ROOT / "results" / "reference", stage / "results" / "reference")
     documents.call(["piezobench", "identify", "stage.csv", "--out", "model.json"], stage, piezobench)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from command_line import CommandLine
 
 from bench.races.oneshot.rows import ONESHOT
@@ -11,6 +12,7 @@ from bench.store import Run
 from solvers import Lane
 
 
+@pytest.mark.needs("gcc")
 def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine, tmp_path: Path) -> None:
     done = piezobench("race", "--lane", "codegen", "--solver", "box_active_set", "--solver", "osqp", "--set", "paper", "--limit", 1, "--tier", "high",
                       "--scaling", "scaled", "--budget", 0.002, "--rounds", 3, "--out", tmp_path, "--name", "run")

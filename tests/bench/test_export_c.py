@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from exported_loops import LIMITS, MILLION, SHORT, Told, a_model, compensation, learning, references, single
+from programs import program
 
 from bench.export import numbers
 from bench.export.building import EXACT, WARNINGS, Replay, build, replay, tool, write_sources
@@ -44,7 +45,7 @@ def told(kind: str, size: int = SHORT) -> Told:
 def built(folder: Path, said: Told, compiler: str, *flags: str) -> Path:
     """The replay program, without a warning."""
     write_sources(folder, said.model, said.settings)
-    return build(folder, "replay", tool(compiler), (*WARNINGS, *EXACT, *flags))
+    return build(folder, "replay", program(compiler), (*WARNINGS, *EXACT, *flags))
 
 
 def difference(said: Told, x: np.ndarray) -> float:
@@ -98,8 +99,8 @@ def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(t
     for model, sign, name in ((rising, 1.0, "rising"), (falling, -1.0, "falling")):
         (tmp_path / name).mkdir()
         write_sources(tmp_path / name, model, ExportSettings())
-        program = build(tmp_path / name, "replay", tool("gcc"), (*WARNINGS, *EXACT, "-O2"))
-        drives += [Compensator(model, x_limits=(x.min(), x.max())).run(sign * y_ref), replay(program, sign * y_ref).x]
+        replaying = build(tmp_path / name, "replay", program("gcc"), (*WARNINGS, *EXACT, "-O2"))
+        drives += [Compensator(model, x_limits=(x.min(), x.max())).run(sign * y_ref), replay(replaying, sign * y_ref).x]
         np.testing.assert_array_equal(sign * model.simulate(x), rising.simulate(x))
     np.testing.assert_array_equal(drives[2], drives[0])
     np.testing.assert_array_equal(drives[3], drives[1])
@@ -132,7 +133,7 @@ def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
     loop = {} if solver is None else {"part": "learning", "solver": solver}
     samples = np.column_stack([y_ref, 0.9 * np.roll(y_ref, 1)]) if loop else y_ref
     write_sources(tmp_path, model, ExportSettings(**{**settings, **loop, "name": "piezo"}, precision=precision))
-    found = replay(build(tmp_path, "replay", tool("gcc"), (*WARNINGS, *EXACT, "-O0", *SANITIZED)), samples)
+    found = replay(build(tmp_path, "replay", program("gcc"), (*WARNINGS, *EXACT, "-O0", *SANITIZED)), samples)
     if not loop and precision == "double":
         np.testing.assert_array_equal(found.x, Compensator(model, (0.0, 150.0), settings.get("rate_limit")).run(y_ref))
 
@@ -196,7 +197,7 @@ def test_models_states_and_limits_can_be_set_and_two_axes_do_not_meet(tmp_path: 
     weights = ", ".join(numbers.initialiser(w) for w in (other.w_H, other.w_S_inverse, other.w_K)) + ", 0.0"
     fade = numbers.literal(np.exp(-model.structure.sample_time / fade_s))
     (tmp_path / "program.c").write_text(PROGRAM.replace("WEIGHTS", weights).replace("FADE", fade))
-    subprocess.run([tool("gcc"), *WARNINGS, *EXACT, "-O1", *SANITIZED, "program.c", "piezo.c", "-o", "program", "-lm"],
+    subprocess.run([program("gcc"), *WARNINGS, *EXACT, "-O1", *SANITIZED, "program.c", "piezo.c", "-o", "program", "-lm"],
                    cwd=tmp_path, check=True)
     done = subprocess.run([tmp_path / "program"], input="\n".join(map(repr, y_ref.tolist())), capture_output=True, text=True,
                           check=True)
@@ -219,7 +220,7 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the
         write_sources(tmp_path, a_model(), ExportSettings(part="learning", solver=solver))
         deepest = 0
         for unit in ("piezo", "piezo_learner"):
-            subprocess.run([tool("gcc"), *WARNINGS, "-O2", "-fno-math-errno", "-fstack-usage", "-fcallgraph-info", "-c", f"{unit}.c"],
+            subprocess.run([program("gcc"), *WARNINGS, "-O2", "-fno-math-errno", "-fstack-usage", "-fcallgraph-info", "-c", f"{unit}.c"],
                            cwd=tmp_path, check=True)
             graph = TopologicalSorter[str]()
             calls = re.findall(r'edge: \{ sourcename: "(?:[^"]*:)?(.*?)" targetname: "(?:[^"]*:)?(.*?)"', (tmp_path / f"{unit}.ci").read_text())
@@ -227,7 +228,7 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the
                 graph.add(caller, called)
             order = list(graph.static_order())  # CycleError where a function calls itself, however indirectly
             assert len(order) > 10
-            symbols = subprocess.run([tool("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+            symbols = subprocess.run([program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
             needed = set(re.findall(r" U (\w+)", symbols))
             assert {name for name in needed if not name.startswith("piezo_")} <= {"memcpy", "memmove", "memset", "sqrt", "__stack_chk_fail",
                                                                                   "_GLOBAL_OFFSET_TABLE_"}
@@ -268,6 +269,7 @@ def made(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([tool("make"), "-C", str(folder), *words], capture_output=True, text=True, check=True)
 
 
+@pytest.mark.needs("cc")
 def test_one_line_leads_from_a_recording_to_a_program_that_runs(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     call = piezobench("identify", "stage.csv", "--out", tmp_path / "m.json", folder=desk)
     assert call.status == 0, call.stderr
@@ -278,6 +280,7 @@ def test_one_line_leads_from_a_recording_to_a_program_that_runs(piezobench: Comm
     assert "8000 samples" in done.stderr
 
 
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("words", [(), ("--part", "learning"), ("--part", "learning", "--solver", "recursive_active_set"),
                                    ("--name", "stage_x", "--low", 5, "--high", 100, "--rate-limit", 1000)], ids=str)
 def test_the_example_takes_references_from_standard_input(piezobench: CommandLine, desk: Path, tmp_path: Path,
@@ -294,10 +297,11 @@ def test_the_example_takes_references_from_standard_input(piezobench: CommandLin
     assert len(refused.stderr.splitlines()) == 1
 
 
+@pytest.mark.needs("cmake", "cc")
 def test_cmake_builds_it_too(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     assert piezobench("export-c", "model.json", tmp_path / "c", folder=desk).status == 0
     for words in (["-S", "c", "-B", "build"], ["--build", "build"]):
-        subprocess.run([tool("cmake"), *words], cwd=tmp_path, capture_output=True, check=True)
+        subprocess.run([program("cmake"), *words], cwd=tmp_path, capture_output=True, check=True)
     assert subprocess.run([tmp_path / "build" / "example"], capture_output=True, check=True).stdout
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from exported_loops import LIMITS, SAMPLE_TIME, a_model
+from programs import program
 
-from bench.export.building import tool
 from bench.export.fmu import variables, write_fmu
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import Compensator
@@ -32,6 +32,7 @@ VERSIONS = (2, 3)
 @pytest.fixture(scope="module")
 def fmus(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     """The FMUs that the command line makes, and the model that they come from."""
+    program("cc")
     folder = tmp_path_factory.mktemp("fmus")
     a_model().save(folder / "model.json")
     for fmi in VERSIONS:
@@ -95,6 +96,7 @@ def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: in
         assert x.max() == (limits if start else LIMITS)[1]
 
 
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, fmi: int) -> None:
     gain, y_ref = 0.4 / SAMPLE_TIME, reference()[:400]
@@ -110,6 +112,7 @@ def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, f
     it.freeInstance()
 
 
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path, fmi: int) -> None:
     model, y_ref = a_model(), reference()[:500]
@@ -172,7 +175,7 @@ def test_its_sources_build_the_same_library_again(fmus: dict[int, Path], fmi: in
     description = ET.parse(tmp_path / ("modelDescription.xml" if fmi == 2 else "sources/buildDescription.xml"))
     names = [str(each.get("name")) for each in description.iter("File" if fmi == 2 else "SourceFile")]
     assert len(names) == 2
-    subprocess.run([tool("gcc"), "-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", *names, "-o", "again.so", "-lm"],
+    subprocess.run([program("gcc"), "-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", *names, "-o", "again.so", "-lm"],
                    cwd=tmp_path / "sources", check=True)
     for binary in (tmp_path / "binaries").rglob("*.so"):
         binary.write_bytes((tmp_path / "sources" / "again.so").read_bytes())
@@ -197,6 +200,7 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
     assert token(fmus[3]) == token(tmp_path / "same.fmu") != token(tmp_path / "other.fmu")
 
 
+@pytest.mark.needs("cc")
 def test_the_file_of_deploy_brings_its_limits(piezobench: CommandLine, tmp_path: Path) -> None:
     Deployment(model=a_model(), solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic",
                x_limits=(10.0, 120.0)).save(tmp_path / "compensator.json")

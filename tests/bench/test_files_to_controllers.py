@@ -38,6 +38,7 @@ def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_fil
     np.testing.assert_allclose(kept.weights, clean.weights, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.needs("cc")
 def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(piezobench: CommandLine, tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed; it is part of the extra dev")
     t = np.arange(8000) * SAMPLE_TIME

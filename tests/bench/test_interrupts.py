@@ -60,7 +60,7 @@ def words_of(verb: str, folder: Path) -> tuple[object, ...]:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("verb", ["report", "export-c", "export-fmu", "identify"])
+@pytest.mark.parametrize("verb", ["report", "export-c", pytest.param("export-fmu", marks=pytest.mark.needs("cc")), "identify"])
 def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_process(
         piezobench: CommandLine, clean_race: Race, tmp_path: Path, verb: str) -> None:
     x = 5.0 + 4.0 * np.sin(np.arange(4000) / 200.0) * np.linspace(1.0, 0.5, 4000)

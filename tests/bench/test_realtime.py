@@ -3,7 +3,6 @@
 import json
 import os
 import resource
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -11,9 +10,10 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from exported_loops import LIMITS, a_model, compensation
+from programs import program
 
 from bench.export import building, cortex_m
-from bench.export.building import instructions_per_step, tool, write_sources
+from bench.export.building import instructions_per_step, write_sources
 from bench.export.cortex_m import CORES, controller_cost, cross_build, emulate, instructions
 from bench.export.realtime import RealTime, highest, histogram
 from bench.export.settings import ExportError, ExportSettings
@@ -23,8 +23,7 @@ from piezo_model import HysteresisCreepModel
 LOOP = ExportSettings(part="learning", solver="recursive_active_set")
 NOBODY = 65534
 
-needs_arm = pytest.mark.skipif(not (shutil.which(cortex_m.COMPILER) and shutil.which(cortex_m.EMULATOR)),
-                               reason="the cross compiler gcc-arm-none-eabi or the emulator qemu-user is not installed")
+needs_arm = pytest.mark.needs(cortex_m.COMPILER, cortex_m.EMULATOR)
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +36,7 @@ def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # The schedule.
 
 
+@pytest.mark.needs("cc")
 def test_a_run_is_told_in_tables_and_in_json(piezobench: CommandLine, model_file: Path, tmp_path: Path) -> None:
     words = ("realtime", model_file, "--rate", 2000, "--seconds", 0.3, "--no-cost")
     shown = piezobench(*words, "--out", tmp_path / "figures.json")
@@ -56,6 +56,7 @@ def test_a_run_is_told_in_tables_and_in_json(piezobench: CommandLine, model_file
             assert tail["p99.99"] is None  # 600 samples cannot support it
 
 
+@pytest.mark.needs("cc")
 def test_a_paced_run_has_a_response_no_shorter_than_its_service() -> None:
     with RealTime(a_model(), LOOP, priority=0) as machine:
         paced, null = machine.run(1000.0, 0.1), machine.run(1000.0, 0.1, null=True)
@@ -68,6 +69,7 @@ def test_a_paced_run_has_a_response_no_shorter_than_its_service() -> None:
     assert sum(histogram(paced.response_ns).values()) == 100
 
 
+@pytest.mark.needs("cc")
 def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
     with RealTime(a_model(20, 9), LOOP) as machine:
         hurried = machine.run(1e6, 0.02)
@@ -77,13 +79,13 @@ def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
 
 def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
     write_sources(tmp_path, a_model(), ExportSettings())
-    program = building.build(tmp_path, "realtime", tool("gcc"), ("-O2",))
+    built = building.build(tmp_path, "realtime", program("gcc"), ("-O2",))
 
     def without_rights() -> None:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
         resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 
-    descriptor = os.open(program, os.O_RDONLY)  # whoever it runs as need not see the folder
+    descriptor = os.open(built, os.O_RDONLY)  # whoever it runs as need not see the folder
     try:
         done = subprocess.run([f"/proc/self/fd/{descriptor}", "1000", "0.05", "80", "4000", "/dev/null"], pass_fds=[descriptor],
                               user=NOBODY if os.geteuid() == 0 else None, preexec_fn=without_rights, capture_output=True, text=True,
@@ -122,10 +124,11 @@ def test_bad_input_is_refused_in_one_sentence(piezobench: CommandLine, model_fil
 # What a step costs.
 
 
+@pytest.mark.needs("valgrind")
 def test_callgrind_counts_the_instructions_of_a_step(tmp_path: Path) -> None:
     write_sources(tmp_path, a_model(), ExportSettings())
-    program = building.build(tmp_path, "replay", tool("gcc"), building.COUNTABLE)
-    few, more = (instructions_per_step(program, np.linspace(-5.0, 5.0, count)) for count in (1000, 2000))
+    built = building.build(tmp_path, "replay", program("gcc"), building.COUNTABLE)
+    few, more = (instructions_per_step(built, np.linspace(-5.0, 5.0, count)) for count in (1000, 2000))
     assert 100.0 < few < 1000.0
     assert few == pytest.approx(more, rel=0.02)
 
@@ -139,7 +142,7 @@ def test_a_shortened_cycle_keeps_its_proportions_and_its_reset() -> None:
 def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
         piezobench: CommandLine, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("gcc", "as", "ld"):
-        (tmp_path / name).symlink_to(tool(name))
+        (tmp_path / name).symlink_to(program(name))
     monkeypatch.setenv("PATH", str(tmp_path))
     cost = step_cost(a_model(), ExportSettings(), repetitions=1)
     assert cost.ns > 0.0
@@ -172,7 +175,7 @@ def test_a_controller_learns_to_the_last_bit_what_this_machine_learns(tmp_path: 
     settings = shortened(model, ExportSettings(part="learning", solver=solver), 800)
     samples = loop_samples(a_model(seed=4), settings, 1800)
     write_sources(tmp_path, model, settings)
-    here = building.replay(building.build(tmp_path, "replay", tool("gcc"), (*building.EXACT, "-O2")), samples)
+    here = building.replay(building.build(tmp_path, "replay", program("gcc"), (*building.EXACT, "-O2")), samples)
     assert here.events[0] + here.events[1] > 0  # weights were learned and judged
     np.testing.assert_array_equal(emulate(cross_build(tmp_path, model, settings, CORES[1]), samples), here.x)
 

@@ -30,6 +30,7 @@ UNITS = (('V\\n", k, lowest, highest); int system(const char *); system({touch})
 """Units that end a comment, a string and an attribute, and name signs that formats, C and XML do not take as they are."""
 
 
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize(("unit", "output_unit"), UNITS)
 def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLine, tmp_path: Path, unit: str,
                                                                output_unit: str) -> None:

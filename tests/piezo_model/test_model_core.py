@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import program
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, ModelStructure, core
 from piezo_model.core import face
@@ -74,14 +75,14 @@ def test_the_sources_compile_without_a_warning(compiler: str, options: list[str]
     """Those of clang and of the one header that asks for the instruction set come before optimisation; gcc has more of them after it."""
     files = ALGORITHMS if "-DCORE_FLOAT" in options else OWN
     words = [f'-D{name}="x"' for name in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
-    done = subprocess.run([compiler, *WARNINGS, "-c", *options, *words, *INCLUDES, *map(str, files)], capture_output=True,
+    done = subprocess.run([program(compiler), *WARNINGS, "-c", *options, *words, *INCLUDES, *map(str, files)], capture_output=True,
                           text=True, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_and_sqrt(tmp_path: Path) -> None:
-    subprocess.run(["gcc", "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
-    said = subprocess.run(["nm", *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
+    subprocess.run([program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
+    said = subprocess.run([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
     wanted = set(re.findall(r" U (\w+)", said.stdout)) - set(re.findall(r" T (\w+)", said.stdout)) - {"_GLOBAL_OFFSET_TABLE_"}
     assert wanted <= {"memcpy", "memset", "sqrt"}
     assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
@@ -104,15 +105,15 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
             face.compensator_hand_over(compensator._core.block, compensator._core["weights"].copy())
     expected = drive.tobytes() + basis._core.block.tobytes() + compensator._core.block.tobytes()
 
-    source, program = tmp_path / "main.c", tmp_path / "program"
+    source, target = tmp_path / "main.c", tmp_path / "program"
     source.write_text(MAIN, encoding="utf-8")
     words = [f"-DSAMPLES={samples}", f"-DSIZES={','.join(map(str, sizes))}"]
     sets = [f"-march=x86-64-v{level}" for level in range(2, solvers_face.processor_level() + 1)] or ["-DCORE_PLAIN"]
     for options in [["-O0", sets[-1]], ["-O1", sets[-1], SHAPE], *(["-O2", each] for each in sets), ["-O3", sets[-1], SHAPE],
                     ["-O3", "-DCORE_PLAIN"]]:
-        subprocess.run([compiler, "-std=c11", "-ffp-contract=off", *options, *words, *INCLUDES, str(source), *map(str, ALGORITHMS),
-                        "-o", str(program), "-lm"], check=True)
-        got = subprocess.run([program], input=given, stdout=subprocess.PIPE, check=True).stdout
+        subprocess.run([program(compiler), "-std=c11", "-ffp-contract=off", *options, *words, *INCLUDES, str(source), *map(str, ALGORITHMS),
+                        "-o", str(target), "-lm"], check=True)
+        got = subprocess.run([target], input=given, stdout=subprocess.PIPE, check=True).stdout
         assert got == expected, options
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answered_pairs import asking, pair
+from programs import program
 from qpsolvers import Problem
 
 import solvers
@@ -31,6 +32,7 @@ PAIR = pair("mixed", 8, seed=16)
 
 
 def make(name: str, **settings: Any) -> Solver:
+    program("gcc")
     entry = Entry(name, Lane.CODEGEN, f"solvers.codegen.{name}")
     if absent := describe(entry).absent:
         pytest.skip(f"{name} is absent: {absent}")
@@ -158,6 +160,7 @@ def test_our_c_takes_the_steps_of_our_kernel() -> None:
     assert (ready("projected_difference", steps=20).solve() == kernel.solve()).all()
 
 
+@pytest.mark.needs("gcc")
 @pytest.mark.parametrize("name", OURS)
 def test_our_c_is_plain_c99_without_a_warning(name: str, tmp_path: Path) -> None:
     from solvers.codegen._build import COMPILER
@@ -196,6 +199,7 @@ def test_a_setting_or_a_number_that_makes_no_sense_is_refused() -> None:
         ready("box_active_set").update(q=np.full(8, np.nan))
 
 
+@pytest.mark.needs("gcc")
 def test_c_that_does_not_compile_is_said_in_one_sentence() -> None:
     from solvers.codegen._build import BuildError, Sources, library
 
@@ -207,6 +211,7 @@ def test_c_that_does_not_compile_is_said_in_one_sentence() -> None:
         library([b"broken"], generate)
 
 
+@pytest.mark.needs("gcc")
 def test_no_library_is_loaded_from_a_folder_that_others_can_write_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from solvers.codegen._build import BuildError
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import lacking, program
 
 from solvers import core
 from solvers.core import block, compile_core, face
@@ -30,14 +31,15 @@ HEADERS = [path for path in (sysconfig.get_path("include"), "/usr/include/python
 def compiled(folder, text, *options, compiler="gcc"):
     source = folder / "check.c"
     source.write_text(text, encoding="utf-8")
-    program = folder / "check"
-    done = subprocess.run([compiler, f"-I{FOLDER}", *options, str(source), "-o", str(program)], capture_output=True, text=True)
+    target = folder / "check"
+    done = subprocess.run([program(compiler), f"-I{FOLDER}", *options, str(source), "-o", str(target)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return program
+    return target
 
 
-@pytest.mark.skipif(not HEADERS, reason="Python.h is not installed")
 def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path):
+    if not HEADERS:
+        lacking("Python.h", "python3-dev")
     members = [f"offsetof({name}, {member})" for name, list_ in STRUCTS.items() for member in list_.split()]
     numbers = [*members, *(f"sizeof({name})" for name in STRUCTS), *CONSTANTS.split()]
     body = "\n".join(["int main(void) {", *(f'printf("%ld\\n", (long)({number}));' for number in numbers), "return 0; }", ""])
@@ -56,12 +58,12 @@ def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path
 @pytest.mark.parametrize(("compiler", "options"), [
     ("gcc", ["-O2", "-DCORE_FLOAT"]), ("clang", ["-fsyntax-only", "-DCORE_FLOAT"]), ("clang", ["-fsyntax-only", "-DCORE_PLAIN"])])
 def test_plain_numbers_and_single_precision_compile_without_a_warning(compiler, options, tmp_path):
-    subprocess.run([compiler, *WARNINGS, "-c", *options, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
+    subprocess.run([program(compiler), *WARNINGS, "-c", *options, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
 
 
 def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and_fabs(tmp_path):
-    subprocess.run(["gcc", "-O2", "-fno-math-errno", "-c", *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
-    said = subprocess.run(["nm", *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
+    subprocess.run([program("gcc"), "-O2", "-fno-math-errno", "-c", *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
+    said = subprocess.run([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
     wanted = set(re.findall(r" U (\w+)", said.stdout)) - set(re.findall(r" T (\w+)", said.stdout)) - {"_GLOBAL_OFFSET_TABLE_"}
     assert wanted <= {"memcpy", "memset", "sqrt", "fabs"}
     assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
@@ -116,7 +118,7 @@ def variants(tmp_path_factory):
         words = [f'-D{word}="x"' for word in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
         flags = [*WARNINGS, *(flag for flag in compile_core.FLAGS if not flag.startswith("-O"))]
         files = sorted(map(str, FOLDER.glob("*.c")))
-        subprocess.run([compiler, *flags, *options, *words, *files, "-shared", "-o", str(target), "-lm"], check=True)
+        subprocess.run([program(compiler), *flags, *options, *words, *files, "-shared", "-o", str(target), "-lm"], check=True)
         loader = importlib.machinery.ExtensionFileLoader("_core", str(target))
         module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("_core", target, loader=loader))
         loader.exec_module(module)

@@ -1,0 +1,26 @@
+"""Programs that a machine with Python and make alone lacks: what needs them is skipped there, and the summary says why."""
+
+import os
+import shutil
+from typing import NoReturn
+
+import pytest
+
+PACKAGES = {"arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi", "cc": "gcc", "chromedriver": "chromium-driver", "nm": "binutils",
+            "qemu-arm": "qemu-user"}
+"""Debian's, where they are not named like the program."""
+
+
+def program(name: str) -> str:
+    """Path of a program; a test that asks for one which is not installed ends here."""
+    if found := shutil.which(name):
+        return found
+    lacking(name, PACKAGES.get(name, name))
+
+
+def lacking(name: str, package: str) -> NoReturn:
+    """Skip the test, or fail it where PIEZOBENCH_ALL_PROGRAMS says that everything is installed."""
+    reason = f"{name} is not installed: apt-get install {package} brings it on Debian"
+    if os.environ.get("PIEZOBENCH_ALL_PROGRAMS"):
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason)
