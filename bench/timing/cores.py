@@ -1,18 +1,18 @@
-"""One core for each race: a lock file a core, held by the process that times on it.
+"""One core for each race: a name for each core, held by the process that times on it.
 
-Timing tasks of two races, or of two workers of one, never share a core. The lock goes with the process that holds it,
-however that ends. Lock files lie in the system's folder for temporary files, so that all races of a machine see them.
+Timing tasks of two races, or of two workers of one, never share a core. The name is that of an abstract socket: one place for all
+users of a machine, whatever their folders for temporary files and their rights, and free when its process has ended, however
+that was.
 """
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import os
-import tempfile
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import TracebackType
 
 LOOK_EVERY_S = 0.5
@@ -29,7 +29,7 @@ def usable() -> list[int]:
 class Core:
     """A core that nobody else times on."""
 
-    def __init__(self, number: int, lock: int) -> None:
+    def __init__(self, number: int, lock: socket.socket) -> None:
         self.number, self._lock = number, lock
 
     @contextmanager
@@ -44,7 +44,7 @@ class Core:
 
     def release(self) -> None:
         """Give it back."""
-        os.close(self._lock)
+        self._lock.close()
 
     def __enter__(self) -> Core:
         return self
@@ -65,19 +65,13 @@ def claim() -> Core:
     """
     while True:
         for number in usable():
-            lock = _opened(Path(tempfile.gettempdir()) / f"piezobench-core{number}.lock")
+            lock = socket.socket(socket.AF_UNIX)
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                os.close(lock)
+                lock.bind(f"\0piezobench-core{number}")
+            except OSError as error:
+                lock.close()
+                if error.errno != errno.EADDRINUSE:
+                    raise
             else:
                 return Core(number, lock)
         time.sleep(LOOK_EVERY_S)
-
-
-def _opened(path: Path) -> int:
-    """A descriptor for locking; the file may belong to another user, which then must not be opened as if to create it."""
-    try:
-        return os.open(path, os.O_RDONLY)
-    except FileNotFoundError:
-        return os.open(path, os.O_RDONLY | os.O_CREAT, 0o644)
