@@ -1,11 +1,18 @@
-"""What is found once and kept between calls: in ``$XDG_CACHE_HOME/piezobench``, or ``~/.cache/piezobench``."""
+"""What is found once and kept between calls: in ``$XDG_CACHE_HOME/piezobench``, or ``~/.cache/piezobench``.
+
+Nothing depends on it: where it cannot be written, whatever it would hold is found again, and that is said once.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
-from piezo_model.atomic_file import write_text
+_once = threading.Lock()
+"""Taken by whoever says that nothing can be kept."""
 
 
 def folder(name: str = "") -> Path:
@@ -13,7 +20,11 @@ def folder(name: str = "") -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "piezobench" / name
 
 
-def keep(path: Path, text: str) -> None:
-    """Write a file of the cache, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, text)
+def keep(path: Path, write: Callable[[Path], None]) -> None:
+    """Have a file of the cache written, if that can be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path)
+    except OSError as error:
+        if _once.acquire(blocking=False):
+            logging.getLogger("piezobench").warning("%s: cannot be written (%s), so nothing is kept for the next time", folder(), error.strerror)

@@ -10,11 +10,13 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from qpsolvers import Problem
 
 from bench.passed import user_cache
 from piezo_model import json_file
+from piezo_model.atomic_file import write_text
 from solvers.certificate import Certificate, NotCertified
 from solvers.exact.problem import DoubleProblem
 
@@ -59,4 +61,5 @@ def load(key: str) -> list[Certificate] | None:
 
 def save(key: str, proofs: Sequence[Certificate], refusal: str = "") -> None:
     """Keep what was found."""
-    user_cache.keep(user_cache.folder("proofs") / f"{key}.json", json.dumps(asdict(Found([proof.to_json() for proof in proofs], refusal))))
+    found = json.dumps(asdict(Found([proof.to_json() for proof in proofs], refusal)))
+    user_cache.keep(user_cache.folder("proofs") / f"{key}.json", partial(write_text, text=found))

@@ -11,6 +11,8 @@ import importlib.metadata
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem, Window
 from bench.races.settings import RaceSettings
 from piezo_model import json_file
+from piezo_model.atomic_file import write_text
 from piezo_model.identification_problem import Scaling
 from solvers import Tier
 from solvers.registry import Described
@@ -54,7 +57,7 @@ def load(key: str) -> Findings:
 def save(key: str, findings: Findings) -> None:
     """Keep what was found."""
     if key:
-        user_cache.keep(user_cache.folder("settings") / f"{key}.json", json.dumps(findings))
+        user_cache.keep(user_cache.folder("settings") / f"{key}.json", partial(write_text, text=json.dumps(findings)))
 
 
 def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[RaceProblem]:
@@ -69,7 +72,7 @@ def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[Ra
     try:
         return [RaceProblem.load(path) for several in paths for path in several]
     except ProblemFileError:
-        kept.mkdir(parents=True, exist_ok=True)
+        found: dict[Path, RaceProblem] = {}
         for first, shift in enumerate(SEEDS):
             made = make(of_set, settings.seed + shift, settings.set_options).problems()
             for i, (several, problem) in enumerate(zip(paths, made, strict=False)):
@@ -77,9 +80,10 @@ def problems(of_set: str, settings: RaceSettings, progress: Progress) -> list[Ra
                     progress(f"calibration problem {problem.name}", i, count)
                     fresh = {scaling: FreshData(form, MIXTURES, seed=i) for scaling, form in problem.forms.items()}
                     for mixture, path in enumerate(several):
-                        replace(problem, forms={scaling: _mixed(form, fresh[scaling], mixture)
-                                                for scaling, form in problem.forms.items()}).save(path)
-        return [RaceProblem.load(path) for several in paths for path in several]
+                        found[path] = replace(problem, forms={scaling: _mixed(form, fresh[scaling], mixture)
+                                                              for scaling, form in problem.forms.items()})
+                        user_cache.keep(path, found[path].save)
+        return [found[path] for several in paths for path in several]
 
 
 def _mixed(form: CertifiedForm, fresh: FreshData, mixture: int) -> CertifiedForm:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -21,6 +22,7 @@ import vl_convert
 
 from bench.passed import user_cache
 from bench.timing.schedule import PERIOD_US
+from piezo_model.atomic_file import write_text
 
 COLOURS = {"kernel": "#d55e00", "direct": "#0072b2", "qpsolvers": "#009e73", "cvxpy": "#cc79a7", "codegen": "#e69f00"}
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
@@ -54,12 +56,11 @@ def library() -> str:
     It is kept where it can be, since to put it together takes longer than to write a page.
     """
     kept = user_cache.folder("vega") / f"{alt.SCHEMA_VERSION}-{version('vl-convert-python')}.js"
-    if kept.is_file():
+    with suppress(OSError):
         return kept.read_text(encoding="utf-8")
     bundle: str = vl_convert.javascript_bundle(vl_version=vega_lite_version())  # type: ignore[call-arg]
     bundle = bundle.replace("</script", "<\\/script")
-    with suppress(OSError):
-        user_cache.keep(kept, bundle)
+    user_cache.keep(kept, partial(write_text, text=bundle))
     return bundle
 
 

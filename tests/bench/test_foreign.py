@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import subprocess
 import sys
 import time
@@ -149,6 +150,19 @@ def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_proc
     other = next(make("foreign", options=options).problems())
     assert other.forms["raw"].certificate.problem != proven.forms["raw"].certificate.problem
     verify(other.forms["raw"].qp, other.forms["raw"].certificate)
+
+
+def test_a_race_whose_proofs_and_settings_cannot_be_kept_goes_on_and_says_so_once(tmp_path: Path) -> None:
+    (tmp_path / "programs").mkdir()
+    for name in ("one", "two"):
+        np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
+    (tmp_path / "cache").write_text("a file, where a folder would have to be")
+    call = subprocess.run([sys.executable, "-m", "bench", "race", "--folder", "programs", "--solver", "daqp", "--lane", "direct", "--tier", "high",
+                           "--limit", "2", "--budget", "0.001", "--rounds", "0", "--out", "results", "--name", "run"], cwd=tmp_path,
+                          env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}, capture_output=True, text=True, check=False)
+    assert call.returncode == 0, call.stderr
+    assert call.stderr == f"{tmp_path / 'cache' / 'piezobench'}: cannot be written (Not a directory), so nothing is kept for the next time\n"
+    assert (tmp_path / "results" / "run" / "report.html").is_file()
 
 
 def test_a_race_lists_all_that_it_leaves_out_with_the_reason(piezobench: CommandLine, folder: Path, tmp_path: Path) -> None:
