@@ -21,9 +21,9 @@ no starting point: its ``warm_start`` reuses the solver's object and last answer
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
-import cvxpy as cp
 import numpy as np
 import scipy.linalg
 from qpsolvers import Problem, Solution
@@ -32,6 +32,10 @@ from solvers import backend as known
 from solvers.backend import Backend, LibrarySolver
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 from solvers.rows import Program
+
+# A library that is installed and does not load is absent here, and we say why; CVXPY would say so on standard error in every process.
+logging.getLogger("__cvxpy__").addFilter(lambda record: "importing solver" not in record.getMessage())
+import cvxpy as cp  # noqa: E402
 
 BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,

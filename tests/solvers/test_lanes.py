@@ -5,7 +5,11 @@ The problems are made backwards from their answers, see ``answered_pairs``.
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,6 +62,14 @@ def test_a_lane_names_installed_solvers_in_lower_case_and_makes_each(lane: Lane)
 def test_a_solver_that_is_not_there_raises_import_error_that_names_it(lane: Lane) -> None:
     with pytest.raises(ImportError, match="'no_such_solver'"):
         LANES[lane].make("no_such_solver")
+
+
+def test_a_library_that_does_not_load_is_absent_in_silence(tmp_path: Path) -> None:
+    (tmp_path / "proxsuite.py").write_text("raise ImportError('libgomp.so.1: cannot open shared object file: No such file or directory')\n")
+    program = "from solvers import cvxpy_lane\nprint('proxqp' in cvxpy_lane.installed())"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True,
+                          env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])})
+    assert (done.stdout, done.stderr) == ("False\n", "")
 
 
 @pytest.mark.parametrize(("lane", "name", "form"), [(*behind, form) for behind, form in product(
