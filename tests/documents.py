@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from command_line import CommandLine, Finished
+from programs import program
 
 from piezo_model import plants
 from piezo_model.recordings import write_table
@@ -83,6 +84,8 @@ def call(words: list[str], folder: Path, piezobench: CommandLine, refused: bool 
     if words[0] == "piezobench":
         done = piezobench(*words[1:], folder=folder)
     else:
+        if words[0] == "make":
+            program("cc")  # to compile what was exported
         environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
         other = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         done = Finished(other.returncode, other.stdout, other.stderr)
