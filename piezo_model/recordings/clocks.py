@@ -52,7 +52,7 @@ class ClockReader:
         self._date: str | None = None
         self._zone: str | None = None
         """Of the first cell, "" for none."""
-        self._orders = ORDERS
+        self._orders: tuple[str, ...] = ORDERS
         """That the dates so far leave open."""
         self._minutes: bool | None = None
         """Whether a clock of two numbers has minutes and seconds: some of the first ones have a fraction."""

@@ -66,21 +66,21 @@ class Elapsed:
 
     def __init__(self) -> None:
         """Start before the first time."""
-        self._first: np.datetime64 | np.timedelta64 | None = None
-        self._last: np.datetime64 | np.timedelta64 | None = None
-        self._days = 0
+        self._ends: tuple[Any, Any] | None = None
+        """First and last time so far."""
+        self._midnights = 0
 
     def seconds(self, times: NDArray[Any]) -> Vector:
         """Seconds of the next piece of datetime64, or of timedelta64 since midnight; NaN where one is missing."""
         result, known = np.full(times.shape, np.nan), ~np.isnat(times)
         kept = times[known]
         if kept.size:
-            self._first, before = (kept[0], kept[0]) if self._first is None else (self._first, self._last)
-            self._last = kept[-1]
+            first, last = self._ends or (kept[0], kept[0])
+            self._ends = first, kept[-1]
             if kept.dtype.kind == "m":
-                days = self._days + np.cumsum(np.diff(kept, prepend=before) < np.timedelta64(-12, "h"))
-                self._days, kept = int(days[-1]), kept + days * np.timedelta64(1, "D")
-            result[known] = (kept - self._first) / np.timedelta64(1, "s")
+                midnights = self._midnights + np.cumsum(np.diff(kept, prepend=last) < np.timedelta64(-12, "h"))
+                self._midnights, kept = int(midnights[-1]), kept + midnights * np.timedelta64(1, "D")
+            result[known] = (kept - first) / np.timedelta64(1, "s")
         return result
 
 
