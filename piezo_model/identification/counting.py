@@ -24,6 +24,8 @@ HEAD, LONGEST_HEAD = 200_000, 500_000
 """Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
 TRANSIENT_SHARE = 0.1
 """Longest transient, as a share of the recording."""
+MOVED = 0.01
+"""Share of its range that a drive covers within the noise of its rest."""
 FAR_MORE, NOTABLE = 4.0, 0.03
 """An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the range."""
 
@@ -50,14 +52,24 @@ def head_of(recording: Recording, s: ModelStructure) -> Recording:
 def settled_from(recording: Recording, s: ModelStructure) -> int:
     """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
     span = recording.x_range[1] - recording.x_range[0]
-    needed = max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0)
+    return covered_from(recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0))
+
+
+def moving_from(recording: Recording, skip: int) -> int:
+    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if it stays so."""
+    return covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
+
+
+def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
+    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it never does."""
     low, high, seen = math.inf, -math.inf, 0
     for x, _ in recording.chunks():
-        lows, highs = np.minimum.accumulate(np.minimum(x, low)), np.maximum.accumulate(np.maximum(x, high))
-        known = np.flatnonzero(highs - lows >= needed)
-        if known.size:
-            return seen + int(known[0])
-        low, high, seen = lows[-1], highs[-1], seen + x.size
+        after = max(skip - seen, 0)
+        lows, highs = np.minimum.accumulate(np.minimum(x[after:], low)), np.maximum.accumulate(np.maximum(x[after:], high))
+        covered = np.flatnonzero(highs - lows >= span)
+        if covered.size:
+            return seen + after + int(covered[0])
+        low, high, seen = np.min(lows, initial=low), np.max(highs, initial=high), seen + x.size
     return seen
 
 
@@ -108,16 +120,19 @@ def count(recording: Recording, s: ModelStructure, solver: str, proximal: float,
     s = min((s, s.turned()), key=lambda each: cost(each, skip or 0, rest))
     if skip is None:
         look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
+        look = look if moving_from(head, look) < head.length else 0
         skip = transient(s, 0, look, refine=False) and transient(ranged(s, look), look, look, refine=True)
         s = ranged(s, skip)
     return Counted(s, skip, *found(s, skip))
 
 
 def require(recording: Recording, s: ModelStructure, skip: int) -> None:
-    """Refuse a recording that skipping leaves too little of."""
+    """Refuse a recording that skipping leaves too little of, or no movement."""
     if recording.length - skip <= s.d:
         raise IdentificationError(f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples "
                                   f"are left after skipping {skip}, too few for {s.d} weights")
+    if skip and moving_from(recording, skip) == recording.length:
+        raise IdentificationError(f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped")
 
 
 def _transient(head: Recording, model: HysteresisCreepModel, state: OperatorState, look: int) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_model.identification import rivals
 from piezo_model.identification.baseline import Baseline, cross_validate
-from piezo_model.identification.counting import HEAD
+from piezo_model.identification.counting import HEAD, moving_from
 from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -60,8 +60,9 @@ def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: O
           ) -> Judgement:
     """Hold a fit against a line, a cubic and what else would explain the recording."""
     s = model.structure
+    moving = moving_from(recording, skip)
     if recording.length > HEAD:  # with so many samples to so few weights, the error is that on data left out
-        recording = recording.head(HEAD + skip)
+        recording = recording.head(HEAD + moving)
         baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
     else:
         baseline = cross_validate(recording, s, skip, state, solver, proximal)
@@ -70,6 +71,8 @@ def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: O
     x, y = recording.arrays()
     own = ((y - model.simulate(x, state.copy())) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
+    first = max(0, min(moving - skip - 1, x.size - LOOK))  # while the drive rests, explanations cannot differ
+    look = slice(first, first + LOOK)
     stride = math.ceil(x.size / LOOK)
     u, v = 0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span
     way = np.diff(u[::stride])
@@ -77,18 +80,21 @@ def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: O
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
     residual = rivals.left_over(rivals.hats(u[::stride]), v[::stride])
     curve, monotone = rivals.rms(residual), abs(rivals.rise(u[::stride], v[::stride])) > 0.8
-    noise = curve < EXACT or rivals.noise(u[:LOOK], rivals.left_over(rivals.hats(u[:LOOK]), v[:LOOK]), WHITE)
+    noise = curve < EXACT or rivals.noise(u[look], rivals.left_over(rivals.hats(u[look]), v[look]), WHITE)
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal = None
     if not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
-        refusal = _refusal(u, v, own, s, error, line)
+        refusal = _refusal(u, v, own, look, s, error, line)
     return Judgement(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
 
 
-def _refusal(u: Vector, v: Vector, own: Vector, s: ModelStructure, error: float, line: float) -> str | None:
-    """Why there is to be no model, in one sentence without its full stop; None where there is no reason."""
+def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, error: float, line: float) -> str | None:
+    """Why there is to be no model, in one sentence without its full stop; None where there is no reason.
+
+    Explanations are tried on all of the data, thinned, and on the stretch ``look`` of neighbours.
+    """
     stride, channels = math.ceil(u.size / LOOK), rivals.channels(u, v, LOOK)
-    thin_u, thin_v, u, v = u[::stride], v[::stride], u[:LOOK], v[:LOOK]
+    thin_u, thin_v, u, v = u[::stride], v[::stride], u[look], v[look]
     no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
     cubic, cubic_first = (rivals.rms(rivals.left_over(rivals.polynomials(2.0 * a - 1.0, 3), b)) for a, b in ((thin_u, thin_v), (u, v)))
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
@@ -106,8 +112,8 @@ def _refusal(u: Vector, v: Vector, own: Vector, s: ModelStructure, error: float,
     if no_better:  # where the model is better than a line: over one loop, time says as much as the drive does
         found["drift"] = rivals.drift(thin_v)
     if min(found.values()).error > far_better:
-        resonance = rivals.resonance(u, v)  # of the first samples: to be held against what model and cubic leave of those
-        fair = max(rivals.rms(own) / max(rivals.rms(own[:LOOK]), 1e-300), cubic / max(cubic_first, 1e-300))
+        resonance = rivals.resonance(u, v)  # of a stretch: to be held against what model and cubic leave of those
+        fair = max(rivals.rms(own) / max(rivals.rms(own[look]), 1e-300), cubic / max(cubic_first, 1e-300))
         found |= {"delay": rivals.delay(thin_u, thin_v), "resonance": resonance._replace(error=fair * resonance.error)}
     name, best = min(found.items(), key=lambda each: each[1])
     if best.error < (far_better if name == "butterfly" else min(far_better, MUCH_BETTER * cubic)):

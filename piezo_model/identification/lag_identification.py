@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.counting import moving_from
 from piezo_model.identification.fit_report import Lag
 from piezo_model.identification.fitting import IdentificationError, error_percent, optimum
 from piezo_model.identification.sensor_lag import HALF_WIDTH, minimise_over_lag, shift_output
@@ -21,14 +24,16 @@ def estimate_lag(recording: Recording, s: ModelStructure, skip: int, solver: str
                   proximal: float, remove: bool) -> Lag | None:
     """Return the delay of the output with the smallest error (5) left after the fit, over the same samples for all.
 
-    None where the recording is too short for it.
+    None where the recording is too short for it, or the drive moves at its ends alone.
     """
-    x, y = next(recording.chunks(skip + LAG_SAMPLES))
+    x, y = next(recording.chunks(moving_from(recording, skip) + LAG_SAMPLES))
     longest = min(LONGEST_LAG, (x.size - skip) // 20)
     start, stop = max(skip, HALF_WIDTH), x.size - HALF_WIDTH - longest  # the fraction's interpolation needs neighbours
-    if stop - start <= s.d:
+    too_few = stop - start <= s.d
+    if too_few or not np.ptp(x[start:stop]):
         if remove:
-            raise IdentificationError(f"{recording.name}: {x.size} samples are too few to look for a lag")
+            why = f"{x.size} samples are too few" if too_few else "the drive moves too close to the ends of the recording"
+            raise IdentificationError(f"{recording.name}: {why} to look for a lag")
         return None
     settled = DataBasis(s, state)
     settled.update(x[:start], y[:start], count=False)

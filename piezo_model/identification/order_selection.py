@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.counting import moving_from
 from piezo_model.identification.fitting import IdentificationError, optimum
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -30,7 +31,7 @@ SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5)
 MISFIT_PERCENT = 1.0
 """Error of the smallest order from which on larger ones that err more speak against the model class."""
 SAMPLES = 200_000
-"""Samples that are looked at, from the start."""
+"""Samples that are looked at, from where the drive moves."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def select_order(recording: Recording, model: HysteresisCreepModel, solver: str 
         The recording is too short for any of the orders.
     """
     structure, start, skip = model.structure, model.start, int(model.report["fit"]["skipped"])
-    x, y = recording.head(SAMPLES).arrays()
+    x, y = recording.head(moving_from(recording, skip) + SAMPLES).arrays()
     grid = [with_orders(structure, n, m) for n, m in product(ns, ms)]
     length = (x.size - skip) // FOLDS
     grid = [s for s in grid if s.d < length]

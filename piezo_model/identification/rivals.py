@@ -104,6 +104,8 @@ def drift(v: Vector) -> Rival:
 def channels(u: Vector, v: Vector, look: int) -> Rival:
     """One cubic for even samples and one for odd ones, over ``look`` samples spread in pairs; not where one for all does nearly as well."""
     even = 2 * np.arange(0, u.size // 2, max(1, u.size // look))
+    if min(np.unique(u[even + i]).size for i in (0, 1)) <= 4:  # through four points goes a cubic, whatever they are
+        return Rival(np.inf)
     columns, values = [polynomials(2 * u[even + i] - 1, 3) for i in (0, 1)], [v[even + i] for i in (0, 1)]
     apart = rms(np.concatenate([left_over(*each) for each in zip(columns, values, strict=True)]))
     together = rms(left_over(np.vstack(columns), np.concatenate(values)))
@@ -152,7 +154,7 @@ def resonance(u: Vector, v: Vector) -> Rival:
         rho, phi = 1.0 / (1.0 + np.exp(-at[0])), np.exp(at[1])
         poles = [1.0, -2.0 * rho * np.cos(phi), rho * rho]
         columns = [lfilter([0.0] * late + [1.0], poles, u) for late in range(3)]
-        return rms(left_over(np.column_stack([*(column / np.linalg.norm(column) for column in columns), np.ones_like(u)]), v))
+        return rms(left_over(np.column_stack([*(column / (np.linalg.norm(column) or 1.0) for column in columns), np.ones_like(u)]), v))
 
     grid = [np.array([np.log(rho / (1.0 - rho)), np.log(phi)]) for rho in (0.8, 0.95, 0.99) for phi in np.geomspace(0.01, 2.5, 14)]
     best = minimize(error, min(grid, key=error), method="Nelder-Mead", options={"maxfev": 80})

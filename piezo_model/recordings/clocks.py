@@ -1,98 +1,133 @@
-"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789Z, 31.01.2024 12:34:56,789) into seconds; pandas reads them."""
+"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789) into seconds, exact to the nanosecond.
+
+A column is written in one form: all of its clocks have a date or none has, and so with an offset from UTC, which counts. Whether day or
+month comes first makes no difference to the time that has passed for as long as the date stays the same. Where it first changes, the
+order is settled for the whole column: by what is a date at all, and of two by the one that comes next. So no order is ever guessed, and
+a column is read in one pass.
+"""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from datetime import datetime, timedelta
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
 
+from piezo_model.recordings.arrow_columns import numbers
+from piezo_model.recordings.pieces import Elapsed, RecordingError
 from solvers.arrays import Vector
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-_TIME = r"(?P<time>\d{1,2}:\d{2}(?::\d{2})?(?:[.,:]\d+)?)\s*(?P<half>[AaPp][Mm])?"
-_DATE = r"(?:(?P<date>\d{4}[-./]\d{1,2}[-./]\d{1,2}|\d{1,2}[-./]\d{1,2}[-./]\d{4})(?:[T_\s]+|\s*,\s*))?"
-CLOCK = re.compile(rf"\s*{_DATE}{_TIME}\s*(?:Z|UTC|[+-]\d{{2}}:?\d{{2}})?\s*")
-DOTTED_CLOCK = re.compile(r"\s*(\d{1,2})\.(\d{2})\.(\d{2})(\.\d+)?\s*")
-DAY = 86400.0
-
-
-class ClockError(ValueError):
-    """A cell is no clock."""
+_GAP = "[\\s\u00a0\u202f]*"
+_DATE = rf"(?:(?P<date>\d{{4}}[-./]\d{{1,2}}[-./]\d{{1,2}}|\d{{1,2}}[-./]\d{{1,2}}[-./]\d{{4}})(?:[T_\s]+|{_GAP},{_GAP}))?"
+_TIME = r"(?P<first>\d{1,2}):(?P<second>[0-5]\d)(?::(?P<third>[0-5]?\d))?(?:[.,:](?P<fraction>\d+))?"
+CLOCK = re.compile(rf"^{_GAP}{_DATE}{_TIME}{_GAP}(?P<half>[AaPp][Mm])?{_GAP}(?P<zone>Z|UTC|[+-]\d{{2}}(?::?\d{{2}})?)?{_GAP}$")
+DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
+ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
+HALVES = {"": -1, "AM": 0, "PM": 12}
+SECOND, DAY = 10**9, 86400 * 10**9
+"""In nanoseconds."""
 
 
 def is_clock(cell: str) -> bool:
     """Whether a cell is a time of day, with or without a date."""
-    return bool(CLOCK.fullmatch(cell) or DOTTED_CLOCK.fullmatch(cell))
+    return bool(CLOCK.match(cell) or DOTTED_CLOCK.match(cell))
 
 
 class ClockReader:
-    """Seconds since the first cell, over any number of pieces; a clock without date may pass midnight."""
+    """Seconds since the first cell of a column, over any number of pieces.
 
-    def __init__(self) -> None:
+    The sentence of an error starts with the label; ``where`` names a row counted from 0.
+    """
+
+    def __init__(self, label: str, where: Callable[[int], str]) -> None:
         """Start before the first cell."""
-        self._origin: pd.Timestamp | None = None
-        self._days, self._last = 0.0, -np.inf
+        self.label, self.where = label, where
+        self._count, self._elapsed = 0, Elapsed()
+        self._example = ""
+        self._date: str | None = None
+        self._zone: str | None = None
+        """Of the first cell, "" for none."""
+        self._orders: tuple[str, ...] = ORDERS
+        """That the dates so far leave open."""
+        self._minutes: bool | None = None
+        """Whether a clock of two numbers has minutes and seconds: some of the first ones have a fraction."""
 
     def seconds(self, cells: Sequence[str | None]) -> Vector:
-        """Seconds of the next piece, NaN where a cell is missing.
-
-        Raises
-        ------
-        ClockError
-            A cell is no clock.
-        """
-        import pandas as pd
-
-        written = pd.Series([_iso(cell) if cell else None for cell in cells], dtype=str)
-        try:
-            stamps = pd.DatetimeIndex(pd.to_datetime(written, format="ISO8601"))
-        except ValueError as error:  # the 31st of February
-            raise ClockError(str(error)) from None
-        if self._origin is None:
-            self._origin = stamps[0]
-        passed = np.array((stamps - self._origin).total_seconds(), dtype=np.float64)
-        nanoseconds = np.array(stamps.nanosecond, dtype=np.float64)  # total_seconds keeps microseconds only
-        passed += np.where(np.isfinite(nanoseconds), nanoseconds, 0.0) * 1e-9
-        before = np.concatenate([[self._last], passed[:-1]])
-        midnights = np.cumsum(passed - before < -0.5 * DAY) if not any("-" in str(cell) or "/" in str(cell)
-                                                                         for cell in cells[:1]) else 0.0
-        self._last = float(passed[-1])
-        result: Vector = passed + DAY * (self._days + midnights)
-        self._days += float(np.max(midnights, initial=0.0))
+        """Seconds of the next piece, NaN where a cell is missing; RecordingError for a cell that is no clock of the column's form."""
+        at = np.array([k for k, cell in enumerate(cells) if cell], dtype=int)
+        result = np.full(len(cells), np.nan)
+        if at.size:
+            self._example = self._example or str(cells[at[0]])
+            plain = pc.replace_substring_regex(pa.array([cells[k] for k in at], pa.string()), DOTTED_CLOCK.pattern, r"\1:\2:\3")
+            parts = pc.extract_regex(plain, CLOCK.pattern)
+            wrong = pc.index(parts.is_null(), True).as_py()
+            if wrong < 0:
+                days, offsets = _each(parts, "date", self._day), _each(parts, "zone", self._offset)
+                wrong = next(iter(np.flatnonzero(np.isnan(days + offsets)).tolist()), -1)
+            if wrong >= 0:
+                raise RecordingError(self._refusal(str(cells[at[wrong]]), self._count + int(at[wrong])))
+            times = self._times_of_day(parts) + days.astype(np.int64) * DAY - offsets.astype(np.int64) * SECOND
+            result[at] = self._elapsed.seconds(times.view("M8[ns]" if self._date else "m8[ns]"))
+        self._count += len(cells)
         return result
 
+    def _times_of_day(self, parts: pa.StructArray) -> NDArray[np.int64]:
+        """Nanoseconds since midnight."""
+        first, second, third = (_whole(pc.struct_field(parts, name)) for name in ("first", "second", "third"))
+        half, fraction = _each(parts, "half", lambda text: HALVES[text.upper()]).astype(np.int64), pc.struct_field(parts, "fraction")
+        short = third < 0
+        if self._minutes is None and short.any():
+            self._minutes = bool((numbers(pc.utf8_length(fraction))[short] > 0).any())
+        minutes = np.where(half < 0, first, first % 12 + half) * 60 + second
+        seconds = np.where(short & bool(self._minutes), minutes, 60 * minutes + np.maximum(third, 0))
+        return seconds * SECOND + _whole(pc.utf8_slice_codeunits(pc.utf8_rpad(fraction, 9, "0"), 0, 9))
 
-def _iso(cell: str) -> str:
-    dotted = DOTTED_CLOCK.fullmatch(cell)
-    if dotted:
-        return f"1970-01-01T{int(dotted[1]):02d}:{dotted[2]}:{dotted[3]}{dotted[4] or ''}"
-    found = CLOCK.fullmatch(cell)
-    if not found:
-        raise ClockError(f"{cell!r} is no clock")
-    clock, _, rest = found["time"].replace(",", ".").partition(".")
-    parts = clock.split(":")
-    if len(parts) == 4:  # 12:34:56:789
-        rest = parts.pop()
-    if len(parts) == 2:  # 34:56.789 are minutes and seconds; 12:34 without a fraction hours and minutes
-        parts = ["0", *parts] if rest else [*parts, "0"]
-    hours = int(parts[0])
-    if found["half"]:
-        hours = hours % 12 + (12 if found["half"].lower() == "pm" else 0)
-    return f"{_iso_date(found['date'])}T{hours:02d}:{int(parts[1]):02d}:{int(parts[2]):02d}" + (f".{rest}" if rest else "")
+    def _day(self, date: str) -> float:
+        """Days since the first date, NaN where the column has no such date."""
+        if self._date is None:
+            self._date = date
+        if not date or not self._date:
+            return 0.0 if date == self._date else math.nan
+        days: dict[str, int] = {}
+        for order in self._orders:
+            try:
+                moment, start = (datetime.strptime(re.sub("[./]", "-", each), order) for each in (date, self._date))
+            except ValueError:  # no such month or day
+                continue
+            days[order] = (moment - start).days
+        if date == self._date:
+            self._orders = tuple(days)
+        elif days:
+            self._orders = (min(days, key=lambda order: (days[order] < 0, abs(days[order]))),)
+        return days[self._orders[0]] if days else math.nan
+
+    def _offset(self, zone: str) -> float:
+        """Seconds that a clock is ahead of UTC, NaN where the other clocks do not say it or the other way round."""
+        if self._zone is None:
+            self._zone = zone
+        try:
+            ahead = datetime.fromisoformat(f"1970-01-01T00:00{zone.replace('UTC', 'Z')}").utcoffset()
+        except ValueError:
+            return math.nan
+        return (ahead or timedelta()).total_seconds() if bool(zone) == bool(self._zone) else math.nan
+
+    def _refusal(self, cell: str, row: int) -> str:
+        like = f" like {self._example!r}" if cell != self._example else ""
+        return f"{self.label} holds {cell!r} in {self.where(row)}, where a clock{like} is needed"
 
 
-def _iso_date(text: str | None) -> str:
-    if text is None:
-        return "1970-01-01"
-    first, second, third = re.split(r"[-./]", text)
-    if len(first) == 4:
-        year, month, day = first, second, third
-    elif "/" in text and int(first) <= 12:
-        month, day, year = first, second, third
-    else:
-        day, month, year = first, second, third
-    return f"{year}-{int(month):02d}-{int(day):02d}"
+def _each(parts: pa.StructArray, name: str, value: Callable[[str], float]) -> Vector:
+    """A value for each text of a part, asked for once for each of the few that there are, in the order in which they come."""
+    coded = pc.struct_field(parts, name).dictionary_encode()
+    values: Vector = np.array([value(text) for text in coded.dictionary.to_pylist()], dtype=np.float64)[numbers(coded.indices)]
+    return values
+
+
+def _whole(texts: pa.StringArray) -> NDArray[np.int64]:
+    """Whole numbers, −1 where there is none."""
+    return numbers(pc.if_else(pc.equal(texts, ""), "-1", texts).cast(pa.int64()))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_model.structure import SAMPLE_TIMES
-from solvers.arrays import Matrix
+from solvers.arrays import Matrix, Vector
 
 BUFFER_BYTES = 1 << 18
 """Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""
@@ -54,6 +56,32 @@ def ahead(pieces: Iterable[Matrix]) -> Iterator[Matrix]:
         while (piece := coming.result()) is not None:
             coming = thread.submit(next, made, None)
             yield piece
+
+
+class Elapsed:
+    """Seconds since the first time of a column, over any number of pieces, exact to the unit that the times are kept in.
+
+    As a number since 1970 a time would be rounded to 0.2 µs. Times of day may pass midnight.
+    """
+
+    def __init__(self) -> None:
+        """Start before the first time."""
+        self._ends: tuple[Any, Any] | None = None
+        """First and last time so far."""
+        self._midnights = 0
+
+    def seconds(self, times: NDArray[Any]) -> Vector:
+        """Seconds of the next piece of datetime64, or of timedelta64 since midnight; NaN where one is missing."""
+        result, known = np.full(times.shape, np.nan), ~np.isnat(times)
+        kept = times[known]
+        if kept.size:
+            first, last = self._ends or (kept[0], kept[0])
+            self._ends = first, kept[-1]
+            if kept.dtype.kind == "m":
+                midnights = self._midnights + np.cumsum(np.diff(kept, prepend=last) < np.timedelta64(-12, "h"))
+                self._midnights, kept = int(midnights[-1]), kept + midnights * np.timedelta64(1, "D")
+            result[known] = (kept - first) / np.timedelta64(1, "s")
+        return result
 
 
 def limited(pieces: Iterable[Matrix], rows: int | None) -> Iterator[Matrix]:

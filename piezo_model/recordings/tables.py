@@ -23,7 +23,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import RecordingError, check_sample_time, first_line
+from piezo_model.recordings.pieces import Elapsed, RecordingError, check_sample_time, first_line
 from piezo_model.units import canonical, split_unit
 from solvers.arrays import Matrix
 
@@ -31,6 +31,8 @@ HEAD_BYTES = 1 << 18
 """Bytes at the start of a file by which its format is told; the header of a text must lie within them."""
 CHANNEL_ROWS = 1 << 17
 Kind = Literal["number", "clock", "flag", "text", "empty"]
+KINDS_OF_ARRAYS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
+"""By the letter that NumPy has for a type."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class Channel:
 
     column: Column
     read: Callable[[int, int], NDArray]
-    """Values from one row to before another; must survive pickling."""
+    """Values from one row to before another, times as datetime64 or timedelta64; must survive pickling."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +149,13 @@ class ChannelTable:
         if len(set(lengths.values())) > 1:
             raise RecordingError(f"{self.path}: the columns are not of one length: "
                                  + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items()))
+        clocks = [Elapsed() for _ in chosen]
         for start in range(0, max(lengths.values()), CHANNEL_ROWS):
             stop = min(start + CHANNEL_ROWS, max(lengths.values()))
             with parsed(self.path, self.form):
-                piece = np.stack([np.asarray(channel.read(start, stop), dtype=np.float64) for channel in chosen])
+                read = [channel.read(start, stop) for channel in chosen]
+                piece = np.stack([clock.seconds(values) if values.dtype.kind in "mM" else np.asarray(values, dtype=np.float64)
+                                  for values, clock in zip(read, clocks, strict=True)])
             yield piece
 
     def where(self, row: int) -> str:
@@ -175,7 +180,7 @@ def in_memory(path: Path, form: str, arrays: Mapping[str, NDArray], units: Mappi
     units, channels = units or {}, []
     for name, array in arrays.items():
         for label, values in columns_of(name, array):
-            kind: Kind = "flag" if values.dtype.kind == "b" else "number"
+            kind = KINDS_OF_ARRAYS[values.dtype.kind]
             column = Column.of_path(label, units.get(name, ""), values.size, sample_time, kind)
             channels.append(Channel(column, array_slice(values)))
     return ChannelTable(path, form, channels)
@@ -186,7 +191,7 @@ def columns_of(name: str, array: NDArray) -> Iterator[tuple[str, NDArray]]:
     if array.dtype.names:
         for part in array.dtype.names:
             yield from columns_of(f"{name}/{part}" if name else part, array[part])
-    elif array.dtype.kind in "iufb" and array.size > 1:
+    elif array.dtype.kind in KINDS_OF_ARRAYS and array.size > 1:
         array = array.squeeze()
         if array.ndim == 1:
             yield name or "column 1", array

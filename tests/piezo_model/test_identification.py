@@ -102,6 +102,25 @@ def test_a_lag_longer_than_looked_for_is_said_to_be_perhaps_longer() -> None:
     assert sentences(model, "lags by 10.00 samples or more")
 
 
+def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at() -> None:
+    s, x = structure(creep_rates=()), np.concatenate([np.full(120_000, 50.0), a_drive()])
+    model = identify(x[4:], true_model(s).simulate(x)[:-4], s, state=OperatorState.at_rest(s, float(s.unit_input(50.0))), skip=100, force=True)
+    assert model.report["lag"]["samples"] == pytest.approx(4.0, abs=0.03)
+
+
+@pytest.mark.parametrize("moving", [1, 5, 31])
+@pytest.mark.parametrize("at_the_end", [True, False])
+@pytest.mark.parametrize("force", [True, False])
+def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(moving: int, at_the_end: bool, force: bool) -> None:
+    x = np.zeros(3000)
+    x[:moving] = np.linspace(100.0, 50.0, moving)
+    x = x[::-1].copy() if at_the_end else x
+    s = structure(creep_rates=())
+    model = identify(x, true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size), s, force=force)
+    assert model.report["lag"] is None
+    assert model.report["fit"]["max_percent"] < 5.0
+
+
 # The real recording.
 
 
@@ -169,6 +188,8 @@ X = a_drive(400)
     (X, X, {"skip": -1}, "skip must not be negative, not -1"),
     (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
     (X[:140], X[:140], {"lag": "remove", "skip": 100}, "140 samples are too few to look for a lag"),
+    (np.arange(400) < 5, X, {"lag": "remove"}, "the drive moves too close to the ends of the recording to look for a lag"),
+    (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
     (X, X[:-1], {}, r"of one length and not empty, not of shapes \(400,\) and \(399,\)"),
     (spoiled(X, np.nan), X, {}, r"input is missing \(or NaN\) in sample 17"),
     (X, spoiled(X, np.inf), {}, "output is infinite in sample 17"),

@@ -1,10 +1,13 @@
 """Which recordings get a model, which are refused and why, and that nothing but the data decides."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording
+from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, Recording, identify
 from piezo_model.identification import rivals
@@ -131,6 +134,40 @@ def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_what_is_found()
     assert whole.report["fit"]["skipped"] == 0
     assert whole.report["fit"]["rms"] == pytest.approx(sine.report["fit"]["rms"], rel=0.2)
     assert whole.report["fit"]["rms_percent"] < 0.3
+
+
+def rested_first(seconds: float, drive: np.ndarray, resonant: bool = False) -> Recording:
+    """Up to ±150 V after a rest at 0 V."""
+    rng, u = np.random.default_rng(3), np.concatenate([np.zeros(round(seconds / SAMPLE_TIME)), drive])
+    y = lfilter([0.0, 0.062], [1.0, -1.918, 0.98], u) if resonant else loops(rng, u / 150.0, 0.2)  # at 40 Hz
+    return Recording.from_arrays(150.0 * u if resonant else u, noisy(rng, y, 0.001), SAMPLE_TIME)
+
+
+T = np.arange(35_001) * SAMPLE_TIME
+SLOW = 150.0 * np.sin(2 * np.pi * 0.7 * T) * np.sin(2 * np.pi * 0.05 * T)
+
+
+def test_a_file_whose_drive_rests_for_the_first_seconds_is_identified(tmp_path: Path) -> None:
+    recording = rested_first(15.0, SLOW)
+    times = np.arange(recording.length) * SAMPLE_TIME
+    np.savetxt(tmp_path / "stage.csv", np.column_stack([times, *recording.arrays()]), "%.9g", ",")
+    model = identify(Recording.open(tmp_path / "stage.csv"))
+    assert model.report["fit"]["samples"] == 50_001
+    assert model.report["fit"]["rms_percent"] < 0.2 * model.report["fit"]["line_percent"]
+    assert model.report["hysteresis"]
+
+
+def test_a_rest_longer_than_what_is_looked_at_does_not_hide_hysteresis() -> None:
+    model = identify(rested_first(210.0, SLOW), n=3, m=1, creep_rates=())
+    assert model.report["hysteresis"]
+    assert model.report["fit"]["rms_percent"] < 0.2 * model.report["fit"]["line_percent"]
+
+
+@pytest.mark.parametrize("rest_s", [0.0, 15.0])
+def test_a_resonance_is_found_after_a_rest_as_without_one(rest_s: float) -> None:
+    sweep = np.sin(2 * np.pi * (5.0 * T + T**2))
+    with pytest.raises(IdentificationError, match=r"the output has a resonance at (39|40)"):
+        identify(rested_first(rest_s, sweep, resonant=True))
 
 
 def test_two_public_lines_give_the_reported_figure(tmp_path: object) -> None:

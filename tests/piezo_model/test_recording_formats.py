@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ import h5py
 import nptdms
 import numpy as np
 import openpyxl
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from recording_files import refusal
@@ -118,6 +121,39 @@ def numpy_file(save: Callable[..., None], *arrays: Any, **named: Any) -> Callabl
         with path.open("wb") as file:
             save(file, *arrays, **named)
     return write
+
+
+STAMPS = np.datetime64("2024-01-31T23:59:59.9999", "ns") + 500 * np.arange(N).astype("m8[ns]")
+"""At 2 MHz, over midnight."""
+
+
+def parquet_stamps(path: Path, times: pa.Array) -> None:
+    pq.write_table(pa.table({"t": times, "u": X, "y": Y}), path)
+
+
+def tdms_stamps(path: Path) -> None:
+    """With times in 2⁻⁶⁴ s, as the format has them; npTDMS writes whole microseconds."""
+    written = nptdms.types.TimeStamp.to_array_bytes(STAMPS)
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("Stage", name, values) for name, values in (("t", STAMPS), ("u", X), ("y", Y))])
+    since = STAMPS - np.datetime64("1904-01-01", "ns")
+    seconds, fractions = since // np.timedelta64(1, "s"), (since % np.timedelta64(1, "s")).astype(np.int64)
+    exact = np.array([((int(part) << 64) // 10**9, second) for second, part in zip(seconds, fractions, strict=True)], dtype="<u8,<i8")
+    content = path.read_bytes()
+    assert content.count(written) == 1
+    path.write_bytes(content.replace(written, exact.tobytes()))
+
+
+TIMES: dict[str, Callable[[Path], Any]] = {
+    "Parquet": lambda path: parquet_stamps(path, pa.array(STAMPS)),
+    "Parquet with a time zone": lambda path: parquet_stamps(path, pa.array(STAMPS).cast(pa.timestamp("ns", "Europe/Berlin"))),
+    "Parquet of durations": lambda path: parquet_stamps(path, pa.array(STAMPS - STAMPS[0] + np.timedelta64(10**9, "s"))),
+    "Parquet of times of day": lambda path: parquet_stamps(path, pa.array(STAMPS).cast(pa.time64("ns"))),
+    "NPY": numpy_file(np.save, np.rec.fromarrays([STAMPS, X, Y], names="t,u,y")),
+    "NPZ": numpy_file(np.savez, t=STAMPS, u=X, y=Y),
+    "NPZ of durations": numpy_file(np.savez, t=STAMPS - STAMPS[0], u=X, y=Y),
+    "TDMS": tdms_stamps,
+}
 
 
 FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
@@ -256,3 +292,36 @@ def test_slices_are_read_and_not_the_whole_file(tmp_path: Path, name: str) -> No
         assert tracemalloc.get_traced_memory()[1] < values.nbytes / 5
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_times_are_read_to_the_nanosecond(tmp_path: Path, name: str) -> None:
+    TIMES[name](tmp_path / "stage.rec")
+    recording = Recording.open(tmp_path / "stage.rec")
+    assert (recording.sample_time, recording.columns["time"]) == (5e-7, "t")
+    assert recording.time_resolution < 1e-12
+    np.testing.assert_array_equal(recording.arrays(), [X, Y])
+
+
+@pytest.mark.parametrize(("over", "shown"), [
+    (1.0, "hh:mm:ss.000"), (2.0, "hh:mm:ss.000"), (2.0, "[h]:mm:ss.000"), (45000.0, "yyyy-mm-dd hh:mm:ss.000")])
+def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: str) -> None:
+    """In Excel a time is a number of days; one without date is shown as a time of day before the first midnight and as a date after it."""
+    book = openpyxl.Workbook()
+    book.active.append(["t", "voltage_V", "height_um"])
+    for k in range(400):
+        book.active.append([(over - (2 - k / 100) / 86400) % (1.0 if over == 2.0 and shown[0] == "h" else np.inf), X[k], Y[k]])
+        book.active.cell(k + 2, 1).number_format = shown
+    book.save(tmp_path / "stage.xlsx")
+    recording = Recording.open(tmp_path / "stage.xlsx")
+    assert (recording.sample_time, recording.columns["time"]) == (0.01, "t")
+
+
+def test_a_date_among_voltages_is_refused(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for row in (["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))):
+        book.active.append(row)
+    book.active["B7"] = datetime(2024, 1, 31)
+    book.save(tmp_path / "stage.xlsx")
+    assert "column 'voltage_V' holds datetime.datetime(2024, 1, 31, 0, 0) in row 7 of sheet 'Sheet', where a number is needed" in refusal(
+        tmp_path / "stage.xlsx")

@@ -3,13 +3,14 @@
 import csv
 import io
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_files import refusal, text_file
+from recording_files import refusal, text_file, with_times
 
 from piezo_model.recordings import Recording, read_reference
 from piezo_model.recordings.dialect import layout_of
@@ -145,13 +146,81 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
     (("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"), "column 't': the sampling period must be from 1e-09 to 1e+09 s, not 1e-307"),
     (("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"), "column 'u' is -1e+300 in row 3 (data row 2), which nothing measures"),
     (("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"), "column 'u' holds 'True' in row 4 (data row 3), where a number is needed"),
-    (("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"), "column 't' holds 'noon' in row 4 (data row 3)"),
+    (("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"),
+     "column 't' holds 'noon' in row 4 (data row 3), where a clock like '12:00:01' is needed"),
     (("u,y", "1,2", "2,3", "3,3", "4,2"), "cannot tell which column is the time; its columns are 'u', 'y'; name it with --time, "
                                           "or say --sample-time or --sample-rate"),
     (("index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"), "cannot tell which column is the time"),
 ])
 def test_what_is_wrong_is_named_in_one_sentence(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
     assert sentence in refusal(text_file(tmp_path, *lines))
+
+
+def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
+    """Points in time as text: {Y}, {M}, {D}, {h}, {m}, {s} and {n}, the nanoseconds."""
+    times = np.datetime64(start, "ns") + period_ns * np.arange(count).astype("m8[ns]")
+    parts = np.char.split(np.char.translate(times.astype(str), str.maketrans("-T:.", "    ")))
+    return [form.format(**dict(zip("YMDhmsn", part, strict=True))) for part in parts.tolist()]
+
+
+@pytest.mark.parametrize("period_ns", [100, 500, 1000, 125_500])
+@pytest.mark.parametrize("form", ["{Y}-{M}-{D}T{h}:{m}:{s}.{n}Z", "{D}.{M}.{Y} {h}:{m}:{s},{n}", "{h}:{m}:{s}.{n}", "{m}:{s}.{n}"])
+def test_clocks_are_read_to_the_nanosecond(tmp_path: Path, form: str, period_ns: int) -> None:
+    decimal = ";" if "," in form else ","
+    rows = [f"{t}{decimal}{k % 7}{decimal}{k % 5}" for k, t in enumerate(stamps(form, "2024-01-31T12:00:59.9999", period_ns, 3000))]
+    recording = Recording.open(text_file(tmp_path, HEADER.strip().replace(",", decimal), *rows))
+    assert recording.sample_time == period_ns / 1e9
+    assert recording.time_resolution < 1e-12
+
+
+def test_a_sample_missing_at_ten_megahertz_is_found(tmp_path: Path) -> None:
+    times = stamps("{Y}-{M}-{D} {h}:{m}:{s}.{n}", "2024-01-31T12:00:00", 100, 3000)
+    sentence = refusal(with_times(tmp_path, times[:1000] + times[1001:]))
+    assert "has a gap of 2e-07 s before row 1002 (data row 1001): about 1 sample missing" in sentence
+
+
+@pytest.mark.parametrize(("order", "day", "rows_before_midnight"), [
+    *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}", "{D}-{M}-{Y}", "{M}-{D}-{Y}", "{D}.{M}.{Y}"], ["01-12", "01-11", "01-31", "12-31", "05-05"], [5]),
+    *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}"], ["01-12", "05-05"], [20_000])])
+def test_the_order_of_day_and_month_is_that_of_the_whole_column(tmp_path: Path, order: str, day: str, rows_before_midnight: int) -> None:
+    start = np.datetime64(f"2024-{day}T23:59:59.999999", "ns") - np.timedelta64(rows_before_midnight, "ms")
+    times = stamps(f"{order} {{h}}:{{m}}:{{s}}.{{n}}", str(start), 1_000_000, rows_before_midnight + 1000)
+    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.001
+
+
+@pytest.mark.parametrize(("last_before", "first_after"), [("2024-03-31T01:59:59.{}+0100", "2024-03-31T03:00:00.{}+0200"),
+                                                          ("2024-10-27 02:59:59.{} +02:00", "2024-10-27 02:00:00.{} +01:00"),
+                                                          ("02:59:59.{}-05", "02:00:00.{}-06"),
+                                                          ("23:59:59.{}Z", "02:00:00.{}+02:00")])
+def test_offsets_from_utc_count_at_the_changes_of_summer_time(tmp_path: Path, last_before: str, first_after: str) -> None:
+    times = [form.format(f"{k:03d}") for form in (last_before, first_after) for k in range(0, 1000, 5)]
+    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.005
+
+
+@pytest.mark.parametrize(("cells", "row"), [
+    (("28/02/2024 23:59:59", "29/02/2024 00:00:00", "30/02/2024 00:00:01"), 4),
+    (("12/01/2024 23:59:59", "13/01/2024 00:00:00", "01/14/2024 00:00:01"), 4),
+    (("2024-01-31 23:59:59", "01.02.2024 00:00:00", "01.02.2024 00:00:01"), 3),
+    (("2024-01-31 23:59:58", "2024-01-31 23:59:59", "00:00:00"), 4),
+    (("23:59:58", "2024-01-31 23:59:59", "00:00:00"), 3),
+    (("12:00:01+01:00", "12:00:02", "12:00:03+01:00"), 3),
+    (("12:00:01", "12:00:02", "12:00:03Z"), 4),
+    (("12:00:01+01:00", "12:00:02+99:00", "12:00:03+01:00"), 3),
+    (("12:00:01", "12:00:02", "3.5"), 4),
+])
+def test_a_clock_unlike_the_others_of_its_column_is_named(tmp_path: Path, cells: tuple[str, ...], row: int) -> None:
+    sentence = refusal(with_times(tmp_path, [*cells, *cells[:1] * 20]))
+    assert f"column 'time_s' holds {cells[row - 2]!r} in row {row} (data row {row - 1}), where a clock like {cells[0]!r} is needed" in sentence
+
+
+def test_a_date_that_there_is_not_is_named(tmp_path: Path) -> None:
+    sentence = refusal(with_times(tmp_path, [f"31.02.2024 12:00:{k:02d}" for k in range(60)]))
+    assert "column 'time_s' holds '31.02.2024 12:00:00' in row 2 (data row 1), where a clock is needed" in sentence
+
+
+def test_clocks_of_minutes_and_seconds_need_no_fraction_everywhere(tmp_path: Path) -> None:
+    times = [f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)]
+    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.1
 
 
 def test_a_line_that_never_ends_is_refused(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as arrow_parquet
 
 from piezo_model.recordings.arrow_columns import matrix_of
-from piezo_model.recordings.pieces import BUFFER_BYTES, RecordingError, ahead, first_line
+from piezo_model.recordings.pieces import BUFFER_BYTES, Elapsed, RecordingError, ahead, first_line
 from piezo_model.recordings.tables import Column, Kind, Reading
 from solvers.arrays import Matrix
 
@@ -38,7 +38,7 @@ class ParquetTable:
         return ahead(self._batches(at))
 
     def _batches(self, at: Sequence[int]) -> Iterator[Matrix]:
-        names = [self.columns[k].name for k in at]
+        names, clocks = [self.columns[k].name for k in at], [Elapsed() for _ in at]
         for k in at:
             if self.columns[k].kind not in ("number", "clock"):
                 raise RecordingError(f"{self.path}: column {self.columns[k].name!r} holds values of type "
@@ -47,7 +47,7 @@ class ParquetTable:
             # Buffered and not fetched ahead: otherwise a row group, which may be the whole file, is held at once.
             with arrow_parquet.ParquetFile(self.path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
                 for batch in file.iter_batches(BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False):
-                    yield matrix_of(batch.select(names))
+                    yield matrix_of(batch.select(names), clocks)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise RecordingError(f"{self.path}: is a damaged Parquet file: {first_line(error)}") from None
 

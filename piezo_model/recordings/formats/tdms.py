@@ -34,12 +34,14 @@ class Slice:
     def __call__(self, start: int, stop: int) -> NDArray:
         """Values from one row to before another."""
         from nptdms import TdmsFile
+        from nptdms.timestamp import TimestampArray
 
-        with TdmsFile.open(self.path) as file:
-            values = np.asarray(file[self.group][self.channel][start:stop])
-        if values.dtype.kind == "M":
-            return (values - np.datetime64(0, "s")) / np.timedelta64(1, "s")
-        return values
+        with TdmsFile.open(self.path, raw_timestamps=True) as file:
+            values = file[self.group][self.channel][start:stop]
+        if isinstance(values, TimestampArray):  # its own conversion cuts off what is less than a microsecond
+            nanoseconds = np.rint(values.second_fractions * (1e9 * 2.0**-64)).astype("m8[ns]")
+            return np.asarray(values.seconds.astype("M8[s]") + nanoseconds)
+        return np.asarray(values)
 
 
 def open_table(path: Path, reading: Reading) -> ChannelTable:

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.csv as arrow_csv
 
 from piezo_model.recordings.arrow_columns import numbers
-from piezo_model.recordings.clocks import ClockError, ClockReader, is_clock
+from piezo_model.recordings.clocks import ClockReader
 from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
 from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.sampling_remark import sample_time_in
@@ -51,7 +51,7 @@ class TextTable:
     def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
         """Stream columns as arrays of shape (columns, rows)."""
         keys = [str(k) for k in range(len(self.columns))]  # names of the file may repeat or be empty
-        clocks = {k: ClockReader() for k in at if self.columns[k].kind == "clock"}
+        clocks = {k: ClockReader(f"{self.path}: column {self.columns[k].name!r}", self.where) for k in at if self.columns[k].kind == "clock"}
         dialect = self.rows.dialect
         options = {
             "read_options": arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LONGEST_LINE),
@@ -66,8 +66,8 @@ class TextTable:
                     yield np.stack([clocks[k].seconds(self.rows.decoded(column.to_pylist())) if k in clocks
                                     else numbers(column)
                                     for k, column in zip(at, batch.columns, strict=True)])
-        except (pa.ArrowException, OSError, ClockError) as error:
-            raise RecordingError(self._complaint(at, error)) from None
+        except (pa.ArrowException, OSError) as error:
+            raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
 
     def where(self, row: int) -> str:
         """Row of the file (the line an editor shows) and data row, for a data row counted from 0."""
@@ -85,15 +85,13 @@ class TextTable:
                 if len(cells) != len(self.columns):
                     return f"{self.path}: {place} has {len(cells)} columns where the others have {len(self.columns)}"
                 for at in chosen:
-                    cell, kind = cells[at].strip(), self.columns[at].kind
-                    found = dialect.kind(cell)
-                    if found == "number" or cell in NULLS or (kind == "clock" and is_clock(cell)):
+                    cell = cells[at].strip()
+                    if dialect.kind(cell) == "number" or cell in NULLS:
                         continue
                     said = f"{self.path}: column {self.columns[at].name!r} holds {_short(cell)} in {place}"
                     if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
                         return f"{said}, a decimal comma where the other numbers have points"
-                    wanted = "a number or a clock" if kind == "clock" else "a number"
-                    return f"{said}, where {wanted} is needed" + (", not a flag" if cell.lower() in FLAGS else "")
+                    return f"{said}, where a number is needed" + (", not a flag" if cell.lower() in FLAGS else "")
         except csv.Error as failure:
             error = failure
         return f"{self.path}: cannot be read as a table: {first_line(error)}"

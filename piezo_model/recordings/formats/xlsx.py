@@ -17,6 +17,7 @@ from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
 
 NAME = "an Excel workbook"
 ORDER = 50
+DAY_0 = datetime.datetime(1899, 12, 31)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -64,29 +65,29 @@ def _layout(rows: list[tuple[Any, ...]], reading: Reading) -> tuple[Layout, int]
 
 
 def _channel(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], stated: float | None, sheet: str) -> Channel:
-    kind = "number" if layout.kinds[at] == "clock" else layout.kinds[at]
-    values = np.full(len(rows), np.nan)
-    if kind == "number":
+    kind = layout.kinds[at]
+    values = np.full(len(rows), "NaT", "m8[us]") if kind == "clock" else np.full(len(rows), np.nan)
+    if kind in ("number", "clock"):
         for k, row in enumerate(rows):
             try:
-                values[k] = _number(row[at] if at < len(row) else None)
+                if at < len(row) and row[at] not in (None, ""):
+                    values[k] = _since_1900(row[at]) if kind == "clock" else float(row[at])
             except (TypeError, ValueError):
                 raise RecordingError(f"{path}: column {layout.names[at]!r} holds {row[at]!r} in row {layout.start + k + 1} of sheet "
-                                     f"{sheet!r}, where a number is needed") from None
+                                     f"{sheet!r}, where a {kind} is needed") from None
     column = Column.named(layout.names[at] or f"column {at + 1}", layout.units[at], kind=kind, rows=len(rows), sample_time=stated)
     return Channel(column, array_slice(values))
 
 
-def _number(cell: Any) -> float:
-    if cell is None or cell == "":
-        return float("nan")
+def _since_1900(cell: Any) -> datetime.timedelta:
+    """Time of Excel's day 0 and after it; a format without date shows an hour past the first midnight as one of day 1."""
     if isinstance(cell, datetime.datetime):
-        return (cell - datetime.datetime(1970, 1, 1)).total_seconds()
+        return cell - DAY_0
     if isinstance(cell, datetime.time):
-        return cell.hour * 3600 + cell.minute * 60 + cell.second + cell.microsecond * 1e-6
+        return datetime.datetime.combine(DAY_0, cell) - DAY_0
     if isinstance(cell, datetime.timedelta):
-        return cell.total_seconds()
-    return float(cell)
+        return cell
+    raise TypeError
 
 
 def _cell(cell: Any) -> str:
