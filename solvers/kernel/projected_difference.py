@@ -9,6 +9,7 @@ proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -19,6 +20,8 @@ from solvers.core import OK, REASONS, face
 from solvers.descent import Descent
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box_solution, dense, only_box
+
+MOST_STEPS = 2**53
 
 
 class ProjectedDifference(Ours, Solver):
@@ -74,11 +77,13 @@ class ProjectedDifference(Ours, Solver):
         """
         self._lb, self._ub = only_box(problem, self.name)
         settings = self.settings
-        self._steps = int(settings["steps"])
-        self._ratio = float(settings.get("step_ratio", 0.5))
-        self._tolerance = settings.get("tolerance")
-        if self._steps < 0:
-            raise ValueError(f"{self.name}: steps must not be negative, and it is {self._steps}")
+        numbers = {"steps": settings["steps"], "step_ratio": settings.get("step_ratio", 0.5), "tolerance": settings.get("tolerance")}
+        for name, value in numbers.items():
+            if not (isinstance(value, Real) or (name == "tolerance" and value is None)):
+                raise ValueError(f"{self.name}: {name} must be a number, and it is {value!r}")
+        if not 0 <= numbers["steps"] <= MOST_STEPS:
+            raise ValueError(f"{self.name}: steps must be from 0 to {MOST_STEPS}, and it is {numbers['steps']}")
+        self._steps, self._ratio, self._tolerance = int(numbers["steps"]), float(numbers["step_ratio"]), numbers["tolerance"]
         if not 0 < self._ratio < (np.inf if settings.get("allow_divergence", False) else 1):
             raise ValueError(f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
                              f"{self._ratio}; allow_divergence=True permits more")
