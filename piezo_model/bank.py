@@ -14,17 +14,18 @@ import zlib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
 from piezo_model.compensator import DriveLimits
 from piezo_model.core import State, face
-from piezo_model.json_file import convert, decoded
+from piezo_model.json_file import Number, convert, decoded
 from piezo_model.learning.continuous_learning import CHECKPOINT_S, PROXIMAL
-from piezo_model.learning.settings import MIN_SLOPE
+from piezo_model.learning.settings import MIN_SLOPE, require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operators import creep_gain
 from piezo_model.regressors import RegressorArrays
@@ -45,6 +46,27 @@ MEMORY = ("learning", "left", "probation", "level", "squares_in_use", "squares_c
           "refusals", "faults", "alone")
 """What each learner remembers beside vectors, in the order of ``core/bank.h``."""
 FORMAT, VERSION = "piezobench-bank", 2
+MOST_TILES = 2**24
+
+
+class Options(TypedDict):
+    """Settings of a bank."""
+
+    memory_s: float
+    hand_over_s: float
+    reset_s: float
+    fade_s: float
+    rate_limit: Number | None
+
+
+class About(TypedDict):
+    """What a file says beside the arrays of the memory."""
+
+    format: str
+    version: int
+    structure: ModelStructure
+    tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
+    options: Options
 
 
 class CompensatorBank:
@@ -80,8 +102,7 @@ class CompensatorBank:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
         for name, value in (("memory_s", memory_s), ("hand_over_s", hand_over_s), ("reset_s", reset_s), ("fade_s", fade_s)):
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} must be a positive number of seconds, not {value!r}")
+            require_seconds(name, value)
         self.structure, self.threads = structure, threads
         self.rate_limit = rate_limit
         self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s}
@@ -293,8 +314,11 @@ class CompensatorBank:
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Go on, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
+        slots, lanes = memory["slots"], self._tiles * LANES
+        if not (slots.dtype == np.int64 and slots.ndim == 1 and np.all((slots >= 0) & (slots < lanes)) and np.unique(slots).size == slots.size):
+            raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
         self._core.restore(memory["core"])
-        self._place(memory["slots"].copy())
+        self._place(slots.copy())
 
     def save(self, path: str | Path) -> None:
         """Write everything as NPZ; the file is there whole or not at all."""
@@ -310,9 +334,12 @@ class CompensatorBank:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 about = decoded(str(file["about"]), dict[str, Any])
                 if (about["format"], about["version"]) != (FORMAT, VERSION):
-                    raise ModelError(f"{path}: is no bank of version {VERSION}")
-                bank = cls(convert(about["structure"], ModelStructure), about["tiles"] * LANES, threads=threads, **about["options"])
-                bank.restore({"core": file["core"], "slots": file["slots"]})
-        except (ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+                    raise ValueError(f"it is none of version {VERSION}")
+                found, memory = convert(about, About), {"core": file["core"], "slots": file["slots"]}
+                if memory["core"].size != face.bank_bytes(*found["structure"].shape, found["tiles"]):
+                    raise ValueError(f"the field 'tiles' is {found['tiles']}, and the memory is of another number or of another structure")
+                bank = cls(found["structure"], found["tiles"] * LANES, threads=threads, **found["options"])
+                bank.restore(memory)
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ModelError(f"{path}: does not hold a whole bank: {error}") from None
         return bank

@@ -14,9 +14,9 @@ import msgspec
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import Number
-from piezo_model.learning.settings import Mode
+from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
-from solvers import Lane, Tier, find
+from solvers import Lane, Tier
 
 Model = TypeVar("Model", HysteresisCreepModel, ModelFile)
 
@@ -42,6 +42,11 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     evidence: dict[str, Any] = msgspec.field(default_factory=dict)
     """Run, machine, rule, figures and certificate; kept for people, not acted on."""
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """Lane, rung and settings of the solver as of `LearningSettings`."""
+        return {"lane": self.lane, **self.settings}
+
     def save(self: Deployment[HysteresisCreepModel], path: str | Path) -> None:
         """Write it as JSON, whole or not at all."""
         data = {**msgspec.structs.asdict(self), "model": self.model.to_dict()}
@@ -56,8 +61,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
         except ValueError as error:
             raise ModelError(f"{path}: its model is not valid: {error}") from None
         try:
-            find(file.solver, file.lane)
-        except KeyError as error:
+            LearningSettings(solver=file.solver, mode=file.mode, solver_options=file.options)
+        except ValueError as error:
             raise ModelError(f"{path}: {json_file.brief(error)}") from None
         low, high = file.x_limits
         if not low < high:

@@ -292,8 +292,13 @@ class SelfLearningCompensator:
         found = Deployment.load(path)
         chosen: dict[str, Any] = {
             "solver": found.solver, "x_limits": found.x_limits, "mode": found.mode, "model": found.model,
-            "solver_options": {"lane": found.lane, **found.settings}}
-        return cls(found.model.structure, **{**chosen, **options})
+            "solver_options": found.options}
+        try:
+            return cls(found.model.structure, **{**chosen, **options})
+        except ValueError as error:
+            if options:  # which may be what is wrong
+                raise
+            raise ModelError(f"{path}: {json_file.brief(error)}") from None
 
     @classmethod
     def _resumed(cls, path: str | Path) -> SelfLearningCompensator:

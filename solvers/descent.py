@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.cone import EMPTY, Cone
 from solvers.core import NOT_FINITE, OK, REASONS, block, face
 from solvers.protocol import Matrix, Vector
-
-Block = NDArray[np.uint8]
 
 
 class Descent:
@@ -43,8 +39,9 @@ class Descent:
     >>> import numpy as np
     >>> d = Descent(np.zeros(1), np.ones(1), "example")
     >>> d.take(np.array([[2.0]]), np.array([-1.0]), 0.25, scaled=False)
-    >>> d.start(None), d.run(2), d.w.tolist(), d.eta
-    (0, 2, [0.375], 0.25)
+    >>> d.start(None)
+    >>> d.run(2), d.w.tolist(), d.eta
+    (2, [0.375], 0.25)
     """
 
     def __init__(self, lb: Vector, ub: Vector, name: str) -> None:
@@ -52,8 +49,7 @@ class Descent:
         self.state = block(face.descent_bytes(lb.size))
         self._accept(face.descent_setup(self.state, lb, ub))
         numbers, places = self.state.view(np.float64), face.descent_places(self.state)
-        self.w, self.D, self.lower, self.upper, self._answer = (
-            numbers[places[part]:places[part] + lb.size] for part in ("w", "D", "lower", "upper", "answer"))
+        self.w, self.D, self._answer = (numbers[places[part]:places[part] + lb.size] for part in ("w", "D", "answer"))
         self._eta, self._taken, self._met = numbers[2:3], self.state.view(np.int64)[3:4], self.state.view(np.int32)[8:9]
 
     def take(self, P: Matrix | None, q: Vector | None, ratio: float, scaled: bool) -> None:
@@ -64,14 +60,13 @@ class Descent:
             raise ValueError(f"{self._name}: {which} must be finite")
         self._accept(status)
 
-    def start(self, x: Vector | None, cone: Block | None = None) -> int:
-        """Begin at the projection of x (d,), of 0 for None, onto the box and the state of a :class:`~solvers.cone.Cone`; a status."""
-        status: int = face.descent_start(self.state, cone, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
-        return status
+    def start(self, x: Vector | None) -> None:
+        """Begin at the projection of x (d,), of 0 for None."""
+        face.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
 
-    def run(self, steps: int, threshold: float = -1.0, cone: Block | None = None) -> int:
+    def run(self, steps: int, threshold: float = -1.0) -> int:
         """Take plain steps; returns how many. It ends where one moves w by ``threshold`` or less (2-norm), looked at every 16."""
-        taken: int = face.projected_steps(self.state, cone, steps, threshold)
+        taken: int = face.projected_steps(self.state, steps, threshold)
         return taken
 
     def answer(self) -> Vector:
@@ -118,8 +113,7 @@ def limit(P: Matrix) -> float:
     return descent.eta if np.any(P) else np.inf
 
 
-def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: float, steps: Sequence[int],
-               G: Matrix | None = None, h: Vector | None = None) -> Matrix:
+def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: float, steps: Sequence[int]) -> Matrix:
     """The iterates w(k) at the step counts k of ``steps`` (ascending), shape (len(steps), d).
 
     Examples
@@ -127,16 +121,14 @@ def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: fl
     >>> trajectory(np.eye(1), -np.ones(1), np.zeros(1), np.full(1, np.inf), np.zeros(1), 0.5, (1, 2, 3)).ravel().tolist()
     [0.5, 0.75, 0.875]
     """
-    cone, descent = Cone(G, h, lb, ub), Descent(lb, ub, "trajectory")
+    descent = Descent(lb, ub, "trajectory")
     descent.take(np.ascontiguousarray(P), np.ascontiguousarray(q), eta / limit(P), scaled=False)
-    descent.lower[:], descent.upper[:] = cone.lo, cone.hi
-    if descent.start(w0, cone.state) != OK:
-        raise ValueError(EMPTY)
+    descent.start(w0)
     found, done = np.empty((len(steps), q.size)), 0
     for i, k in enumerate(steps):
         if k < done:
             raise ValueError(f"step counts must ascend, and {k} comes after {done}")
-        descent.run(k - done, cone=cone.state)
+        descent.run(k - done)
         done = k
         found[i] = descent.w
     return found

@@ -28,7 +28,7 @@ FILES = {"piezo_parameters.h": "parameters.h.jinja", "main.c": "main.c.jinja", "
 INTERFACE = Path(__file__).parent / "c"
 SHARED = ("vec8.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
 BOX = ("status.h", "product.h", "box.h", *(f"box_{part}.c" for part in ("data", "dual", "exchange", "factor", "inverse", "pivoting")))
-CYCLIC = ("status.h", "product.h", "box.h", "cone.h", "descent.h", "descent.c", "eigenvalue.h", "eigenvalue.c", "learning.h",
+CYCLIC = ("status.h", "product.h", "descent.h", "descent.c", "eigenvalue.h", "eigenvalue.c", "learning.h",
           "sensor_guard.h", "regressors.h", "data_basis.h", "data_basis.c", "cyclic.h", "cyclic.c")
 CORE = {
     "projected_difference": CYCLIC, "accelerated_projection": (*CYCLIC, "acceleration.c"),

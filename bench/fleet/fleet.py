@@ -1,10 +1,11 @@
 """The same work on every recording of a fleet: each has a row on disk once it is done, and is not done again.
 
     OUT/NAME.json           what the work makes of a recording, such as its model
-    OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of what it read
+    OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of what it read,
+                            and one of what was made
 
-The row comes last and goes first, each file is written whole, and the digest decides: so an interruption at any moment costs
-the recordings that were under way, and other settings or another content are done again. So is what was refused.
+The row comes last and goes first, each file is written whole, and the digests decide: so an interruption at any moment costs
+the recordings that were under way, and other settings or another content, read or made, are done again. So is what was refused.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypedDict, runtime_checkable
 
 from bench.fleet.places import absolute, file_here, filesystem, folder_here, names_of
 from bench.passed.progress import Progress
@@ -26,6 +27,14 @@ from piezo_model.json_file import decoded, packed, unpacked
 
 Row = dict[str, Any]
 """``recording``, ``name`` and ``refused``, the sentence that says why there is no more, or ""; then figures of the work."""
+
+
+class Kept(TypedDict):
+    """A row on disk: SHA-256 of all that decides what is made, and of what was made, empty where that is the row alone."""
+
+    digest: str
+    made: str
+    figures: dict[str, Any]
 
 
 class Work(Protocol):
@@ -89,13 +98,15 @@ def row_of(part: Part) -> Row:
         with ExitStack() as stack:
             here, *further = (stack.enter_context(file_here(place)) for place in (part.recording, *part.work.reads(part.name)))
             digest = _digest(part.work, (here, *further))
-            if (before := _kept(part)).get("digest") == digest:
-                return {**row, **before["figures"]}
+            if (before := _kept(part, digest)) is not None:
+                return {**row, **before}
             _forget(part.out, f"rows/{kept}")
             with folder_here(part.out) as folder:
-                figures = part.work.do(here, further, folder / (part.work.made or ".").format(part.name))
+                target = folder / (part.work.made or ".").format(part.name)
+                figures = part.work.do(here, further, target)
+                made = hashlib.sha256(target.read_bytes()).hexdigest() if part.work.made else ""
             with folder_here(f"{part.out}/rows") as folder:
-                write_text(folder / kept, json.dumps({"digest": digest, "figures": packed(figures)}) + "\n")
+                write_text(folder / kept, json.dumps(Kept(digest=digest, made=made, figures=packed(figures))) + "\n")
         return {**row, **figures}
     except Exception as error:
         _forget(part.out, f"rows/{kept}", part.work.made.format(part.name))
@@ -119,17 +130,19 @@ def _digest(work: Work, files: Sequence[Path]) -> str:
     return found.hexdigest()
 
 
-def _kept(part: Part) -> Row:
-    """What is on disk of a row whose work is there, too; nothing where that is no whole row."""
+def _kept(part: Part, digest: str) -> Row | None:
+    """The figures of a row on disk with this digest whose work is there as it was made; None where it is to be done."""
     fs, out = filesystem(part.out)
     row, made = f"{out}/rows/{part.name}.json", part.work.made.format(part.name)
     if not fs.isfile(row) or (made and not fs.isfile(f"{out}/{made}")):
-        return {}
+        return None
     try:
-        found: Row = unpacked(decoded(fs.cat_file(row), dict[str, Any]))
-    except ValueError:  # of an older program; it is done again
-        return {}
-    return found
+        found = decoded(fs.cat_file(row), Kept)
+        figures: Row = unpacked(found["figures"])
+    except ValueError:  # of an older program, or damaged
+        return None
+    whole = not made or hashlib.sha256(fs.cat_file(f"{out}/{made}")).hexdigest() == found["made"]
+    return figures if found["digest"] == digest and whole else None
 
 
 def _forget(out: str, *files: str) -> None:

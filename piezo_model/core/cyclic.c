@@ -187,9 +187,12 @@ static void make_program(Cyclic *c)
 /* Put the recursion at the start; whether the program can be solved. */
 static int begin_steps(Cyclic *c)
 {
-    return descent_setup(c->descent.head, c->d, c->lower, c->upper) == OK
-        && descent_take(&c->descent, c->P, c->q, c->memory->settings.step_ratio, 0) == OK
-        && descent_start(&c->descent, NULL, c->start) == OK;
+    if (descent_setup(c->descent.head, c->d, c->lower, c->upper) != OK
+        || descent_take(&c->descent, c->P, c->q, c->memory->settings.step_ratio, 0) != OK) {
+        return 0;
+    }
+    descent_start(&c->descent, c->start);
+    return 1;
 }
 
 static int refuse(Cyclic *c, int why)
@@ -281,7 +284,7 @@ int cyclic_observe(Cyclic *c, real x, real y)
     }
     if (phase == LEARN) {
         if (m->settings.steps) {
-            projected_steps(&c->descent, NULL, 1, -1);
+            projected_steps(&c->descent, 1, -1);
         }
         --n->left;
     } else if (verdict == GOOD) {

@@ -8,13 +8,22 @@ from typing import Any, Literal, get_args
 
 import solvers
 from piezo_model.json_file import Number
+from piezo_model.learning.solving import require_rung
 
 LONGEST_S = 1e9
+MOST_SAMPLES = 2**53
+"""Of a solve."""
 Mode = Literal["cyclic", "continuous"]
 
 MIN_SLOPE = 0.1
 """Smallest slope of S⁻¹, in unit amplitudes, that is learned. With a much smaller one a single wrong slope in an outer piece would
 be there for ever: the drive would hardly rise with the reference, so the output would never come to where it is put right."""
+
+
+def require_seconds(name: str, value: float) -> None:
+    """ValueError where a setting is not a time whose samples can be counted."""
+    if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
+        raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
 
 
 @dataclass(frozen=True)
@@ -42,18 +51,18 @@ class LearningSettings:
         if self.mode not in get_args(Mode):
             raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, not {self.mode!r}")
         for name in ("reset_s", "build_s", "learn_s", "memory_s", "hand_over_s", "fade_s"):
-            value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
-                raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
+            require_seconds(name, getattr(self, name))
         if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
             raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
         steps = self.samples_to_solve
-        if steps is not None and not (isinstance(steps, int) and steps >= 1):
-            raise ValueError(f"samples_to_solve must be a whole number of at least 1, not {steps!r}")
+        if steps is not None and not (isinstance(steps, int) and 1 <= steps <= MOST_SAMPLES):
+            raise ValueError(f"samples_to_solve must be a whole number from 1 to {MOST_SAMPLES}, not {steps!r}")
+        options = self.solver_options or {}
         try:
-            solvers.find(self.solver, (self.solver_options or {}).get("lane"))
+            solvers.find(self.solver, options.get("lane"))
         except KeyError as error:
             raise ValueError(error.args[0]) from None
+        require_rung(options.get("rung"), self.solver, options.get("lane"))
 
     def to_dict(self) -> dict[str, Any]:
         """Fields as JSON can hold them."""

@@ -52,6 +52,18 @@ def _asked(solver: str, c: float, lane: str | None = None, rung: int | None = No
         yield cls(**{**asked, **settings})
 
 
+def require_rung(rung: Any, solver: str, lane: str | None) -> None:
+    """ValueError where a rung is none of the solver's; without its library that cannot be told."""
+    if rung is None:
+        return
+    try:
+        last = len(solvers.find(solver, lane).load().ladder(1.0)) - 1
+    except ImportError:
+        return
+    if not (isinstance(rung, int | np.integer) and not isinstance(rung, bool) and -1 <= rung <= last):
+        raise ValueError(f"rung must be a whole number from -1 to {last}, the rungs of {solver}, not {rung!r}")
+
+
 def step_ratio(options: Mapping[str, Any] | None) -> float:
     """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot be."""
     from qpsolvers import Problem

@@ -117,8 +117,8 @@ class Embedded(Solver):
         """Update and solve inside C, each timed."""
         p, updates, solves = self.program, np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self._library.embedded_time(count, _address(p.P), _address(p.q), None if start is None else _address(start),
-                                    _address(updates), _address(solves))
+        self._found = self._library.embedded_time(count, _address(p.P), _address(p.q), None if start is None else _address(start),
+                                                  _address(updates), _address(solves)) == 0
         self._library.embedded_answer(_address(self._x), _address(self._z))
         return updates, solves
 

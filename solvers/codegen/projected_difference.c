@@ -25,8 +25,8 @@ void embedded_update(const double *P, const double *q) { status = descent_take(&
 int embedded_solve(const double *start)
 {
     if (status == OK) {
-        descent_start(&solver, NULL, start);
-        projected_steps(&solver, NULL, steps, -1);
+        descent_start(&solver, start);
+        projected_steps(&solver, steps, -1);
         descent_answer(&solver);
     }
     return status;

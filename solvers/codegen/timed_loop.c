@@ -13,14 +13,17 @@ static int64_t now(void)
     return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
 }
 
-void embedded_time(int count, const double *P, const double *q, const double *start, int64_t *updates, int64_t *solves)
+/* What the last solve returned. */
+int embedded_time(int count, const double *P, const double *q, const double *start, int64_t *updates, int64_t *solves)
 {
+    int ended = -1;
     for (int k = 0; k < count; ++k) {
         const int64_t first = now();
         embedded_update(P, q);
         const int64_t second = now();
-        embedded_solve(start);
+        ended = embedded_solve(start);
         solves[k] = now() - second;
         updates[k] = second - first;
     }
+    return ended;
 }

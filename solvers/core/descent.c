@@ -13,10 +13,6 @@
 #include "eigenvalue.h"
 #include "product.h"
 
-#ifdef CORE_VARIABLES /* of one size for all, so there are no rows */
-#define cone_project(cone, x) OK
-#endif
-
 enum { VECTORS = 12, LOOK_EVERY = 16 };
 #define INDEFINITE_SHARE ((real)1e-9) /* of the largest eigenvalue, what rounding may leave below zero */
 #define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
@@ -148,28 +144,22 @@ int descent_take(Descent *s, const real *P, const real *q, real ratio, int scale
     return OK;
 }
 
-/* The point to project, onto the box and then the cone, whose variables have no bounds in the box. */
-static int project(Descent *s, Cone *cone)
+/* Move to the projection of the next point, which may be projected already. */
+static void advance(Descent *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
-        store(s->next + j, clip(load(s->next + j), load(s->lower + j), load(s->upper + j)));
-    }
-    return cone == NULL ? OK : cone_project(cone, s->next);
-}
-
-int descent_start(Descent *s, Cone *cone, const real *x)
-{
-    int status;
-    for (int j = 0; j < s->d; ++j) {
-        s->next[j] = x != NULL ? x[j] / s->D[j] : 0;
-    }
-    status = project(s, cone);
-    for (int j = 0; j < s->ld; j += LANES) {
-        const vec8 w = load(s->next + j);
+        const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
         store(s->w + j, w);
         store(s->carry + j, add(w, load(s->shift + j)));
     }
-    return status;
+}
+
+void descent_start(Descent *s, const real *x)
+{
+    for (int j = 0; j < s->d; ++j) {
+        s->next[j] = x != NULL ? x[j] / s->D[j] : 0;
+    }
+    advance(s);
 }
 
 void descent_answer(Descent *s)
@@ -182,7 +172,7 @@ void descent_answer(Descent *s)
 }
 
 /* Where threshold >= 0, it ends at a step, of every sixteenth, that moves w by no more than that (2-norm). */
-int64_t projected_steps(Descent *s, Cone *cone, int64_t steps, real threshold)
+int64_t projected_steps(Descent *s, int64_t steps, real threshold)
 {
     const int d = s->d, ld = s->ld;
     int64_t k = 0;
@@ -191,18 +181,13 @@ int64_t projected_steps(Descent *s, Cone *cone, int64_t steps, real threshold)
         const int look = threshold >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1;
         affine(s->columns, ld, d, s->w, s->carry, s->next);
         ++k;
-        if ((look || cone != NULL) && project(s, cone) != OK) {
-            for (int j = 0; j < d; ++j) {
-                s->w[j] = REAL_INFINITY - REAL_INFINITY;
+        if (look) {
+            for (int j = 0; j < ld; j += LANES) {
+                store(s->next + j, clip(load(s->next + j), load(s->lower + j), load(s->upper + j)));
             }
-            return -1;
+            done = distance_squared(s->next, s->w, ld) <= threshold * threshold;
         }
-        done = look && distance_squared(s->next, s->w, ld) <= threshold * threshold;
-        for (int j = 0; j < ld; j += LANES) { /* of what is projected already the clip changes nothing */
-            const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
-            store(s->w + j, w);
-            store(s->carry + j, add(w, load(s->shift + j)));
-        }
+        advance(s);
     }
     s->head->taken = k;
     s->head->met = done;

@@ -1,4 +1,4 @@
-/* Projected gradient steps on   minimise 1/2 x'Px + q'x   subject to   lb <= x <= ub   (and rows of a cone),   plain and accelerated.
+/* Projected gradient steps on   minimise 1/2 x'Px + q'x   subject to   lb <= x <= ub,   plain and accelerated.
  *
  * The steps are taken in the variables w = x / D, with D_j = P_jj^(-1/2) or 1, so that a box stays a box. One rule gives every
  * step its size: eta = 2 ratio / lambda_max(D P D), where 1 for `ratio` is the limit of stability.
@@ -6,7 +6,6 @@
 #ifndef CORE_DESCENT_H
 #define CORE_DESCENT_H
 
-#include "cone.h"
 #include "room.h"
 #include "status.h"
 
@@ -38,11 +37,10 @@ CORE_API Descent descent_at(void *memory);
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 /* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
 CORE_API int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled);
-/* Begin at the projection of x (d), of 0 for NULL; OK, or UNBOUNDED where the cone is empty. */
-CORE_API int descent_start(Descent *s, Cone *cone, const real *x);
+/* Begin at the projection of x (d), of 0 for NULL. */
+CORE_API void descent_start(Descent *s, const real *x);
 /* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */
-/* The plain ones project onto a cone, too, where it is not NULL; -1, and w is NaN, where that is empty. */
-CORE_API int64_t projected_steps(Descent *s, Cone *cone, int64_t steps, real threshold);
+CORE_API int64_t projected_steps(Descent *s, int64_t steps, real threshold);
 CORE_API int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance);
 /* x (d) for w, at a bound to the last bit where w is at it; in s->answer. */
 CORE_API void descent_answer(Descent *s);

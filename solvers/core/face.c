@@ -148,15 +148,6 @@ void *take_state(Arguments *a, int32_t kind)
     return view->buf;
 }
 
-void *take_optional_state(Arguments *a, int32_t kind)
-{
-    if (!a->failed && a->given[a->next] == &_Py_NoneStruct) {
-        ++a->next;
-        return NULL;
-    }
-    return take_state(a, kind);
-}
-
 Py_ssize_t taken_length(const Arguments *a) { return a->failed ? 0 : a->views[a->arrays - 1].shape[0]; }
 
 void begin_long_if(Arguments *a, int long_enough) { a->waiting = long_enough ? PyEval_SaveThread() : NULL; }

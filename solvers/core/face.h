@@ -56,8 +56,6 @@ int64_t *take_integers(Arguments *a, Py_ssize_t length);
 int *take_ints(Arguments *a, Py_ssize_t length);
 /* A state of the given kind; with kind 0 any block, to be made one once `need_bytes` has found it large enough. */
 void *take_state(Arguments *a, int32_t kind);
-/* The same, or NULL without an error for None. */
-void *take_optional_state(Arguments *a, int32_t kind);
 /* Whether array number `array` (0 is the first taken) has so many bytes. */
 void need_bytes(Arguments *a, int array, int64_t bytes);
 /* Fail for a reason that the function itself finds. */

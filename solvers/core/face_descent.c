@@ -20,8 +20,7 @@ FACE(descent_places)
         return finish(a, NULL);
     }
     const real *const first = (const real *)(const void *)s.head;
-    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n}", "w", s.w - first, "lower", s.lower - first, "upper", s.upper - first,
-                                    "D", s.D - first, "answer", s.answer - first));
+    return finish(a, Py_BuildValue("{s:n,s:n,s:n}", "w", s.w - first, "D", s.D - first, "answer", s.answer - first));
 }
 
 FACE(descent_setup)
@@ -44,28 +43,14 @@ FACE(descent_take)
     return finish_integer(a, good(a) ? descent_take(&s, P, q, ratio, scaled) : 0);
 }
 
-/* A cone, or NULL for None; it couples some of d variables. */
-static Cone *take_cone(Arguments *a, Cone *cone, int d)
-{
-    void *const memory = take_optional_state(a, CONE_KIND);
-    if (memory == NULL) {
-        return NULL;
-    }
-    *cone = cone_at(memory);
-    for (int k = 0; k < cone->coupled; ++k) {
-        if (cone->index[k] < 0 || cone->index[k] >= d) {
-            refuse(a, "the cone couples variables that there are not");
-        }
-    }
-    return cone;
-}
-
 FACE(descent_start)
 {
     Descent s = take_descent(a);
-    Cone room, *const cone = take_cone(a, &room, s.d);
     const double *const x = take_optional(a, VECTOR, s.d);
-    return finish_integer(a, good(a) ? descent_start(&s, cone, x) : 0);
+    if (good(a)) {
+        descent_start(&s, x);
+    }
+    return finish_integer(a, 0);
 }
 
 FACE(descent_answer)
@@ -77,25 +62,18 @@ FACE(descent_answer)
     return finish_integer(a, 0);
 }
 
-/* Both methods: steps of one run, or of runs from the same start again and again, each timed. The accelerated one knows no cone. */
-typedef int64_t (*Method)(Descent *s, Cone *cone, int64_t steps, real tolerance);
-
-static int64_t accelerated(Descent *s, Cone *cone, int64_t steps, real tolerance)
-{
-    (void)cone;
-    return accelerated_steps(s, steps, tolerance);
-}
+/* Both methods: steps of one run, or of runs from the same start again and again, each timed. */
+typedef int64_t (*Method)(Descent *s, int64_t steps, real tolerance);
 
 static PyObject *steps_of(Method method, Arguments *a)
 {
     Descent s = take_descent(a);
-    Cone room, *const cone = take_cone(a, &room, s.d);
     const int64_t steps = take_integer(a, 0, INT64_MAX);
     const double tolerance = take_number(a);
     int64_t taken = 0;
     if (good(a)) {
         begin_long_if(a, steps > 100);
-        taken = method(&s, cone, steps, tolerance);
+        taken = method(&s, steps, tolerance);
     }
     return finish_integer(a, taken);
 }
@@ -103,7 +81,6 @@ static PyObject *steps_of(Method method, Arguments *a)
 static PyObject *time_of(Method method, Arguments *a)
 {
     Descent s = take_descent(a);
-    Cone room, *const cone = take_cone(a, &room, s.d);
     const double *const x = take_optional(a, VECTOR, s.d);
     const int64_t steps = take_integer(a, 0, INT64_MAX);
     const double tolerance = take_number(a);
@@ -113,9 +90,9 @@ static PyObject *time_of(Method method, Arguments *a)
         begin_long_if(a, 1);
         for (Py_ssize_t k = 0; k < runs; ++k) {
             int64_t begin;
-            descent_start(&s, cone, x);
+            descent_start(&s, x);
             begin = monotonic_ns();
-            method(&s, cone, steps, tolerance);
+            method(&s, steps, tolerance);
             nanoseconds[k] = monotonic_ns() - begin;
         }
     }
@@ -123,15 +100,14 @@ static PyObject *time_of(Method method, Arguments *a)
 }
 
 FACE(projected_steps) { return steps_of(projected_steps, a); }
-FACE(accelerated_steps) { return steps_of(accelerated, a); }
+FACE(accelerated_steps) { return steps_of(accelerated_steps, a); }
 FACE(time_projected) { return time_of(projected_steps, a); }
-FACE(time_accelerated) { return time_of(accelerated, a); }
+FACE(time_accelerated) { return time_of(accelerated_steps, a); }
 
 /* Rows (xi, x) into P and q, and `steps` steps after each from where the last ones ended; timed is all but the row. */
 FACE(projected_follow)
 {
     Descent s = take_descent(a);
-    Cone room, *const cone = take_cone(a, &room, s.d);
     double *const P = take_output(a, s.d, s.d);
     double *const q = take_output(a, VECTOR, s.d);
     const double *const rows = take_array(a, ANY_LENGTH, s.d + 1);
@@ -152,48 +128,9 @@ FACE(projected_follow)
         absorb(P, q, &c, s.d, rows + k * (s.d + 1), forgetting);
         begin = monotonic_ns();
         status = descent_take(&s, P, q, ratio, 0);
-        projected_steps(&s, cone, steps, -1);
+        projected_steps(&s, steps, -1);
         nanoseconds[k] = monotonic_ns() - begin;
         memcpy(answers + k * s.d, s.w, (size_t)s.d * sizeof(double));
     }
     return finish_integer(a, status);
-}
-
-FACE(cone_bytes)
-{
-    const int rows = (int)take_integer(a, 0, 10000);
-    const int coupled = (int)take_integer(a, 0, 10000);
-    return finish_integer(a, good(a) ? cone_bytes(rows, coupled) : 0);
-}
-
-FACE(cone_setup)
-{
-    void *const memory = take_state(a, 0);
-    const double *const A = take_array(a, ANY_LENGTH, ANY_LENGTH);
-    const int rows = (int)taken_length(a);
-    const int coupled = good(a) ? (int)a->views[1].shape[1] : 0;
-    const double *const b = take_array(a, VECTOR, rows);
-    const int64_t *const index = take_integers(a, coupled);
-    need_bytes(a, 0, cone_bytes(rows, coupled));
-    return finish_integer(a, good(a) ? cone_setup(memory, rows, coupled, A, b, index) : 0);
-}
-
-/* Project x (d,) in place; a status. */
-FACE(cone_project)
-{
-    double *const x = take_output(a, VECTOR, ANY_LENGTH);
-    Cone room, *const cone = take_cone(a, &room, (int)taken_length(a));
-    return finish_integer(a, good(a) && cone != NULL ? cone_project(cone, x) : 0);
-}
-
-/* The multipliers of the rows at the last projection. */
-FACE(cone_multipliers)
-{
-    void *const memory = take_state(a, CONE_KIND);
-    double *const multipliers = take_output(a, VECTOR, memory != NULL ? ((const ConeHead *)memory)->rows : 0);
-    if (good(a)) {
-        const Cone cone = cone_at(memory);
-        memcpy(multipliers, cone.dual.answer, (size_t)cone.rows * sizeof(double));
-    }
-    return finish_integer(a, 0);
 }

@@ -18,11 +18,7 @@
     F(box_follow, 7, "state, P, q, rows, forgetting, answers, nanoseconds", "solve after each row; a status.") \
     F(box_many_bytes, 1, "d", "size of the room that box_many needs.") \
     F(box_many, 10, "P, q, lb, ub, x, statuses, room, first, last, lanes", "programs one by one or in lanes; how many one by one.") \
-    F(projected_follow, 10, "state, cone, P, q, rows, forgetting, ratio, steps, answers, nanoseconds", "a status.") \
-    F(cone_bytes, 2, "rows, coupled", "size of the state of a projection.") \
-    F(cone_setup, 4, "state, A, b, index", "make a block a state; a status.") \
-    F(cone_project, 2, "x, cone", "project in place; a status.") \
-    F(cone_multipliers, 2, "cone, multipliers", "of the last projection.") \
+    F(projected_follow, 9, "state, P, q, rows, forgetting, ratio, steps, answers, nanoseconds", "a status.") \
     F(swept_bytes, 1, "d", "size of the state of the solver that takes rows.") \
     F(swept_places, 1, "state", "where its vectors begin, in numbers.") \
     F(swept_setup, 6, "state, lb, ub, forgetting, row_weight, proximal", "make a block a state; a status.") \
@@ -40,12 +36,12 @@
     F(descent_places, 1, "state", "where its vectors begin, in numbers.") \
     F(descent_setup, 3, "state, lb, ub", "make a block a state; a status.") \
     F(descent_take, 5, "state, P, q, ratio, scaled", "new data, None for what stays; a status.") \
-    F(descent_start, 3, "state, cone, x", "begin at x, at 0 for None.") \
+    F(descent_start, 2, "state, x", "begin at x, at 0 for None.") \
     F(descent_answer, 1, "state", "write the answer.") \
-    F(projected_steps, 4, "state, cone, steps, threshold", "how many were taken.") \
-    F(accelerated_steps, 4, "state, None, steps, tolerance", "how many were taken.") \
-    F(time_projected, 6, "state, cone, x, steps, threshold, nanoseconds", "time runs from x.") \
-    F(time_accelerated, 6, "state, None, x, steps, tolerance, nanoseconds", "time runs from x.")
+    F(projected_steps, 3, "state, steps, threshold", "how many were taken.") \
+    F(accelerated_steps, 3, "state, steps, tolerance", "how many were taken.") \
+    F(time_projected, 5, "state, x, steps, threshold, nanoseconds", "time runs from x.") \
+    F(time_accelerated, 5, "state, x, steps, tolerance, nanoseconds", "time runs from x.")
 FACES(DECLARE_FACE)
 
 #endif

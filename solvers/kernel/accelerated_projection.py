@@ -83,14 +83,14 @@ class AcceleratedProjection(Ours, Solver):
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is ``warm_start``, or 0, clipped."""
         self._method.start(warm_start)
-        face.accelerated_steps(self._method.state, None, self._steps, self._tolerance)
+        face.accelerated_steps(self._method.state, self._steps, self._tolerance)
         return self._method.answer()
 
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are timed from Python."""
         nanoseconds = np.empty(count, dtype=np.int64)
         start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
-        face.time_accelerated(self._method.state, None, start, self._steps, self._tolerance, nanoseconds)
+        face.time_accelerated(self._method.state, start, self._steps, self._tolerance, nanoseconds)
         return None, nanoseconds
 
     def solution(self) -> Solution:

@@ -2,31 +2,30 @@
 
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    0 < η < 2/λ_max(P)
 
-minimises ½ wᵀP w + qᵀw over a convex set that is easy to project onto. Source, proof and arithmetic stand in
-``solvers/core/descent.c``. In slope coordinates the set is a box and the projection clips; in weight coordinates it
-is a polyhedral cone and the projection is exact too (``solvers/core/cone.c``). The two ways have one answer
-and different paths. The paper runs 15 200 steps: one per sampling period of 125 µs for 1.9 s.
+minimises ½ wᵀP w + qᵀw over a box: in slope coordinates the set of the paper's (7) is one, and the projection clips. Source,
+proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 steps: one per sampling period of 125 µs for 1.9 s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-from solvers.cone import EMPTY, Cone
 from solvers.core import OK, REASONS, face
 from solvers.descent import Descent
 from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box, dense
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box_solution, dense, only_box
+
+MOST_STEPS = 2**53
 
 
 class ProjectedDifference(Ours, Solver):
-    """Projected gradient with a fixed step, for bounds and for general rows G x ≤ h without equalities.
+    """Projected gradient with a fixed step, for problems with bounds only.
 
     A number of steps is asked for and not a tolerance, so its rungs are numbers of steps.
 
@@ -40,7 +39,7 @@ class ProjectedDifference(Ours, Solver):
     allow_divergence : bool, default False
         Permit a step_ratio of 1 and more, which does not converge.
     diagonal_scaling : bool, default False
-        Iterate in the variables w/D, D = diag(P)^−½, which keeps a box a box (in general rows G becomes G D).
+        Iterate in the variables w/D, D = diag(P)^−½, which keeps a box a box.
     tolerance : float or None, default None
         Stop where the projected gradient |w(k+1) − w(k)|/η falls to this part of |q| (2-norms, looked at every 16
         steps). None, the paper's, looks at nothing.
@@ -72,28 +71,24 @@ class ProjectedDifference(Ours, Solver):
         Raises
         ------
         Unsupported
-            The problem has equalities.
+            The problem has general rows.
         ValueError
-            A number is not finite where it must be, P is indefinite, the constraints are infeasible, or a setting is
-            out of range.
+            A number is not finite where it must be, P is indefinite, bounds cross, or a setting is out of range.
         """
-        if problem.A is not None:
-            raise Unsupported(f"{self.name} takes bounds and inequalities, and the problem has equalities")
+        self._lb, self._ub = only_box(problem, self.name)
         settings = self.settings
-        self._steps = int(settings["steps"])
-        self._ratio = float(settings.get("step_ratio", 0.5))
-        self._tolerance = settings.get("tolerance")
-        if self._steps < 0:
-            raise ValueError(f"{self.name}: steps must not be negative, and it is {self._steps}")
+        numbers = {"steps": settings["steps"], "step_ratio": settings.get("step_ratio", 0.5), "tolerance": settings.get("tolerance")}
+        for name, value in numbers.items():
+            if not (isinstance(value, Real) or (name == "tolerance" and value is None)):
+                raise ValueError(f"{self.name}: {name} must be a number, and it is {value!r}")
+        if not 0 <= numbers["steps"] <= MOST_STEPS:
+            raise ValueError(f"{self.name}: steps must be from 0 to {MOST_STEPS}, and it is {numbers['steps']}")
+        self._steps, self._ratio, self._tolerance = int(numbers["steps"]), float(numbers["step_ratio"]), numbers["tolerance"]
         if not 0 < self._ratio < (np.inf if settings.get("allow_divergence", False) else 1):
             raise ValueError(f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
                              f"{self._ratio}; allow_divergence=True permits more")
-        self._lb, self._ub = box(problem)
-        self._G = None if problem.G is None else np.asarray(problem.G.toarray() if hasattr(problem.G, "toarray") else problem.G)
-        self._h = None if problem.h is None else np.asarray(problem.h, np.float64)
         self._P, self._q = dense(problem)
         self._descent = Descent(self._lb, self._ub, self.name)
-        self._cone: Cone | None = None
         self.update(self._P, self._q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -104,13 +99,9 @@ class ProjectedDifference(Ours, Solver):
         if q is not None:
             np.copyto(self._q, q)
         self._descent.take(None if P is None else self._P, None if q is None else self._q, self._ratio, scaling)
-        D = self._descent.D
-        if self._cone is None or (P is not None and scaling):
-            self._cone = Cone(None if self._G is None else self._G * D, self._h, self._lb / D, self._ub / D)
-        self._descent.lower[:], self._descent.upper[:] = self._cone.lo, self._cone.hi
         self._threshold = -1.0
         if self._tolerance is not None:
-            self._threshold = float(self._tolerance) * self._descent.eta * float(np.linalg.norm(self._q * D))
+            self._threshold = float(self._tolerance) * self._descent.eta * float(np.linalg.norm(self._q * self._descent.D))
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is the projection of ``warm_start``, or of 0."""
@@ -120,29 +111,21 @@ class ProjectedDifference(Ours, Solver):
 
     def begin(self, start: Vector | None) -> None:
         """Put the recursion at the projection of ``start`` (d,), to be moved on by ``advance`` as the machine runs."""
-        if self._descent.start(start, self._rows) != OK:
-            raise ValueError(EMPTY)
+        self._descent.start(start)
 
     def advance(self, steps: int) -> None:
         """Take so many steps from where the recursion stands."""
-        self._descent.run(steps, self._threshold, self._rows)
+        self._descent.run(steps, self._threshold)
 
     def answer(self) -> Vector:
-        """Return the iterate (d,) where the recursion stands, clipped, since scaling back can leave a bound by one bit."""
-        if self._rows is None and self._G is None:
-            return self._descent.answer()
-        return np.minimum(np.maximum(self._descent.w * self._descent.D, self._lb), self._ub)
-
-    @property
-    def _rows(self) -> NDArray[np.uint8] | None:
-        assert self._cone is not None, "setup comes first"
-        return self._cone.state
+        """Return the iterate (d,) where the recursion stands."""
+        return self._descent.answer()
 
     def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
         """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are not compiled."""
         nanoseconds = np.empty(count, dtype=np.int64)
         start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
-        face.time_projected(self._descent.state, self._rows, start, self._steps, self._threshold, nanoseconds)
+        face.time_projected(self._descent.state, start, self._steps, self._threshold, nanoseconds)
         return None, nanoseconds
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
@@ -151,18 +134,14 @@ class ProjectedDifference(Ours, Solver):
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         answers, nanoseconds = np.empty((rows.shape[0], self._q.size)), np.empty(rows.shape[0], dtype=np.int64)
-        status = face.projected_follow(self._descent.state, self._rows, self._P, self._q, rows, forgetting, self._ratio, self._steps,
+        status = face.projected_follow(self._descent.state, self._P, self._q, rows, forgetting, self._ratio, self._steps,
                                        answers, nanoseconds)
         if status != OK:
             raise ValueError(f"{self.name}: {REASONS[status]}")
         return answers, nanoseconds
 
     def solution(self) -> Solution:
-        """Return the last iterate with the duals of its last projection; ``extras`` say steps and step size."""
-        assert self._cone is not None, "setup comes first"
-        descent, x = self._descent, self.answer()
-        gradient = self._P @ x + self._q
-        problem = Problem(self._P, self._q, self._G, self._h, lb=self._lb, ub=self._ub)
-        z, z_box = self._cone.multipliers(descent.w, gradient * descent.D, descent.eta)
-        return Solution(problem, found=bool(np.isfinite(x).all()), x=x, y=np.zeros(0), z=z, z_box=z_box / descent.D,
-                        obj=float(0.5 * x @ (gradient + self._q)), extras={"steps": descent.taken, "eta": descent.eta})
+        """Return the last iterate; ``extras`` say steps and step size."""
+        x = self.answer()
+        return box_solution(Problem(self._P, self._q, lb=self._lb, ub=self._ub), x, bool(np.isfinite(x).all()),
+                            steps=self._descent.taken, eta=self._descent.eta)

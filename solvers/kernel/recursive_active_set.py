@@ -148,6 +148,7 @@ class RecursiveActiveSet(Ours, Solver):
         """Start anew from P and q, which includes finding the optimum, timed as solves; there is no update apart."""
         nanoseconds = np.empty(count, dtype=np.int64)
         self._accept(face.time_swept(self.state, self._P, self._q, nanoseconds))
+        self._capped = False
         return np.zeros(count, dtype=np.int64), nanoseconds
 
     def solve(self, warm_start: Vector | None = None) -> Vector:

@@ -10,7 +10,7 @@ import pytest
 from command_line import CommandLine
 
 from bench.races.oneshot import plot_data
-from bench.races.oneshot.ranking import PACE, ranking, short_table
+from bench.races.oneshot.ranking import PACE, PAPER, ranking, short_table
 from bench.races.oneshot.rows import ONESHOT
 from bench.races.oneshot.verdict import below_rounding, verdict
 from bench.store import Run
@@ -72,6 +72,24 @@ def test_the_papers_method_comes_first_and_what_misses_an_accuracy_ranks_below_w
     assert reached == sorted(reached, reverse=True)
     times = [line.results[Tier.HIGH].us for line in others if Tier.HIGH in line.results and line.results[Tier.HIGH].reached]
     assert times == sorted(times)
+
+
+def test_the_papers_method_is_judged_on_the_problems_that_it_takes_and_not_mentioned_where_it_takes_none(rows: pd.DataFrame) -> None:
+    def with_rows_on(problems: pd.Series) -> tuple[str, list[str]]:
+        """What is said where its status there is that of a program with rows."""
+        refused = rows.copy()
+        there = (rows.solver == PAPER) & problems
+        refused.loc[there, "status"] = "unsupported"
+        refused.loc[there, ["cost_gap", "stage_excess", "update_us", "solve_us_p50"]] = np.nan
+        return " ".join(verdict(refused)), [line.name for line in ranking(refused)]
+
+    said, names = with_rows_on(rows.problem == "bouc_wen-staircase")
+    assert re.search(r"reaches 1e-3 on \d, .* of 2 problems", said)
+    assert names[0] == PACE
+    said, names = with_rows_on(rows.problem.notna())
+    assert "paper" not in said
+    assert "nan" not in said
+    assert PACE not in names
 
 
 def test_a_cell_that_missed_is_named_so_with_its_count_and_its_time(rows: pd.DataFrame) -> None:

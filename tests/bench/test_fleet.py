@@ -16,9 +16,11 @@ from command_line import CommandLine, Finished, wait_until_gone
 from conftest import TWO_CORES
 
 from bench.cli.fleet import process
+from bench.fleet.compensating import Compensating
 from bench.fleet.fleet import done, parts_of
 from bench.fleet.identifying import Identifying
 from bench.fleet.report import DISTANT
+from bench.fleet.validating import Validating
 from bench.passed.progress import silent
 from bench.processes.engine import Workers
 from piezo_model import HysteresisCreepModel, plants
@@ -106,6 +108,25 @@ def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list
     (tmp_path / "out" / "rows" / models[1].name).write_text('{"digest"')
     assert written(first) == [1]
     assert written(Identifying(n=2, m=1, creep_rates=())) == [0, 1]
+
+
+def test_what_is_made_and_then_cut_short_or_changed_is_made_again(recordings: list[Path], tmp_path: Path) -> None:
+    """A model, a drive and a validation, whose row is all that is made."""
+    recording, out = str(recordings[0]), tmp_path / "out"
+    reference, name = tmp_path / "wanted.csv", recordings[0].stem
+    write_table(reference, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.zeros(200)})
+    model = out / f"{name}.json"
+    for work, given, made in ((Identifying(n=2, m=0, creep_rates=()), recording, model),
+                              (Compensating(str(model)), str(reference), out / "wanted-drive.csv"),
+                              (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name)):
+        parts = list(parts_of(work, [given], str(tmp_path / "judged" if isinstance(work, Validating) else out)))
+        (row,) = done(parts, Workers(), silent)
+        assert row["refused"] == ""
+        whole = made.read_bytes()
+        for damaged in (whole[:len(whole) // 2], b"", b"{}", whole + b" 1"):
+            made.write_bytes(damaged)
+            assert done(parts, Workers(), silent) == [row]
+            assert made.read_bytes() == whole
 
 
 @TWO_CORES

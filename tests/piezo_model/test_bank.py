@@ -1,8 +1,10 @@
 """A bank of compensators: what it drives and learns beside single compensators, single programs and plain NumPy."""
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -250,6 +252,41 @@ def test_a_saved_bank_goes_on_to_the_last_bit_and_a_damaged_file_is_refused(tmp_
     (tmp_path / "bad.npz").write_bytes((tmp_path / "bank.npz").read_bytes()[:5000])
     with pytest.raises(ModelError, match="does not hold a whole bank"):
         CompensatorBank.load(tmp_path / "bad.npz")
+
+
+def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
+    """What puts a value in the place of a setting in a bank's file."""
+    def changing(parts: dict[str, Any]) -> None:
+        about = part = json.loads(str(parts["about"]))
+        for name in names[:-1]:
+            part = part[name]
+        part[names[-1]] = to
+        parts["about"] = np.array(json.dumps(about))
+
+    return changing
+
+
+@pytest.mark.parametrize(("changing", "sentence"), [
+    *((change("options", name, to=1e300), rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300")
+      for name in ("memory_s", "hand_over_s", "reset_s", "fade_s")),
+    (change("options", "memory_s", to="x"), "the field 'options.memory_s' is wrong"),
+    (change("options", "speed", to=1), "there is no field 'options.speed'"),
+    (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
+    (change("tiles", to=2**70), "the field 'tiles' is wrong"),
+    (change("version", to=99), "it is none of version 2"),
+    (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
+    (lambda parts: parts.update(slots=np.zeros(13, np.int64)), "slots must be different whole numbers from 0 to 15"),
+    (lambda parts: parts.update(slots=np.linspace(0.0, 12.0, 13)), "slots must be different whole numbers from 0 to 15"),
+])
+def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(changing: Callable[[dict[str, Any]], None], sentence: str,
+                                                                        tmp_path: Path) -> None:
+    CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.npz")
+    with np.load(tmp_path / "bank.npz") as file:
+        parts = dict(file)
+    changing(parts)
+    np.savez(tmp_path / "bank.npz", **parts)
+    with pytest.raises(ModelError, match=rf"^[^\n]*bank\.npz: does not hold a whole bank: [^\n]*{sentence}[^\n]*$"):
+        CompensatorBank.load(tmp_path / "bank.npz")
 
 
 def test_actuators_come_and_go_and_the_others_notice_nothing() -> None:

@@ -11,7 +11,8 @@ from piezo_model.learning.settings import LearningSettings
     ({"build_s": 0.0}, "build_s must be a positive number of seconds up to 1e.09, not 0.0"),
     ({"learn_s": float("nan")}, "learn_s must be a positive number of seconds up to 1e.09, not nan"),
     ({"proximal": -1.0}, "proximal must be at least 0 and below 1, not -1.0"),
-    ({"samples_to_solve": 0}, "samples_to_solve must be a whole number of at least 1, not 0"),
+    ({"samples_to_solve": 0}, "samples_to_solve must be a whole number from 1 to \\d+, not 0"),
+    ({"samples_to_solve": 2**70}, "samples_to_solve must be a whole number from 1 to \\d+, not"),
     ({"solver": "nobody"}, "there is no solver 'nobody'"),
 ])
 def test_settings_that_cannot_be_are_refused_in_one_sentence(options: dict[str, object], sentence: str) -> None:

@@ -114,6 +114,35 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
             SelfLearningCompensator.load(path)
 
 
+@pytest.mark.parametrize(("setting", "value", "sentence"), [
+    ("rung", 99, "rung must be a whole number from -1 to 7, the rungs of accelerated_projection, not 99"),
+    ("rung", -2, "rung must be a whole number from -1 to 7"), ("rung", 0.5, "rung must be a whole number"), ("rung", "x", "rung must be"),
+    ("lane", "none", "'none' is not a valid Lane"),
+])
+def test_a_rung_or_lane_that_the_solver_does_not_have_is_refused_before_anything_runs(setting: str, value: object, sentence: str,
+                                                                                      tmp_path: Path) -> None:
+    learner, path = fresh("cyclic", "accelerated_projection"), tmp_path / "learner.json"
+    fields = {**learner.settings.to_dict(), "solver_options": {setting: value}}
+    compensator_file.write(path, fields, learner.memory())
+    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{sentence}[^\n]*$"):
+        SelfLearningCompensator.load(path)
+    Deployment(model=learner.model, solver="accelerated_projection", lane="kernel", tier="high", settings={setting: value}, mode="cyclic",
+               x_limits=(10.0, 140.0)).save(tmp_path / "deployed.json")
+    with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}[^\n]*$"):
+        Deployment.load(tmp_path / "deployed.json")
+
+
+@pytest.mark.parametrize(("setting", "value"), [("steps", None), ("steps", 1e300), ("steps", 2**70), ("step_ratio", []), ("tolerance", {})])
+def test_settings_of_the_stepped_solver_that_are_no_numbers_it_can_use_are_refused(setting: str, value: object, tmp_path: Path) -> None:
+    learner = fresh("cyclic", "projected_difference")
+    compensator_file.write(tmp_path / "learner.json", {**learner.settings.to_dict(), "solver_options": {setting: value}}, learner.memory())
+    Deployment(model=learner.model, solver="projected_difference", lane="kernel", tier="high", settings={setting: value}, mode="cyclic",
+               x_limits=(10.0, 140.0)).save(tmp_path / "deployed.json")
+    for name in ("learner", "deployed"):
+        with pytest.raises(ModelError, match=rf"^[^\n]*{name}\.json: [^\n]*projected_difference: {setting} must be [^\n]*$"):
+            SelfLearningCompensator.load(tmp_path / f"{name}.json")
+
+
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
     structure = structure_for(sensor())
     model = HysteresisCreepModel.from_weights(structure, structure.straight_line)

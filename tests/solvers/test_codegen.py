@@ -78,6 +78,7 @@ def test_the_loop_inside_c_times_each_call_and_leaves_the_same_answer(name: str)
     assert (updates.shape, solves.shape) == ((5,), (5,))
     assert (updates >= 0).all()
     assert (solves > 0).all()
+    assert solver.solution().found
     # OSQP keeps the penalty that the last solve has adapted.
     np.testing.assert_allclose(solver.solve(), first, rtol=0.0, atol=2.0 * ERROR[name])
 
@@ -122,6 +123,20 @@ def test_a_problem_that_is_unbounded_gets_no_numbers(name: str) -> None:
     assert np.isnan(solver.solve()).all()
     solution = solver.solution()
     assert not solution.found
+    assert (solution.extras or {})["status"] not in ("", "solved")
+
+
+@pytest.mark.parametrize("name", ["box_active_set", "osqp", "casadi_qrqp"])
+def test_the_solution_after_the_loop_inside_c_is_that_of_its_last_solve(name: str) -> None:
+    solver = ready(name)
+    solver.time_kernel(2)
+    assert solver.solution().found
+    np.testing.assert_allclose(solver.solution().x, PAIR.answers[0], rtol=0.0, atol=ERROR[name])
+    solver.update(np.zeros((8, 8)), np.ones(8))  # unbounded below
+    solver.time_kernel(2)
+    solution = solver.solution()
+    assert not solution.found
+    assert solution.x is None
     assert (solution.extras or {})["status"] not in ("", "solved")
 
 

@@ -138,10 +138,10 @@ def random_data(d):
     ub = np.where(rng.random(d) < 0.5, rng.random(d), np.inf)
     q = rng.normal(size=d)
     programs = [(P, P @ q) for P in (A @ A.T + 1e-3 * np.eye(d), A[:, :rank] @ A[:, :rank].T, hilbert)]
-    return programs, lb, ub, q, rng.normal(size=(40, d + 1)), rng.normal(size=(3, d))
+    return programs, lb, ub, q, rng.normal(size=(40, d + 1))
 
 
-def bits_of_everything(c, programs, lb, ub, q, rows, G):
+def bits_of_everything(c, programs, lb, ub, q, rows):
     """What every function of the core makes of data: states and answers as bytes."""
     d, out = q.size, []
     for P, linear in programs:
@@ -154,11 +154,9 @@ def bits_of_everything(c, programs, lb, ub, q, rows, G):
         for method in (c.projected_steps, c.accelerated_steps):
             descent = block(c.descent_bytes(d))
             c.descent_setup(descent, lb, ub)
-            out.append([c.descent_take(descent, P, q, 0.5, 1), c.descent_start(descent, None, q), method(descent, None, 50, 0.0)])
+            out.append([c.descent_take(descent, P, q, 0.5, 1), c.descent_start(descent, q), method(descent, 50, 0.0)])
             c.descent_answer(descent)
             out.append(descent.tobytes())
-    cone, point = block(c.cone_bytes(3, d)), q.copy()
-    out.append([c.cone_setup(cone, G, np.ones(3), np.arange(d)), c.cone_project(point, cone), point.tobytes()])
     return out
 
 
@@ -204,10 +202,10 @@ def test_a_state_copied_byte_by_byte_goes_on_with_the_same_bits():
     one = block(face.descent_bytes(9))
     face.descent_setup(one, np.zeros(9), np.full(9, np.inf))
     face.descent_take(one, A.T @ A, rng.normal(size=9), 0.5, 1)
-    face.projected_steps(one, None, 10, -1.0)
+    face.projected_steps(one, 10, -1.0)
     other = block(one.size)
     other[:] = np.frombuffer(one.tobytes(), np.uint8)
     for state in (one, other):
-        face.projected_steps(state, None, 25, -1.0)
+        face.projected_steps(state, 25, -1.0)
         face.descent_answer(state)
     assert (one == other).all()

@@ -349,6 +349,17 @@ def test_a_cap_of_exchanges_leaves_a_feasible_answer_and_rows_that_say_nothing_n
     assert gap(s.problem(), s.solve()) < 1e-12
 
 
+def test_the_solution_after_the_compiled_loop_is_that_of_its_last_start_and_not_of_the_row_before():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(6, 6))
+    s = recursive(A @ A.T, rng.normal(size=6), np.zeros(6), np.full(6, np.inf), most_exchanges=1)
+    while s.solution().extras["status"] == "solved":
+        s.append(10 * rng.normal(size=6), 10 * rng.normal())
+    s.time_kernel(2)
+    assert s.solution().extras["status"] == "solved"
+    assert s.solution().found
+
+
 @pytest.mark.parametrize("d", [12, 60])
 def test_what_does_not_meet_the_optimality_conditions_is_not_said_to_be_found(d):
     hilbert = 1.0 / (np.arange(d)[:, None] + np.arange(d) + 1.0)

@@ -112,10 +112,10 @@ static int solve(Cyclic *c)
 #elif PIEZO_LEARNING == PIEZO_ACCELERATED
 static int solve(Cyclic *c)
 {
-    if (descent_setup(c->descent.head, c->d, c->lower, c->upper) != OK || descent_take(&c->descent, c->P, c->q, 0.5, 1) != OK
-        || descent_start(&c->descent, NULL, c->start) != OK) {
+    if (descent_setup(c->descent.head, c->d, c->lower, c->upper) != OK || descent_take(&c->descent, c->P, c->q, 0.5, 1) != OK) {
         return 0;
     }
+    descent_start(&c->descent, c->start);
     accelerated_steps(&c->descent, PIEZO_STEPS_OF_A_SOLVE, PIEZO_SOLVE_TOLERANCE);
     descent_answer(&c->descent);
     return c->descent.head->met;

@@ -68,7 +68,7 @@ def ranking(rows: pd.DataFrame) -> list[Line]:
     """The lines of the table in their order."""
     rows = rows[(rows.scaling == scaling_of(rows)) & (rows.start == "cold") & (rows.solver != null_solver.ENTRY.name) & (rows.tier != Tier.RUNG)]
     rows = rows.assign(right=rows.status == Status.OK, us=rows.update_us + rows.solve_us_p50)
-    pace = rows[(rows.solver == PAPER) & (rows.lane == lane_of_paper(rows))]
+    pace = of_paper(rows)
     rows = pd.concat([pace.assign(name=PACE, us=pace.periods * PERIOD_US), rows.assign(name=rows.solver.map(marked))])
     lines: dict[tuple[str, str, str], dict[Tier, Result]] = {}
     for names, part in rows.groupby(["name", "solver", "lane", "tier"]):
@@ -86,6 +86,11 @@ def scaling_of(rows: pd.DataFrame) -> str:
 def lane_of_paper(rows: pd.DataFrame) -> str:
     """The lane whose steps stand for the paper's method."""
     return str(Lane.KERNEL if ((rows.solver == PAPER) & (rows.lane == Lane.KERNEL)).any() else Lane.DIRECT)
+
+
+def of_paper(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the paper's method in its lane on the problems that it takes."""
+    return rows[(rows.solver == PAPER) & (rows.lane == lane_of_paper(rows)) & (rows.status != Status.UNSUPPORTED)]
 
 
 def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Table:

@@ -11,7 +11,7 @@ import pandas as pd
 from bench.races.calibration import IN_LANE_DIRECT
 from bench.races.metrics import TOLERANCE, UNNOTICED
 from bench.races.oneshot import figures
-from bench.races.oneshot.ranking import ASKED, PACE, PAPER, Line, lane_of_paper, ranking, scaling_of
+from bench.races.oneshot.ranking import ASKED, PACE, Line, of_paper, ranking, scaling_of
 from bench.report.words import apart, joined, marked, number, percent, periods, settings_label, solver_lanes
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
@@ -61,8 +61,8 @@ def _times(us: Sequence[float]) -> str:
 
 def _steps(rows: pd.DataFrame) -> pd.DataFrame:
     """The paper's learning phase of 15 200 steps, one row a problem."""
-    return rows[(rows.solver == PAPER) & (rows.lane == lane_of_paper(rows)) & (rows.start == "cold")
-                & rows.settings.str.contains('"steps": 15200')].drop_duplicates("task")
+    part = of_paper(rows)
+    return part[(part.start == "cold") & part.settings.str.contains('"steps": 15200')].drop_duplicates("task")
 
 
 def _paper(rows: pd.DataFrame, lines: Sequence[Line]) -> Iterator[str]:
