@@ -1,6 +1,7 @@
 """The command line as a new user meets it: what it refuses, and that it then leaves nothing behind."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -104,6 +105,30 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
 def test_wrong_usage_is_one_sentence_that_names_the_verb(piezobench: CommandLine, desk: Path, words: list[str],
                                                          said: str) -> None:
     assert said in refused(piezobench, desk, *words)
+
+
+@pytest.mark.parametrize("words", [("problems",), ("problems", "--json"), ("solvers", "--json"), ("--help",)], ids=" ".join)
+@pytest.mark.parametrize(("to", "said"), [
+    (">&-", "standard output is closed; send it to a file, or to /dev/null"),
+    ("| true", "standard output cannot be written (Broken pipe)"),
+    ("> /dev/full", "standard output cannot be written (No space left on device)")])
+def test_an_output_that_takes_nothing_is_one_sentence(tmp_path: Path, words: tuple[str, ...], to: str, said: str) -> None:
+    shell = f'set -o pipefail; "$PYTHON" -m bench {" ".join(words)} {to}'
+    done = subprocess.run(["bash", "-c", shell], cwd=tmp_path, capture_output=True, text=True, check=False,
+                          env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(rf"piezobench( \w+)?: {re.escape(said)}\n", done.stderr)
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&-", "<&- 2>&-"])
+def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_path: Path, closed: str) -> None:
+    def call(words: str, closed: str = "") -> tuple[int, str]:
+        done = subprocess.run(["bash", "-c", f'"$PYTHON" -m bench {words} {closed}'], cwd=tmp_path, capture_output=True, text=True, check=False,
+                              env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)})
+        return done.returncode, done.stdout
+
+    assert call("problems", closed) == call("problems")
+    assert call("problems --set none", closed) == (2, "")
 
 
 # Identify.
