@@ -30,7 +30,7 @@ from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import chosen, field_of
 from bench.races.metrics import TOLERANCE, relative_gap
-from bench.races.settings import RaceSettings, option, settings_of
+from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
 from bench.store import Run, Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
@@ -55,10 +55,11 @@ processors, and the medians of the groups. ``bytes`` is what a program's data an
 
 
 @dataclass(frozen=True)
-class BatchSettings(RaceSettings):
+class BatchSettings(OwnProblemSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
-    tiers: tuple[Tier, ...] = (Tier.HIGH,)
+    tiers: tuple[Tier, ...] = fixed((Tier.HIGH,))
+    repeats: Positive = fixed(1)
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.005, fewest=3, most=100))
     sizes: tuple[int, ...] = tuple(ORDERS)
     largest: int = option(65_536, "Programs of the largest batch; smaller ones have a quarter each.")
@@ -73,7 +74,7 @@ class BatchSettings(RaceSettings):
         return [4**k for k in range(32) if 4**k <= self.largest]
 
 
-def asked_for(settings: RaceSettings) -> list[ContestantFile]:
+def asked_for(settings: BatchSettings) -> list[ContestantFile]:
     """The contestants that are asked for; RaceError where there is none of a name."""
     return chosen(settings, contestants(), of_file, "contestant")
 
