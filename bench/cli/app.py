@@ -29,6 +29,8 @@ VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "
          "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs",
          "perf": "perf_verbs"}
 """Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
+AGAIN_S = 3.0
+"""Seconds after which an interrupt that nobody deals with is taken for lost."""
 _received: list[int] = []
 """Signals that asked the program to end."""
 
@@ -60,6 +62,7 @@ def run(words: list[str]) -> int:
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
         return _refuse(verb, f"{other[0]} is no text in UTF-8, in which names of files are stored")
     status = _do(words, verb)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
     try:
         sys.stdout.flush()
     except OutputError as error:
@@ -88,16 +91,25 @@ def _do(words: list[str], verb: str) -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, a moment later where it would be lost: in what a library does at a collection of garbage."""
-    if frame is not None and frame.f_code in [getattr(callback, "__code__", None) for callback in gc.callbacks]:
-        signal.signal(signal.SIGALRM, lambda _, later: _interrupt(number, later))
-        signal.setitimer(signal.ITIMER_REAL, 0.001)
-        return
-    _received.append(number)
-    if number != signal.SIGINT:  # a terminal that is closed says so twice, and the second time must not cut the tidying short
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    raise KeyboardInterrupt
+    """Raise KeyboardInterrupt, and again later where it was lost: what libraries do at import or at a collection of garbage may swallow it."""
+    if number != signal.SIGALRM:
+        _received.append(number)
+        if number != signal.SIGINT:  # a terminal that is closed says so twice, and the second time must not cut the tidying short
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    collecting = frame is not None and frame.f_code in [getattr(callback, "__code__", None) for callback in gc.callbacks]
+    signal.signal(signal.SIGALRM, _interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.001 if collecting else AGAIN_S)
+    if not collecting and (number != signal.SIGALRM or not _is_on_its_way()):
+        raise KeyboardInterrupt
+
+
+def _is_on_its_way() -> bool:
+    """Whether what runs now is done on account of a KeyboardInterrupt."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 def _function(verb: str) -> str:

@@ -119,6 +119,40 @@ def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_it
     assert not [path.name for path in (tmp_path / "tmp").iterdir() if not path.name.endswith(".lock")]  # a lock's file stays, free
 
 
+LOST = """
+import os, signal, time
+from contextlib import contextmanager
+from bench.cli import app
+
+app.AGAIN_S = 0.2
+signal.signal(signal.SIGTERM, app._interrupt)
+
+@contextmanager
+def tidied():
+    try:
+        yield
+    finally:
+        time.sleep(1.0)
+        print("tidied", flush=True)
+
+try:
+    os.kill(os.getpid(), signal.SIGTERM)
+except:  # as some libraries do while they are imported
+    print("lost", flush=True)
+try:
+    with tidied():
+        time.sleep(60.0)
+        print("went on", flush=True)
+except KeyboardInterrupt:
+    print("arrived", flush=True)
+"""
+
+
+def test_an_interrupt_that_a_library_swallows_comes_again_and_does_not_cut_the_tidying_short() -> None:
+    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=False)
+    assert (done.stdout.split(), done.stderr) == (["lost", "tidied", "arrived"], "")
+
+
 def test_a_call_that_was_started_with_nohup_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
     a_model().save(tmp_path / "model.json")
     words = ("realtime", "model.json", "--rate", "1000", "--seconds", "2", "--no-cost", "--out", "figures.json")
