@@ -111,6 +111,10 @@ class Candidate:
             return "has no times"
         if self.beyond_floor > rule.misses:
             return f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine itself explains"
+        try:
+            find(self.solver, self.lane)
+        except KeyError:
+            return "is of a file of your own, from which a compensator cannot take its solver"
         return ""
 
     def figures(self) -> dict[str, Any]:
@@ -263,7 +267,6 @@ def deployment(decision: Decision, model: HysteresisCreepModel | None = None, pr
         evidence |= {"model_from": "the model file that was given", "certificate": dict(model.report.get("certificate", {}))}
     s, chosen = model.structure, decision.chosen
     continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
-    find(chosen.solver, chosen.lane)  # a solver of one's own file is not known to the compensator
     return Deployment(model=model, solver=chosen.solver, lane=Lane(chosen.lane), tier=Tier(chosen.tier), settings=chosen.settings,
                       mode="continuous" if continuous else "cyclic", x_limits=(s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence=evidence)
 

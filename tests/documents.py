@@ -89,6 +89,6 @@ def call(words: list[str], folder: Path, piezobench: CommandLine, refused: bool 
         environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
         other = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         done = Finished(other.returncode, other.stdout, other.stderr)
-    assert done.status == (2 if refused else 0), (words, done.stderr)
+    assert done.status == (2 if refused else 0), (words, done.status, done.stdout, done.stderr)
     assert not refused or done.stderr.count("\n") == 1
     return done.stdout

@@ -12,8 +12,12 @@ import signal
 import sys
 from types import FrameType
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
+from bench.cli import standard_streams
+
+REFUSED = 2
+"""Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit status after Ctrl-C, as shells have it; after another signal it is 128 and its number, too."""
 
 
 def main() -> None:
@@ -26,16 +30,21 @@ def main() -> None:
     status = 1  # of a traceback
 
     def leave() -> None:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # which it is where its descriptor was closed
+                stream.flush()
         os._exit(status)
 
     atexit.register(leave)  # which comes last: to free all that the libraries have made takes a second
     try:
+        standard_streams.prepare()
         from bench.cli.app import run
+    except standard_streams.OutputError as error:
+        print(f"piezobench: {error}", file=sys.stderr)
+        status = REFUSED
     except ModuleNotFoundError as error:
         print(f"piezobench: the command needs the package {error.name}: install piezobench[bench]", file=sys.stderr)
-        status = 2
+        status = REFUSED
     else:
         status = run(sys.argv[1:])
     sys.exit(status)

@@ -19,7 +19,8 @@ from typing import Any
 
 import typer
 
-from bench.cli import INTERRUPTED
+from bench.cli import INTERRUPTED, REFUSED
+from bench.cli.standard_streams import OutputError
 
 VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "solvers": "race_verbs",
          "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "validate": "model_verbs",
@@ -28,8 +29,10 @@ VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "
          "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs",
          "perf": "perf_verbs"}
 """Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
-REFUSED = 2
-"""Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""
+AGAIN_S = 3.0
+"""Seconds after which an interrupt that nobody deals with is taken for lost."""
+_received: list[int] = []
+"""Signals that asked the program to end."""
 
 
 def command_line(asked: Collection[str] = tuple(VERBS)) -> typer.Typer:
@@ -48,16 +51,32 @@ def load(verb: str) -> Callable[..., Any]:
 
 
 def run(words: list[str]) -> int:
-    """Do what the words of the command line say; returns the exit status."""
+    """Do what the words of the command line say; returns the exit status.
+
+    SIGINT, SIGTERM and SIGHUP end it as an exception does, so that what it has started and made for the time being goes with it.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a sign that this terminal lacks is no reason to fail after the work
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
         return _refuse(verb, f"{other[0]} is no text in UTF-8, in which names of files are stored")
+    status = _do(words, verb)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    try:
+        sys.stdout.flush()
+    except OutputError as error:
+        return status or _refuse(verb, str(error))
+    return 128 + _received[0] if _received else status
+
+
+def _do(words: list[str], verb: str) -> int:
     try:
         verbs = command_line(words[:1])
         signal.signal(signal.SIGINT, _interrupt)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_DFL:  # and not ignored, as nohup has it
+                signal.signal(number, _interrupt)
         return verbs(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -72,12 +91,25 @@ def run(words: list[str]) -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, a moment later where it would be lost: in what a library does at a collection of garbage."""
-    if frame is not None and frame.f_code in [getattr(callback, "__code__", None) for callback in gc.callbacks]:
-        signal.signal(signal.SIGALRM, _interrupt)
-        signal.setitimer(signal.ITIMER_REAL, 0.001)
-    else:
+    """Raise KeyboardInterrupt, and again later where it was lost: what libraries do at import or at a collection of garbage may swallow it."""
+    if number != signal.SIGALRM:
+        _received.append(number)
+        if number != signal.SIGINT:  # a terminal that is closed says so twice, and the second time must not cut the tidying short
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    collecting = frame is not None and frame.f_code in [getattr(callback, "__code__", None) for callback in gc.callbacks]
+    signal.signal(signal.SIGALRM, _interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.001 if collecting else AGAIN_S)
+    if not collecting and (number != signal.SIGALRM or not _is_on_its_way()):
         raise KeyboardInterrupt
+
+
+def _is_on_its_way() -> bool:
+    """Whether what runs now is done on account of a KeyboardInterrupt."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 def _function(verb: str) -> str:
@@ -107,7 +139,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from solvers import Unsupported
     from solvers.registry import RegistrationError
 
-    return (RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
+    return (OutputError, RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
             RecordingError, RegistrationError, ExportError, Unsupported)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.given_options import refuse
 from bench.comparison import page as pages
 from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy import Rule, decide, deployment
@@ -79,6 +80,7 @@ def compare_verb(
 
 
 def deploy_verb(
+    context: typer.Context,
     run: Annotated[Path, typer.Argument(help="Folder of a one-shot race or of a stream.")],
     out: Annotated[Path | None, typer.Option(help="Where the decision is written; compensator.json in the run by default.")] = None,
     accuracy: Annotated[float, typer.Option(min=0.0, help="Largest relative cost gap and violation, on every problem.")] = 1e-9,
@@ -100,6 +102,8 @@ def deploy_verb(
     time that 99.9 % of its answers need at most). The model comes from --model, or from the recording that was raced on.
     SelfLearningCompensator.load starts from the file that is written.
     """
+    if model is not None:
+        refuse(context, ("problem", "simulated"), "says which model of the run is taken, and --model gives another")
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target)

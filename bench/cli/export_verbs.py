@@ -174,6 +174,8 @@ def _print_cost(cost: StepCost) -> None:
 def _opened(path: Path, low: float | None, high: float | None, rate_limit: float | None, solver: SolverOption | None,
             **options: Any) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and settings of a file of identify or deploy."""
+    if solver is not None and options.get("part") != "learning":
+        raise typer.BadParameter("is for --part learning; a compensator alone has no solver", param_hint="--solver")
     limits, chosen = None, None if solver is None else solver.value
     if format_of(path) == Deployment.FORMAT:
         deployed = Deployment.load(path)

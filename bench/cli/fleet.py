@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.given_options import refuse
+from bench.cli.worker_options import SPREADING
 from bench.fleet.fleet import Work, done, draw, parts_of
 from bench.fleet.places import folder_here, matching
 from bench.fleet.report import DISTANT, sentences, shown, table_of, write
@@ -32,10 +34,11 @@ def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None
     return out_dir
 
 
-def only(recordings: Sequence[str], out_dir: str | None) -> str:
+def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> str:
     """The one recording of a file --out."""
     if out_dir is not None or len(recordings) > 1:
         raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
+    refuse(context, SPREADING, "is for many recordings, with --out-dir")
     return recordings[0]
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.cli.fleet import OutDir, out_dir_of, process
+from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.places import absolute
@@ -24,6 +24,7 @@ Model = Annotated[Path, typer.Argument(help="Model written by identify.")]
 
 @reads_a_recording
 def validate_verb(
+    context: typer.Context,
     model: Annotated[str, typer.Argument(help="Model written by identify; for many recordings also the folder of their models.")],
     recording: Annotated[list[str], typer.Argument(help="A recording in any known format. Many, as paths or URLs, go with --out-dir.")],
     reading: Reading,
@@ -49,7 +50,7 @@ def validate_verb(
         return
     if page is not None:
         check_writable(page, "--page")
-    file = Path(recording[0])
+    file = Path(only(context, recording, out_dir))
     opened, loaded, found = work.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import

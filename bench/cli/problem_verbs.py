@@ -11,15 +11,17 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
+from bench.cli.given_options import is_given, refuse
+from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.problem_files.qpbenchmark_set import write_test_set
-from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, make
+from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.report.console import AsJson, console, print_json, print_table, progress_bar, records
 from solvers.certificate import WORK, Certificate, NotCertified, verify
 
 
 @reads_a_recording
 def problems_verb(
+    context: typer.Context,
     reading: Reading,
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
@@ -40,9 +42,9 @@ def problems_verb(
 
     Every proof can be checked again, and the problems be written to files.
     """
+    of_sets = ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS)
     if problem_set is None and source is None:
-        if verify or export is not None:
-            raise typer.BadParameter("which problems is not said; name a --set, or a folder with --from", param_hint="--set")
+        refuse(context, ("verify", "export", "limit", "seed", *of_sets), "needs problems; name a --set, or a folder with --from")
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
         if as_json:
             print_json(records(("set", "problems", "what it is for"), sets))
@@ -50,6 +52,10 @@ def problems_verb(
             print_table(("set", "problems", "what it is for"), sets, left=3)
         return
     said = as_text(recording=recording, folder=folder, test_set=test_set, time=time, input=input, output=output, work=work, **reading)
+    if source is not None:
+        refuse(context, ("seed", *of_sets), "is for making problems, and those in the folder --from are made")
+    elif problem_set is not None:
+        check_options([problem_set], [option for option in said if option != "work" or is_given(context, "work")])
     chosen, left_out, total = _chosen(problem_set, source, seed, said)
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)

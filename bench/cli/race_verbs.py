@@ -11,7 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.cli.recording_options import FILE, Input, Output, Reading, Time, as_text, reads_a_recording
+from bench.cli.given_options import refuse
+from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.passed.race_error import RaceError
 from bench.problems import ProblemSetError
@@ -40,6 +41,11 @@ RESULTS = Path("results")
 FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
+SETTING_OF = {
+    "problem_set": "problem_sets", "scaling": "scalings", "tier": "tiers", "limit": "limit", "budget": "effort", "repeats": "repeats",
+    **dict.fromkeys(("recording", "time", "input", "output", "folder", "test_set", *READING_OPTIONS), "set_options")}
+"""Which setting of a race an option goes into that not every kind of race goes by; what a kind declares itself has the same name."""
+
 
 class Scale(StrEnum):
     """Scalings, as an option."""
@@ -51,6 +57,15 @@ class Scale(StrEnum):
 def own_options() -> dict[str, Any]:
     """The options that kinds of race declare in their settings, by name."""
     return {field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata}
+
+
+def refuse_unused(context: typer.Context, kind: str) -> None:
+    """Refuse an option for a setting that this kind of race does not have, or has fixed."""
+    open_settings = {name: {field.name for field in fields(each.settings) if field.init} for name, each in kinds().items()}
+    for option, setting in {**SETTING_OF, **{name: name for name in own_options()}}.items():
+        if setting not in open_settings[kind]:
+            users = [name for name, settings in open_settings.items() if setting in settings]
+            refuse(context, [option], f"is for the race {' or '.join(users)}; the race {kind} does not use it")
 
 
 def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
@@ -75,6 +90,7 @@ def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
 @reads_a_recording
 @with_options_of_kinds
 def race_verb(
+    context: typer.Context,
     reading: Reading,
     kind: str = DEFAULT,
     problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set, paper and measured by default; may be given "
@@ -115,24 +131,19 @@ def race_verb(
     Every answer is judged against an optimum that is proven in exact arithmetic. The run is a folder with a report.
     """
     race = kinds()[kind]
-    if (problem_set or recording or folder or test_set) and race.own_problems:
-        raise typer.BadParameter(f"a {kind} has its own problem", param_hint="--set")
-    chosen: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
-    for option in chosen.keys() - {field.name for field in fields(race.settings)}:
-        owners = [name for name, other in kinds().items() if option in {field.name for field in fields(other.settings)}]
-        raise typer.BadParameter(f"only a {' or '.join(owners)} has {option}; ask for --race {owners[0]}",
-                                 param_hint=f"--{option.replace('_', '-')}")
+    refuse_unused(context, kind)
     names, solver_files = _names_and_files(solver or [])
     files = {"recording": recording, "folder": folder, "test_set": test_set}
     said = as_text(**{name: path and path.resolve() for name, path in files.items()}, time=time, input=input, output=output, **reading)
     sets = problem_set or [name for name, option in FILE_OF.items() if option in said]
     lists: dict[str, Any] = {"problem_sets": sets, "lanes": lane, "tiers": tier,
                              "scalings": [choice.value for choice in scaling or ()]}
-    settings = race.settings(
-        solvers=names, solver_files=solver_files, limit=limit, seed=seed, time_limit_s=time_limit, memory_mb=memory,
-        effort=replace(race.settings().effort, budget_s=budget), repeats=repeats,
-        set_options=said,
-        **{name: tuple(asked) for name, asked in lists.items() if asked}, **chosen)
+    values: dict[str, Any] = {
+        "solvers": names, "solver_files": solver_files, "limit": limit, "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
+        "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,
+        **{name: tuple(asked) for name, asked in lists.items() if asked}, **own}
+    settings = race.settings(**{field.name: values[field.name] for field in fields(race.settings)
+                                if field.init and values.get(field.name) is not None})
     spread = Workers(workers, backend, scheduler)
     race.check(spread)
     run = race.start(out, settings, name)

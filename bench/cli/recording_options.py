@@ -14,7 +14,7 @@ Time = Annotated[str | None, typer.Option(help="Time column: a name, a path such
                                                "from 1; guessed by default.")]
 Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
 Output = Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")]
-_OPTIONS: dict[str, Any] = {
+READING_OPTIONS: dict[str, Any] = {
     "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
     "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, in place of --sample-time.")],
     "header_row": Annotated[int | None, typer.Option(help="Row that names the columns, counted from 1; 0 for none.")],
@@ -41,11 +41,11 @@ def reads_a_recording(verb: Callable[..., None]) -> Callable[..., None]:
     own = inspect.signature(verb, eval_str=True)
     kept = [parameter for name, parameter in own.parameters.items() if name != "reading"]
     added = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-             for name, kind in _OPTIONS.items()]
+             for name, kind in READING_OPTIONS.items()]
 
     @functools.wraps(verb)
     def wrapped(**given: Any) -> None:
-        said = {name: given.pop(name) for name in _OPTIONS}
+        said = {name: given.pop(name) for name in READING_OPTIONS}
         rate = said.pop("sample_rate")
         if rate is not None:
             if said["sample_time"] is not None or not rate > 0.0:

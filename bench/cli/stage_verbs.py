@@ -34,6 +34,7 @@ class LagOption(StrEnum):
 
 @reads_a_recording
 def identify_verb(
+    context: typer.Context,
     recording: Annotated[list[str], typer.Argument(help=f"{FILE} Many, as paths or URLs, go with --out-dir.")],
     reading: Reading,
     out: Annotated[Path | None, typer.Option(help="Where the model of one recording is written, JSON.")] = None,
@@ -69,7 +70,7 @@ def identify_verb(
         process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
                 "Identification of a fleet", "gave a model", as_json)
         return
-    file = Path(only(recording, out_dir))
+    file = Path(only(context, recording, out_dir))
     check_writable(out)
     opened = Recording.open(file, **opening)
     if page is not None:
@@ -102,6 +103,7 @@ def identify_verb(
 
 @reads_a_recording
 def compensate_verb(
+    context: typer.Context,
     model: Annotated[str, typer.Argument(help="Model written by identify; for many references also the folder of their models.")],
     reference: Annotated[list[str], typer.Argument(help="A file with a reference column, in any format of recordings. Many, as paths or "
                                                         "URLs, go with --out-dir.")],
@@ -126,7 +128,7 @@ def compensate_verb(
         process(work, reference, out_dir_of(reference, out_dir), Workers(workers, backend, scheduler), "Compensation of a fleet", "gave a drive",
                 as_json)
         return
-    file = Path(only(reference, out_dir))
+    file = Path(only(context, reference, out_dir))
     check_writable(out)
     found = work.do(file, [Path(model)], out)
     if as_json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -47,7 +48,8 @@ def units(folder: Path) -> list[str]:
 
 def compiled(compiler: str, words: Sequence[str], folder: Path, what: str) -> None:
     """Call a compiler in a folder; ExportError says what it does not build, with the first error."""
-    done = subprocess.run([compiler, *words], cwd=folder, capture_output=True, text=True, check=False)
+    scratch = {**os.environ, "TMPDIR": str(folder.resolve())}  # where what a compiler leaves that is killed goes with the folder
+    done = subprocess.run([compiler, *words], cwd=folder, env=scratch, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
         raise ExportError(f"{compiler} does not build {what}: {first}")

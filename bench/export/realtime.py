@@ -80,7 +80,9 @@ class RealTime:
         self._folder.cleanup()
 
     def run(self, rate_Hz: float, seconds: float, null: bool = False) -> Paced:
-        """Run the step, or one that does nothing, at a rate."""
+        """Run the step, or one that does nothing, at a rate; ExportError where the time is shorter than a sampling period."""
+        if rate_Hz * seconds < 1.0:
+            raise ExportError(f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s")
         out = Path(self._folder.name) / "times"
         words = [str(self._program), repr(rate_Hz), repr(seconds), str(self._priority), str(self._core), str(out)]
         done = subprocess.run([*words, *(["null"] if null else [])], capture_output=True, text=True, check=False)

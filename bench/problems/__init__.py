@@ -5,11 +5,11 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from bench.problems.protocol import ProblemSet, ProblemSetError, RaceProblem
 
-__all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "find", "make", "sets"]
+__all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_options", "find", "make", "sets"]
 
 
 def all_sets() -> dict[str, type[ProblemSet]]:
@@ -48,9 +48,22 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
     >>> len(make("noise", options={"recording": "stage.csv"}))
     5
     """
-    try:
-        cls = find(name)
-    except KeyError as error:
-        raise ProblemSetError(str(error.args[0])) from None
+    cls = _known(name)
     own = {**cls.needs, **cls.takes}
     return cls(seed, **{option: value for option, value in (options or {}).items() if option in own})
+
+
+def check_options(names: Sequence[str], options: Iterable[str]) -> None:
+    """ProblemSetError where none of these sets takes one of the options, or there is no such set."""
+    chosen = [_known(name) for name in names]
+    for option in options:
+        if not any(option in (*cls.needs, *cls.takes) for cls in chosen):
+            takers = [name for name, cls in sorted(all_sets().items()) if option in (*cls.needs, *cls.takes)]
+            raise ProblemSetError(f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not for {' and '.join(names)}")
+
+
+def _known(name: str) -> type[ProblemSet]:
+    try:
+        return find(name)
+    except KeyError as error:
+        raise ProblemSetError(str(error.args[0])) from None

@@ -70,6 +70,8 @@ class Workers:
         """RaceError where this cannot be."""
         if self.backend is Backend.DASK and not self.scheduler:
             raise RaceError("the backend dask needs the address of a scheduler, --scheduler tcp://host:8786")
+        if self.backend is Backend.DASK and self.count > 1:
+            raise RaceError("--workers counts those of this machine; a Dask cluster says itself how many it has")
         if self.backend is Backend.LOCAL and self.scheduler:
             raise RaceError("a scheduler goes with --backend dask")
         if self.backend is Backend.LOCAL and self.count > len(cores.usable()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -27,8 +27,8 @@ def watched(run: Run, name: str, watcher: Sentinel) -> Iterator[dict[str, Any]]:
     run.save_notes(name, {"host": os.uname().nodename, "core": watcher.core, "sentinel": watcher.taken(), **between, **more})
 
 
-def note_conditions(run: Run, workers: Workers) -> None:
-    """Keep how the machine fared while it timed, and say what makes the times less certain."""
+def note_conditions(run: Run, workers: Workers, more: Sequence[str] = ()) -> None:
+    """Keep how the machine fared while it timed, and say what makes the times less certain, ``more`` of which the race knows itself."""
     notes = run.all_notes()
     looks = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:
@@ -36,4 +36,4 @@ def note_conditions(run: Run, workers: Workers) -> None:
     run.note(conditions={
         "sentinel_drift": sentinel.drift(looks), "parts": [{name: value for name, value in note.items() if name != "sentinel"}
                                                            for note in notes],
-        "warnings": [*sentinel.sentences(looks), *machine.disturbances(notes, workers.count)]})
+        "warnings": [*sentinel.sentences(looks), *machine.disturbances(notes, workers.count), *more]})

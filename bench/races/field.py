@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from bench.passed.race_error import RaceError
-from bench.problems import make
+from bench.problems import check_options, make
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.settings import RaceSettings
@@ -51,6 +51,7 @@ def entries_of(settings: RaceSettings) -> list[Entry]:
 
 def checked(settings: RaceSettings) -> list[Entry]:
     """The entries that are asked for; RaceError or ProblemSetError unless there is all that is asked for."""
+    check_options(settings.problem_sets, settings.set_options)
     for problem_set in settings.problem_sets:
         make(problem_set, settings.seed, settings.set_options)
     return entries_of(settings)

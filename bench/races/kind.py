@@ -37,8 +37,6 @@ class Kind:
     """Do every task that is not done yet (``run.is_done``) and save each (``run.save``); a resumed run calls it again."""
     report: Callable[[Run], Report]
     """Make the :class:`bench.report.report.Report` of a finished run."""
-    own_problems: bool = False
-    """Whether it has problems of its own and takes no problem sets."""
     spreads: bool = False
     """Whether it can use several workers."""
     entries: Callable[[Any], Sequence[Entry]] = checked

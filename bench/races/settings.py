@@ -28,9 +28,17 @@ def option(default: int, text: str, least: int = 1) -> Any:
     return field(default=default, metadata={"help": text, "least": least})
 
 
+def fixed(value: Any) -> Any:
+    """A setting that is the same in every race of a kind: nobody can set it, and the command line refuses its option."""
+    return field(default_factory=lambda: value, init=False)
+
+
 @dataclass(frozen=True)
 class RaceSettings:
-    """What is raced and how, as far as all kinds of race share it."""
+    """What is raced and how, as far as all kinds of race share it.
+
+    A kind says with :func:`fixed` which of these its race does not go by.
+    """
 
     problem_sets: tuple[str, ...] = ("paper",)
     solvers: tuple[str, ...] = ()
@@ -64,6 +72,15 @@ class RaceSettings:
     def to_dict(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""
         return asdict(self)
+
+
+@dataclass(frozen=True)
+class OwnProblemSettings(RaceSettings):
+    """Of a race that has its own problems and takes no problem sets."""
+
+    problem_sets: tuple[str, ...] = fixed(("paper",))
+    scalings: tuple[Scaling, ...] = fixed(SCALINGS)
+    set_options: dict[str, str] = fixed({})
 
 
 Settings = TypeVar("Settings", bound=RaceSettings)

@@ -1,7 +1,11 @@
 """The batch race, with real contestants in real processes; nothing here asks how fast the machine is."""
 
 import json
+import os
 import re
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +16,7 @@ from conftest import killed_and_resumed
 from bench.passed.progress import silent
 from bench.races.batch import figures
 from bench.races.batch.contestant import contestants
-from bench.races.batch.programs import Programs
+from bench.races.batch.programs import Programs, reserved
 from bench.races.batch.race import BATCH, SKIPPED, BatchSettings, asked_for, row_of, task_of
 from bench.races.batch.worker import Batched
 from bench.races.registry import kinds
@@ -106,8 +110,14 @@ def test_what_would_take_too_long_is_not_run_and_the_row_says_why() -> None:
     assert _why_not({**before, "status": "crashed"}, 16, 4.0) == "the batch of 4 ended as crashed"
 
 
-def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(raced: Run, tmp_path: Path) -> None:
-    programs = Programs(raced, 18, 300, 0, tmp_path, 2, silent)
+@pytest.fixture
+def room() -> Iterator[Path]:
+    with reserved([18], 300) as folder:
+        yield folder
+
+
+def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(raced: Run, room: Path) -> None:
+    programs = Programs(raced, 18, 300, 0, room, 2, silent)
     P, q, lb, ub = programs.files.mapped(0, 300)
     assert len(np.unique(P.reshape(300, -1), axis=0)) == len(np.unique(q, axis=0)) == 300
     P[:] = 0.0  # stays here
@@ -134,3 +144,29 @@ def test_a_contestant_that_is_not_there_is_refused(piezobench: CommandLine, tmp_
     assert "none.py: is not a file" in said
     assert not (tmp_path / "results").exists()
     assert {entry.name for entry in asked_for(BatchSettings(solvers=("daqp", "box_batch")))} == {"daqp", "box_batch"}
+
+
+ONE = ("--race", "batch", "--limit", 1, "--largest", 256, "--turns", 1, "--budget", 0.001, "--solver", "box_batch", "--lane", "kernel",
+       "--name", "run")
+SMALL_MEMORY = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "sh", "-c"]
+"""A shell that may mount what nobody else sees."""
+MOUNT = "mount -t tmpfs -o size=64m tmpfs /dev/shm"
+may_mount = subprocess.run([*SMALL_MEMORY, MOUNT], capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.skipif(not may_mount, reason="this user may not mount a file system, not even one of its own")
+def test_where_shared_memory_is_small_the_programs_lie_in_an_ordinary_folder_and_the_report_says_so(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "bench", "race", *map(str, ONE), "--out", str(tmp_path)]
+    done = subprocess.run([*SMALL_MEMORY, f'{MOUNT} && exec "$@"', "sh", *words], capture_output=True, text=True, check=False,
+                          env={**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert done.returncode == 0, done.stderr
+    assert "solves" in done.stdout
+    assert f"The programs lay in {tmp_path}, since /dev/shm had no room for them" in " ".join(done.stdout.split())
+    assert not list(tmp_path.glob("piezobench-batch-*"))
+
+
+def test_programs_that_find_no_room_anywhere_are_one_sentence_and_leave_nothing(piezobench: CommandLine, tmp_path: Path) -> None:
+    said = piezobench("race", *ONE, "--out", tmp_path, largest_file=2**24).refusal
+    assert re.search(r"the programs need \d+ MB in /dev/shm or in \S+, and neither has the room; .* --largest", said)
+    assert not list(tmp_path.iterdir())
+    assert not list(piezobench.folder.glob("piezobench-batch-*"))

@@ -1,6 +1,7 @@
 """The command line as a new user meets it: what it refuses, and that it then leaves nothing behind."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -13,7 +14,9 @@ from command_line import CommandLine
 from conftest import Race
 
 from bench.cli.app import VERBS
+from bench.cli.race_verbs import SETTING_OF, own_options
 from bench.problems import sets
+from bench.races.registry import kinds
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -103,6 +106,80 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
 ])
 def test_wrong_usage_is_one_sentence_that_names_the_verb(piezobench: CommandLine, desk: Path, words: list[str],
                                                          said: str) -> None:
+    assert said in refused(piezobench, desk, *words)
+
+
+@pytest.mark.parametrize("words", [("problems",), ("problems", "--json"), ("solvers", "--json"), ("--help",)], ids=" ".join)
+@pytest.mark.parametrize(("to", "said"), [
+    (">&-", "standard output is closed; send it to a file, or to /dev/null"),
+    ("| true", "standard output cannot be written (Broken pipe)"),
+    ("> /dev/full", "standard output cannot be written (No space left on device)")])
+def test_an_output_that_takes_nothing_is_one_sentence(tmp_path: Path, words: tuple[str, ...], to: str, said: str) -> None:
+    shell = f'set -o pipefail; "$PYTHON" -m bench {" ".join(words)} {to}'
+    done = subprocess.run(["bash", "-c", shell], cwd=tmp_path, capture_output=True, text=True, check=False,
+                          env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(rf"piezobench( \w+)?: {re.escape(said)}\n", done.stderr)
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&-", "<&- 2>&-"])
+def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_path: Path, closed: str) -> None:
+    def call(words: str, closed: str = "") -> tuple[int, str]:
+        done = subprocess.run(["bash", "-c", f'"$PYTHON" -m bench {words} {closed}'], cwd=tmp_path, capture_output=True, text=True, check=False,
+                              env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)})
+        return done.returncode, done.stdout
+
+    assert call("problems", closed) == call("problems")
+    assert call("problems --set none", closed) == (2, "")
+
+
+# Options that a call would not use.
+
+EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory", "limit")
+READS = {"oneshot": {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "tier", "budget", "repeats", "rounds"},
+         "anytime": {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "tier", "budget", "repeats"},
+         "stream": {"tier", "repeats", "samples"}, "loop": {"tier", "repeats"}, "batch": {"budget", "largest", "turns"}}
+"""What each kind of race goes by beside what every one does."""
+VALUES = {"set": "paper", "recording": "stage.csv", "time": "time_s", "sheet": "one", "folder": ".", "test-set": "some.py", "scaling": "raw",
+          "tier": "high", "budget": 0.005, "repeats": 1, "rounds": 0, "samples": 100, "largest": 4, "turns": 1, "solver": "nobody", "lane": "direct",
+          "seed": 1, "time-limit": 5, "memory": 64, "limit": 1}
+
+
+def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
+    assert {name for name, kind in READS.items()} == set(kinds())
+    known = {option for options in READS.values() for option in options}.union(EVERY_RACE)
+    assert known == set(VALUES)
+    settings = {name.replace("_", "-") for name in own_options()}
+    assert settings <= known
+    assert {option.replace("_", "-").replace("problem-set", "set") for option in SETTING_OF} - {
+        "input", "output", "sample-time", "sample-rate", "header-row", "decimal"} <= known  # these go with time and sheet
+
+
+@pytest.mark.parametrize("option", VALUES)
+@pytest.mark.parametrize("kind", READS)
+def test_an_option_that_a_race_does_not_go_by_is_refused_and_no_other(piezobench: CommandLine, desk: Path, kind: str, option: str) -> None:
+    said = refused(piezobench, desk, "race", "--race", kind, f"--{option}", VALUES[option], "--solver", "nobody")
+    users = [name for name in kinds() if option in READS[name]]
+    unused = f"Invalid value for --{option}: is for the race {' or '.join(users)}; the race {kind} does not use it"
+    assert (unused in said) == (option not in READS[kind] and option not in EVERY_RACE)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["race", "--set", "paper", "--recording", "stage.csv"], "--recording is for the problem set recorded, and not for paper"),
+    (["race", "--input", "voltage_V"], "--input is for the problem set recorded, and not for paper and measured"),
+    (["race", "--workers", 2, "--backend", "dask", "--scheduler", "tcp://here:1"], "--workers counts those of this machine"),
+    (["problems", "--limit", 2], "--limit: needs problems; name a --set, or a folder with --from"),
+    (["problems", "--set", "paper", "--folder", "."], "--folder is for the problem set foreign, and not for paper"),
+    (["problems", "--set", "paper", "--work", 1e9], "--work is for the problem set foreign or test_set, and not for paper"),
+    (["problems", "--from", ".", "--seed", 0], "--seed: is for making problems"),
+    (["perf", "--threads", 1], "--threads: is for a --bank"),
+    (["identify", "stage.csv", "--out", "other.json", "--workers", 2], "--workers: is for many recordings, with --out-dir"),
+    (["compensate", "model.json", "path.csv", "--out", "drive.csv", "--backend", "local"], "--backend: is for many recordings, with --out-dir"),
+    (["validate", "model.json", "stage.csv", "--scheduler", "tcp://here:1"], "--scheduler: is for many recordings, with --out-dir"),
+    (["deploy", "run", "--model", "model.json", "--simulated"], "--simulated: says which model of the run is taken"),
+    (["export-c", "model.json", "c", "--solver", "box_active_set"], "--solver: is for --part learning"),
+], ids=str)
+def test_an_option_that_goes_with_another_is_refused_without_it(piezobench: CommandLine, desk: Path, words: list[object], said: str) -> None:
     assert said in refused(piezobench, desk, *words)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import slowed_solver
 from command_line import CommandLine
 from conftest import Race
 
@@ -113,6 +114,22 @@ def test_the_lowest_tail_wins_among_those_that_are_right_and_in_time(run: Run) -
     assert decision.chosen.solver == "daqp"
     assert "box_active_set" in {each.solver for each in decision.runners_up}
     assert any(each.solver == "osqp" and "has a cost gap or violation above 1e-11 on" in why for each, why in decision.refused)
+
+
+def test_a_solver_of_a_file_of_ones_own_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
+    words = ("race", "--set", "paper", "--limit", 1, "--tier", "high", "--scaling", "scaled", "--rounds", 0, "--out", tmp_path, "--name", "run")
+    raced = piezobench(*words, "--solver", slowed_solver.write(tmp_path, 1.0), "--solver", "daqp", "--lane", "qpsolvers")
+    assert raced.status == 0, raced.stderr
+    deploys = ("deploy", tmp_path / "run", "--simulated", "--deadline", 1e6, "--misses", 10**6, "--accuracy", 1)
+    why = "is of a file of your own, from which a compensator cannot take its solver"
+    alone = piezobench(*deploys, "--lane", "direct").refusal
+    assert "no solver qualifies; the nearest, slowed (direct, high, rung" in alone
+    assert why in alone
+    assert not (tmp_path / "run" / "compensator.json").exists()
+    other = piezobench(*deploys, "--lane", "direct", "--lane", "qpsolvers")
+    assert other.status == 0, other.stderr
+    assert "Chosen: daqp (qpsolvers, " in other.stdout
+    assert why in other.stdout
 
 
 def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(run: Run) -> None:

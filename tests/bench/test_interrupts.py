@@ -1,4 +1,4 @@
-"""Ctrl-C ends the program with status 130 and without a traceback, whatever it is doing."""
+"""Ctrl-C, SIGTERM and SIGHUP end the program without a traceback and leave nothing, whatever it is doing."""
 
 import os
 import random
@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, wait_until_gone
-from conftest import Race
+from command_line import CommandLine, of_session, wait_until_gone
+from conftest import TWO_CORES, Race
+from exported_loops import a_model
 
 from piezo_model import Recording, identify, plants
 from piezo_model.recordings.writer import write_table
@@ -44,6 +45,126 @@ def test_an_interrupted_race_says_how_to_carry_on(tmp_path: Path) -> None:
     shown, said = call.communicate()
     assert call.returncode == 130, said
     assert (shown, said.splitlines()) == ("", [f"Interrupted; what is done is kept, and 'piezobench resume {tmp_path / 'run'}' carries on."])
+
+
+SHARED_MEMORY = Path("/dev/shm")
+FEW = ("--solver", "daqp", "--lane", "direct", "--out", "results", "--name", "run")
+KINDS = {"race": ("race", "--set", "paper", "--repeats", 9, *FEW), "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
+         "batch": ("race", "--race", "batch", "--limit", 2, *FEW),
+         "fleet": ("identify", "stage.csv", "another.csv", "--select-order", "--out-dir", "models", "--workers", 2),
+         "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000, "--no-cost")}
+CARRIES_ON = "Interrupted; what is done is kept, and {} carries on."
+SAYS = {"fleet": CARRIES_ON.format("the same command"), "realtime": ""}
+
+
+def programs_of(session: int) -> list[str]:
+    """The command lines of a session's processes."""
+    found = []
+    for pid in of_session(session):
+        try:
+            found.append(Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode())
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    return found
+
+
+def in_shared_memory(session: int) -> set[Path]:
+    """The files there that processes of a session have mapped, and those named after one of them."""
+    found = set()
+    for pid in of_session(session):
+        try:
+            maps = Path(f"/proc/{pid}/maps").read_text()
+        except (FileNotFoundError, ProcessLookupError, PermissionError):
+            continue
+        found |= {Path(line.split()[5]) for line in maps.splitlines() if f" {SHARED_MEMORY}/" in line}
+        found |= {path for path in SHARED_MEMORY.iterdir() if f"-{pid}-" in path.name or f"_{pid}_" in path.name}
+    return found
+
+
+def is_at_work(kind: str, folder: Path, session: int) -> bool:
+    """Whether a call has started and made what it should not leave."""
+    if kind == "realtime":
+        return any("/realtime-" in words and "piezobench-realtime-" in words for words in programs_of(session))
+    if kind == "fleet":
+        return sum("loky" in words for words in programs_of(session)) >= 2
+    return any((folder / "results" / "run" / "tasks").glob("[!.]*.npz"))
+
+
+@TWO_CORES
+@pytest.mark.parametrize(("kind", "ending"), [
+    ("race", signal.SIGTERM), ("workers", signal.SIGHUP), ("batch", signal.SIGTERM), ("fleet", signal.SIGTERM), ("realtime", signal.SIGTERM),
+    ("realtime", signal.SIGHUP)], ids=str)
+def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_its_temporary_files_along(
+        tmp_path: Path, kind: str, ending: signal.Signals) -> None:
+    a_model().save(tmp_path / "model.json")
+    x = 5.0 + 4.0 * np.sin(np.arange(20_000) / 200.0) * np.linspace(1.0, 0.5, 20_000)
+    y = plants.get("bouc_wen", sample_time=1e-3).run(10.0 * x)
+    for name in ("stage.csv", "another.csv"):
+        write_table(tmp_path / name, {"time_s": np.arange(x.size) * 1e-3, "drive_V": x, "y_um": y})
+    (tmp_path / "tmp").mkdir()
+    with subprocess.Popen([sys.executable, "-m", "bench", *map(str, KINDS[kind])], cwd=tmp_path, start_new_session=True, text=True,
+                          env={**os.environ, "TMPDIR": str(tmp_path / "tmp"), "PYTHONPATH": os.pathsep.join(sys.path)},
+                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as call:
+        while not is_at_work(kind, tmp_path, call.pid):
+            assert call.poll() is None, call.stderr and call.stderr.read()
+            time.sleep(0.01)
+        shared = in_shared_memory(call.pid)
+        call.send_signal(ending)
+        _, said = call.communicate()
+    wait_until_gone(call.pid)
+    assert call.returncode == 128 + ending
+    assert said.strip() == SAYS.get(kind, CARRIES_ON.format("'piezobench resume results/run'"))
+    assert shared or kind != "batch"
+    assert not [path for path in shared if path.exists()]
+    assert not [path.name for path in (tmp_path / "tmp").iterdir() if not path.name.endswith(".lock")]  # a lock's file stays, free
+
+
+LOST = """
+import os, signal, time
+from contextlib import contextmanager
+from bench.cli import app
+
+app.AGAIN_S = 0.2
+signal.signal(signal.SIGTERM, app._interrupt)
+
+@contextmanager
+def tidied():
+    try:
+        yield
+    finally:
+        time.sleep(1.0)
+        print("tidied", flush=True)
+
+try:
+    os.kill(os.getpid(), signal.SIGTERM)
+except:  # as some libraries do while they are imported
+    print("lost", flush=True)
+try:
+    with tidied():
+        time.sleep(60.0)
+        print("went on", flush=True)
+except KeyboardInterrupt:
+    print("arrived", flush=True)
+"""
+
+
+def test_an_interrupt_that_a_library_swallows_comes_again_and_does_not_cut_the_tidying_short() -> None:
+    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=False)
+    assert (done.stdout.split(), done.stderr) == (["lost", "tidied", "arrived"], "")
+
+
+def test_a_call_that_was_started_with_nohup_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
+    a_model().save(tmp_path / "model.json")
+    words = ("realtime", "model.json", "--rate", "1000", "--seconds", "2", "--no-cost", "--out", "figures.json")
+    with subprocess.Popen(["nohup", sys.executable, "-m", "bench", *words], cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+                          start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as call:
+        while not any("/realtime-" in words for words in programs_of(call.pid)):
+            assert call.poll() is None
+            time.sleep(0.01)
+        call.send_signal(signal.SIGHUP)
+        call.communicate()
+    assert call.returncode == 0
+    assert (tmp_path / "figures.json").is_file()
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -84,7 +205,7 @@ def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_proc
             assert ended.status == 0, ended.stderr
             whole, took = tree(folder), time.monotonic() - begin
             continue
-        assert ended.status in (0, 130, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
+        assert ended.status in (0, 130, 143, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
         assert "Traceback" not in ended.stderr
         found = {name: data for name, data in tree(folder).items() if not any(part.startswith(".") for part in Path(name).parts)}
         assert found.keys() <= whole.keys()

@@ -70,4 +70,4 @@ def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
 def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> None:
     refused = piezobench(root, "race", "--race", "loop", "--tosses", 4)
     assert refused.returncode == 2
-    assert "only a toss has tosses; ask for --race toss" in refused.stderr
+    assert "--tosses: is for the race toss; the race loop does not use it" in refused.stderr

@@ -327,7 +327,8 @@ def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(pie
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (["--samples", "100"], "only a stream has samples"), (["--race", "stream", "--set", "paper"], "a stream has its own problem"),
+    (["--samples", "100"], "--samples: is for the race stream; the race oneshot does not use it"),
+    (["--race", "stream", "--set", "paper"], "--set: is for the race oneshot or anytime; the race stream does not use it"),
     (["--race", "stream", "--samples", "0"], "--samples"), (["--race", "marathon"], "'oneshot', 'anytime'"),
 ])
 def test_options_that_do_not_go_together_are_refused(piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:

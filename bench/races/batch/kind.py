@@ -5,4 +5,4 @@ from bench.races.batch.race import BATCH, BatchSettings
 from bench.races.kind import Kind
 
 KIND = Kind("batch", "Batch race", "many programs at once", BATCH, BatchSettings,
-            race.race, report.report, own_problems=True, entries=race.asked_for)
+            race.race, report.report, entries=race.asked_for)

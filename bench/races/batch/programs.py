@@ -13,6 +13,10 @@ the solvers are done with them.
 from __future__ import annotations
 
 import math
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -21,6 +25,7 @@ import numpy as np
 from qpsolvers import Problem
 
 from bench.passed.progress import Progress
+from bench.passed.race_error import RaceError
 from bench.problems.paper import DRIVES
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import Experiment
@@ -34,6 +39,7 @@ ORDERS = {18: (5, 3), 60: (20, 9)}
 SET = "batch"
 AT_ONCE = 512
 """Programs that are mixed at once."""
+SHARED_MEMORY = Path("/dev/shm")
 
 
 @dataclass(frozen=True)
@@ -44,16 +50,49 @@ class Files:
     d: int
     count: int
 
-    def mapped(self, first: int, last: int, mode: Literal["c", "w+"] = "c") -> tuple[Matrix, ...]:
+    @property
+    def _shapes(self) -> list[tuple[Path, tuple[int, ...]]]:
+        """Each file with the shape of what it holds of one program."""
+        shapes = {"P": (self.d, self.d), "q": (self.d,), "lb": (self.d,), "ub": (self.d,)}
+        return [(self.folder / f"{name}-{self.d}", shape) for name, shape in shapes.items()]
+
+    def reserve(self) -> None:
+        """Make the files with all of their room; OSError where there is less."""
+        for path, shape in self._shapes:
+            with path.open("xb") as file:
+                os.posix_fallocate(file.fileno(), 0, 8 * self.count * math.prod(shape))
+
+    def mapped(self, first: int, last: int, mode: Literal["c", "r+"] = "c") -> tuple[Matrix, ...]:
         """P (n, d, d), q, lb and ub (n, d) of the programs from ``first`` to ``last`` − 1; what is written to copies stays in the process."""
-        return tuple(np.memmap(self.folder / f"{name}-{self.d}", np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape))
-                     for name, shape in (("P", (self.d, self.d)), ("q", (self.d,)), ("lb", (self.d,)), ("ub", (self.d,))))
+        return tuple(np.memmap(path, np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape)) for path, shape in self._shapes)
+
+
+@contextmanager
+def reserved(sizes: Sequence[int], count: int) -> Iterator[Path]:
+    """A folder with the files of ``count`` programs of each size, in shared memory or else where temporary files are; RaceError without room.
+
+    All of the room is taken now: a write into a map of memory that is not there ends the process.
+    """
+    elsewhere = Path(tempfile.gettempdir())
+    for parent in (SHARED_MEMORY, elsewhere):
+        with ExitStack() as stack:
+            try:
+                folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="piezobench-batch-", dir=parent)))
+                for d in sizes:
+                    Files(folder, d, count).reserve()
+            except OSError:
+                continue
+            yield folder
+            return
+    megabytes = sum(8 * count * d * (d + 3) for d in sizes) / 1e6
+    raise RaceError(f"the programs need {megabytes:.0f} MB in {SHARED_MEMORY} or in {elsewhere}, and neither has the room; "
+                    "enlarge one of them, or make the batches smaller with --largest")
 
 
 class Programs:
     """All programs of one size, at least ``count``, and the proofs of those that are judged.
 
-    The run keeps the families, at most ``limit`` of them, so that a resumed race has the same programs; ``folder`` is for the files.
+    The run keeps the families, at most ``limit`` of them, so that a resumed race has the same programs; ``folder`` is one of `reserved`.
     """
 
     def __init__(self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress) -> None:
@@ -69,7 +108,7 @@ class Programs:
 
     def _write(self) -> None:
         d = self.files.d
-        P, q, lb, ub = self.files.mapped(0, self.files.count, "w+")
+        P, q, lb, ub = self.files.mapped(0, self.files.count, "r+")
         for f, form in enumerate(self._forms):
             at = np.flatnonzero(self._family == f)
             matrices = np.array([form.qp.P, *(window.P for window in form.windows)]).reshape(-1, d * d)

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import math
 import random
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,12 +25,12 @@ from bench.passed.task import Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races.batch.contestant import ContestantFile, contestants, of_file
-from bench.races.batch.programs import ORDERS, SET, Programs
+from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, Programs, reserved
 from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import chosen, field_of
 from bench.races.metrics import TOLERANCE, relative_gap
-from bench.races.settings import RaceSettings, option, settings_of
+from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
 from bench.store import Run, Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
@@ -44,7 +42,6 @@ NAN = float("nan")
 TIERS = (Tier.LOW, Tier.MID, Tier.HIGH)
 SHARES = tuple(f"share_{tier}" for tier in TIERS)
 SKIPPED = "not run"
-SHARED_MEMORY = Path("/dev/shm")
 FEWEST = 2048
 """Programs that batches of fewer are taken from, call by call."""
 
@@ -58,10 +55,11 @@ processors, and the medians of the groups. ``bytes`` is what a program's data an
 
 
 @dataclass(frozen=True)
-class BatchSettings(RaceSettings):
+class BatchSettings(OwnProblemSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
-    tiers: tuple[Tier, ...] = (Tier.HIGH,)
+    tiers: tuple[Tier, ...] = fixed((Tier.HIGH,))
+    repeats: Positive = fixed(1)
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.005, fewest=3, most=100))
     sizes: tuple[int, ...] = tuple(ORDERS)
     largest: int = option(65_536, "Programs of the largest batch; smaller ones have a quarter each.")
@@ -76,7 +74,7 @@ class BatchSettings(RaceSettings):
         return [4**k for k in range(32) if 4**k <= self.largest]
 
 
-def asked_for(settings: RaceSettings) -> list[ContestantFile]:
+def asked_for(settings: BatchSettings) -> list[ContestantFile]:
     """The contestants that are asked for; RaceError where there is none of a name."""
     return chosen(settings, contestants(), of_file, "contestant")
 
@@ -86,8 +84,8 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     settings = settings_of(run, BatchSettings)
     entries = asked_for(settings)
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=SHARED_MEMORY if SHARED_MEMORY.is_dir() else None)))
         count = max(FEWEST, settings.batches[-1]) + settings.turns
+        folder = stack.enter_context(reserved(settings.sizes, count))
         programs = {d: Programs(run, d, count, settings.seed, folder, settings.limit, progress) for d in settings.sizes}
         limits = replace(settings.limits, memory_mb=settings.memory_mb + 8 * count * max(settings.sizes)**2 // 2**20)  # for the programs themselves
         progress("waiting for a core on which no other race times", 0, 1)
@@ -103,7 +101,8 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
                 for batch in settings.batches:
                     with watched(run, f"batch-{turn}-{d}-{batch}", alone.sentinel):
                         _turn(run, settings, programs[d], line_ups, players, batch, turn, progress)
-    note_conditions(run, workers)
+    note_conditions(run, workers, [] if folder.parent == SHARED_MEMORY else [
+        f"The programs lay in {folder.parent}, since {SHARED_MEMORY} had no room for them; a disk may have been at work beside the race."])
 
 
 def task_of(entry: Entry, d: int, batch: int, threads: int, turn: int) -> Task:

@@ -32,10 +32,11 @@ from bench.processes.line_up import LineUp
 from bench.races.calibration import Found, Who, measurements, rungs_of
 from bench.races.field import entries_of, field_of
 from bench.races.loop.worker import Decision, Driven, LoopRequest
-from bench.races.settings import RaceSettings, settings_of
+from bench.races.settings import OwnProblemSettings, fixed, settings_of
 from bench.rig.rig import AXES, RANGE_UM, Rig
 from bench.rig.trial import straight
 from bench.store import Run, Schema
+from bench.timing.clock import Effort
 from piezo_model import IdentificationProblem
 from solvers import Status, Tier
 from solvers.arrays import Matrix, Vector
@@ -58,10 +59,11 @@ hand-over, and NaN before there is one; errors in percent of the reference's ran
 
 
 @dataclass(frozen=True)
-class LoopSettings(RaceSettings):
+class LoopSettings(OwnProblemSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
     tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
+    effort: Effort = fixed(Effort())
     learn_steps: tuple[int, ...] = (1, 10, 100, 1000, 15200)
     """Learning phases of the paper's method, in samples."""
     windows: int = 5

@@ -31,12 +31,13 @@ from bench.races.calibration import Found, Measurement, Who, measurements, rungs
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
 from bench.races.metrics import TOLERANCE
-from bench.races.settings import Positive, RaceSettings, option, settings_of
+from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
 from bench.races.stream.staleness import Judge
 from bench.races.stream.stream_problem import StreamProblem, make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
 from bench.store import Run, Schema
 from bench.timing import cores, latency_histogram
+from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, runs
 from solvers import Lane, Status, Tier
 from solvers.registry import Described
@@ -58,10 +59,11 @@ second is the first corrected for the period."""
 
 
 @dataclass(frozen=True)
-class StreamSettings(RaceSettings):
+class StreamSettings(OwnProblemSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
     tiers: tuple[Tier, ...] = (Tier.HIGH,)
+    effort: Effort = fixed(Effort())
     samples: int = option(30_000, "Samples of a stream.")
     kernel_samples: Positive = 1_000_000
     give_up: Positive = 4_000
