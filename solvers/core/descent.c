@@ -145,7 +145,7 @@ int descent_take(Descent *s, const real *P, const real *q, real ratio, int scale
 }
 
 /* Move to the projection of the next point, which may be projected already. */
-static void advance(Descent *s)
+static void go_to_next(Descent *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
@@ -159,7 +159,7 @@ void descent_start(Descent *s, const real *x)
     for (int j = 0; j < s->d; ++j) {
         s->next[j] = x != NULL ? x[j] / s->D[j] : 0;
     }
-    advance(s);
+    go_to_next(s);
 }
 
 void descent_answer(Descent *s)
@@ -187,7 +187,7 @@ int64_t projected_steps(Descent *s, int64_t steps, real threshold)
             }
             done = distance_squared(s->next, s->w, ld) <= threshold * threshold;
         }
-        advance(s);
+        go_to_next(s);
     }
     s->head->taken = k;
     s->head->met = done;
