@@ -195,7 +195,7 @@ def test_sets_that_need_a_file_are_listed_apart_and_say_what_is_missing() -> Non
     (("--set", "foreign", "--folder", "nowhere"), "nowhere: is not a folder"),
     (("--set", "unheard"), "there is no problem set 'unheard'"),
     (("--from", "nowhere"), "nowhere: is not a folder"),
-    (("--verify",), "which problems is not said"),
+    (("--verify",), "needs problems; name a --set"),
 ])
 def test_what_is_missing_is_one_sentence_at_the_command_line(piezobench: CommandLine, words: tuple[str, ...],
                                                              sentence: str) -> None:

@@ -83,5 +83,5 @@ def test_options_reach_the_solver() -> None:
     assert step_ratio({"step_ratio": 0.25}) == 0.25
     with pytest.raises(ValueError, match="step_ratio must lie between 0 and 1"):
         learning("projected_difference", solver_options={"step_ratio": 3.0})
-    with pytest.raises(ValueError, match="steps must not be negative"):
+    with pytest.raises(ValueError, match="steps must be from 0 to"):
         solved("projected_difference", {"steps": -1}, Problem(np.eye(1), np.zeros(1)), np.zeros(1))
