@@ -141,8 +141,9 @@ def _kept(part: Part, digest: str) -> Row | None:
         figures: Row = unpacked(found["figures"])
     except ValueError:  # of an older program, or damaged
         return None
-    whole = not made or hashlib.sha256(fs.cat_file(f"{out}/{made}")).hexdigest() == found["made"]
-    return figures if found["digest"] == digest and whole else None
+    if found["digest"] != digest or (made and hashlib.sha256(fs.cat_file(f"{out}/{made}")).hexdigest() != found["made"]):
+        return None
+    return figures
 
 
 def _forget(out: str, *files: str) -> None:
