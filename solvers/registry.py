@@ -53,6 +53,11 @@ class Entry:
     of_package: str = ""
     """Name of the class in the module, for solvers of other packages."""
 
+    @property
+    def times_itself(self) -> bool:
+        """Whether it is timed from inside its compiled code; only what belongs to this package may say how long it took."""
+        return self.lane.times_itself and self.path is None and not self.of_package
+
     def load(self) -> type[Solver]:
         """Import the solver's class; raises ImportError where its library is not installed."""
         if self.of_package:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import tempfile
 from collections.abc import Iterable
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 from typing import Any
 
+from bench.passed.race_error import RaceError
 from piezo_model.child_process import Child, serve
 from solvers.registry import FAMILIES, Entry
 
@@ -34,10 +36,16 @@ def _context(entries: Iterable[Entry] = ()) -> Any:
 def warm_up(entries: Iterable[Entry]) -> None:
     """Start the server that children are forked from, with what the lanes of these solvers need imported.
 
-    It imports for a second or two, beside whatever comes next; one that runs already stays as it is.
+    It imports for a second or two, beside whatever comes next; one that runs already stays as it is. RaceError where its socket has no place.
     """
     _context(entries)
-    forkserver.ensure_running()
+    try:
+        forkserver.ensure_running()
+    except OSError as error:
+        if "AF_UNIX path too long" not in str(error):
+            raise
+        raise RaceError(f"{tempfile.gettempdir()} has too long a name for the sockets of the solvers' processes; "
+                        "set TMPDIR to another folder") from None
 
 
 class ForkedChild(Child):

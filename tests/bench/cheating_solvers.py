@@ -160,6 +160,9 @@ def solve(self, warm_start=None):
 def time_kernel(self, count, warm_start=None):
     self.solve()
     return np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+
+def time_rows(self, rows, forgetting):
+    return np.zeros((len(rows), rows.shape[1] - 1)), np.ones(len(rows), dtype=np.int64)
 """,
     "works_ahead": """
 def update(self, P=None, q=None):
@@ -192,12 +195,14 @@ def solve(self, warm_start=None):
 }
 
 
+def written(folder: Path, name: str) -> Path:
+    """The file of one of them."""
+    path = folder / f"{name}.py"
+    lane = "KERNEL" if name == "times_itself" else "DIRECT"
+    path.write_text(FILE.format(name=name, lane=lane, cheat=indent(CHEATS[name], "    ")))
+    return path
+
+
 def write_all(folder: Path) -> list[Path]:
     """One file each."""
-    paths = []
-    for name, cheat in CHEATS.items():
-        path = folder / f"{name}.py"
-        lane = "KERNEL" if name == "times_itself" else "DIRECT"
-        path.write_text(FILE.format(name=name, lane=lane, cheat=indent(cheat, "    ")))
-        paths.append(path)
-    return paths
+    return [written(folder, name) for name in CHEATS]

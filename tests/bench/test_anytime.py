@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import cheating_solvers
 import numpy as np
 import pandas as pd
 import pytest
@@ -116,7 +117,8 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     (folder / "raises.py").write_text(MINE)
     settings = AnytimeSettings(solvers=("daqp", "osqp", "piqp", "projected_difference", "recursive_active_set"),
                                lanes=(Lane.KERNEL, Lane.DIRECT), scalings=("scaled",), limit=1, effort=Effort(0.001, 1, 20),
-                               longest_s=0.02, repeats=2, solver_files=(str(folder / "raises.py"),))
+                               longest_s=0.02, repeats=2,
+                               solver_files=(str(folder / "raises.py"), str(cheating_solvers.written(folder, "times_itself"))))
     run = kinds()["anytime"].start(folder, settings, "run")
     resumed = killed_and_resumed(piezobench, run, "row", 1, "resume", run.path)
     return Raced(run, run.rows(ANYTIME), resumed)
@@ -127,7 +129,7 @@ def curve(hard: Problem, name: str, limits: tuple[int, ...], longest_s: float, r
     entry = solvers.find(name, "direct")
     task = Task("set", "hard", "scaled", entry.name, entry.lane, (Tier.HIGH,), rung)
     fields = {"P": hard.P, "q": hard.q, "lb": hard.lb, "ub": hard.ub}
-    outcome = AnytimeRequest(task, fields, 1.0, Effort(0.0, 1, 1), limits, longest_s).answer(entry.load(), True)
+    outcome = AnytimeRequest(task, fields, 1.0, Effort(0.0, 1, 1), limits, longest_s, False).answer(entry.load(), True)
     assert isinstance(outcome, Curve), outcome.message
     return outcome
 
@@ -185,6 +187,12 @@ def test_every_repeat_has_its_own_rows_and_the_answers_are_the_same(raced: Raced
     assert first.limit.tolist() == second.limit.tolist()
     assert first.cost_gap.tolist() == second.cost_gap.tolist()
     assert not set(first.task) & set(second.task)
+
+
+def test_a_users_file_that_says_it_is_compiled_is_timed_from_outside(raced: Raced) -> None:
+    points = raced.points("times_itself", "kernel")
+    assert points.status.tolist() == [Status.OK]
+    assert points.solve_us_p50.iloc[0] > 10.0  # it asks another solver five times; of itself it says nothing at all
 
 
 def test_a_solver_that_fails_is_one_row_with_its_reason(raced: Raced) -> None:
@@ -269,7 +277,7 @@ def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced, 
 
 def test_a_race_that_was_killed_is_resumed_and_keeps_what_was_done(piezobench: CommandLine, raced: Raced) -> None:
     rows = raced.rows
-    assert set(rows.solver) == {"daqp", "osqp", "piqp", "projected_difference", "recursive_active_set", "raises"}
+    assert set(rows.solver) == {"daqp", "osqp", "piqp", "projected_difference", "recursive_active_set", "raises", "times_itself"}
     assert not rows.duplicated(["task", "limit"]).any()
     for task, row in raced.resumed.kept.items():
         before, after = json.loads(str(row)), rows[rows.task == task]

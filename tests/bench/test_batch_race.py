@@ -5,23 +5,27 @@ import os
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
+import pandas as pd
 import pytest
 from command_line import CommandLine
 from conftest import killed_and_resumed
 
 from bench.passed.progress import silent
 from bench.races.batch import figures
-from bench.races.batch.contestant import contestants
-from bench.races.batch.programs import Programs, reserved
+from bench.races.batch.contestant import Contestant, contestants
+from bench.races.batch.programs import WARM_UP, Files, Programs, reserved
 from bench.races.batch.race import BATCH, SKIPPED, BatchSettings, asked_for, row_of, task_of
-from bench.races.batch.worker import Batched
+from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.registry import kinds
 from bench.store import Run
 from bench.timing import cores
+from bench.timing.clock import Effort
 from solvers import BoxBatch
 from solvers.registry import OURS
 
@@ -56,7 +60,7 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     rows = run.rows(BATCH).set_index("task")
     for task, row in resumed.kept.items():
         before = json.loads(str(row))
-        assert rows.loc[task].cpu_us == before["cpu_us"] or before["status"] == "crashed"
+        assert rows.loc[task].cpu_us_p50 == before["cpu_us_p50"] or before["status"] == "crashed"
     return run
 
 
@@ -71,7 +75,7 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
     assert (ours.status == "ok").all()
     assert (ours.share_high == 1.0).all()
     assert (ours.judged > 0).all()
-    assert (ours.cpu_us > 0.0).all()
+    assert (ours.cpu_us_p50 > 0.0).all()
 
 
 def test_a_contestant_that_lies_is_not_right_and_one_that_dies_is_not_asked_for_more(raced: Run) -> None:
@@ -103,7 +107,7 @@ def test_the_report_opens_with_ours_beside_the_next_and_has_everything_below(rac
 def test_what_would_take_too_long_is_not_run_and_the_row_says_why() -> None:
     from bench.races.batch.race import _why_not
 
-    before = {"status": "ok", "batch": 4, "wall_us": 200_000.0, "message": ""}
+    before = {"status": "ok", "batch": 4, "wall_us_p50": 200_000.0, "message": ""}
     assert _why_not(before, 16, 2.0) == "a batch of 16 would take 3.2 s, and the most is 2 s"
     assert _why_not(before, 16, 4.0) == ""
     assert _why_not({**before, "status": SKIPPED, "message": "why"}, 64, 4.0) == "why"
@@ -135,6 +139,79 @@ def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(race
     spoiled = x[1:257].copy()
     spoiled[programs.sample(1, 257, 16)[0] - 1] += 1e-4
     assert judged(spoiled)["share_high"] == 15 / 16
+
+
+class Notes(Contestant):
+    """Answers with q, the first of which says which program it is, and notes which it was given."""
+
+    algorithm, licence, distribution = "none", "MIT", "notes"
+    given: ClassVar[list[list[int]]] = []
+
+    def solve(self, P: np.ndarray, q: np.ndarray, lb: np.ndarray, ub: np.ndarray) -> Any:
+        self.given.append([int(number) for number in q[:, 0]])
+        return q
+
+
+class Compiles(Notes):
+    compiles = True
+
+
+class Later:
+    """An answer that takes half a millisecond when it becomes an array."""
+
+    def __init__(self, x: np.ndarray) -> None:
+        self.x = x
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        time.sleep(5e-4)
+        return self.x
+
+
+class Lazy(Notes):
+    def solve(self, P: np.ndarray, q: np.ndarray, lb: np.ndarray, ub: np.ndarray) -> Any:
+        return Later(q)
+
+
+@pytest.fixture
+def numbered(tmp_path: Path) -> Files:
+    """Programs of one variable whose q is their number, the last of which are there to warm up on."""
+    files = Files(tmp_path, 1, 400 + WARM_UP)
+    files.reserve()
+    _, q, _, _ = files.mapped(0, files.count, "r+")
+    q[:, 0] = np.arange(files.count)
+    return files
+
+
+def timed(cls: type[Notes], files: Files, size: int) -> Batched:
+    cls.given.clear()
+    outcome = BatchRequest(files, size, 100, 400, 1, Effort(1.0)).answer(cls, True)
+    assert isinstance(outcome, Batched), outcome.message
+    assert np.array_equal(outcome.answers[:, 0], np.arange(100, 100 + len(outcome.answers)))
+    return outcome
+
+
+@pytest.mark.parametrize(("cls", "size", "most"), [(Notes, 2, 2), (Notes, 100, WARM_UP), (Compiles, 100, 100)])
+def test_a_contestant_warms_up_on_programs_that_are_not_timed(numbered: Files, cls: type[Notes], size: int, most: int) -> None:
+    timed(cls, numbered, size)
+    first, *others = cls.given
+    assert set(first) <= set(range(400, numbered.count))
+    assert len(first) == most  # what compiles for a size of batch is given one of that size
+    assert all(100 <= number < 400 for given in others for number in given)
+
+
+def test_an_answer_that_is_computed_when_it_becomes_an_array_is_computed_inside_its_time(numbered: Files) -> None:
+    assert (timed(Lazy, numbered, 100).wall_ns >= 500_000).all()
+
+
+def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, room: Path) -> None:
+    programs, entry = Programs(raced, 18, 300, 0, room, 2, silent), next(entry for entry in contestants() if entry.name == "daqp")
+    rows = []
+    for turn, ns in enumerate(([1000, 3000, 9000], [5000, 5000, 5000], [1000, 1000, 1000])):
+        outcome = Batched(found=True, answers=np.zeros((3, 18)), wall_ns=2 * np.array(ns), cpu_ns=np.array(ns), programs=np.ones(3, dtype=np.int64))
+        rows.append(row_of(task_of(entry, 18, 1, 1, turn), outcome, programs, 1))
+    assert [row["cpu_us_p50"] for row in rows] == [3.0, 5.0, 1.0]
+    line = figures.summary(pd.DataFrame(rows)).iloc[0]
+    assert (line.core_rate, line.rate) == (1e6 / 3.0, 1e6 / 6.0)
 
 
 def test_a_contestant_that_is_not_there_is_refused(piezobench: CommandLine, tmp_path: Path) -> None:

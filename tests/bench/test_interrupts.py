@@ -47,6 +47,18 @@ def test_an_interrupted_race_says_how_to_carry_on(tmp_path: Path) -> None:
     assert (shown, said.splitlines()) == ("", [f"Interrupted; what is done is kept, and 'piezobench resume {tmp_path / 'run'}' carries on."])
 
 
+def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: Path) -> None:
+    temporary = tmp_path / ("t" * 90)
+    temporary.mkdir()
+    call = subprocess.run([sys.executable, "-m", "bench", "race", "--solver", "daqp", "--out", str(tmp_path / "results")], check=False,
+                          env={**os.environ, "TMPDIR": str(temporary)}, capture_output=True, text=True)
+    assert call.returncode == 2
+    (said,) = call.stderr.splitlines()
+    assert f"{temporary} has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder" in said
+    assert not (tmp_path / "results").exists()
+    assert not list(temporary.iterdir())
+
+
 SHARED_MEMORY = Path("/dev/shm")
 FEW = ("--solver", "daqp", "--lane", "direct", "--out", "results", "--name", "run")
 KINDS = {"race": ("race", "--set", "paper", "--repeats", 9, *FEW), "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
@@ -95,15 +107,15 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
     ("race", signal.SIGTERM), ("workers", signal.SIGHUP), ("batch", signal.SIGTERM), ("fleet", signal.SIGTERM), ("realtime", signal.SIGTERM),
     ("realtime", signal.SIGHUP)], ids=str)
 def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_its_temporary_files_along(
-        tmp_path: Path, kind: str, ending: signal.Signals) -> None:
+        tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, kind: str, ending: signal.Signals) -> None:
     a_model().save(tmp_path / "model.json")
     x = 5.0 + 4.0 * np.sin(np.arange(20_000) / 200.0) * np.linspace(1.0, 0.5, 20_000)
     y = plants.get("bouc_wen", sample_time=1e-3).run(10.0 * x)
     for name in ("stage.csv", "another.csv"):
         write_table(tmp_path / name, {"time_s": np.arange(x.size) * 1e-3, "drive_V": x, "y_um": y})
-    (tmp_path / "tmp").mkdir()
+    temporary = tmp_path_factory.mktemp("tmp")
     with subprocess.Popen([sys.executable, "-m", "bench", *map(str, KINDS[kind])], cwd=tmp_path, start_new_session=True, text=True,
-                          env={**os.environ, "TMPDIR": str(tmp_path / "tmp"), "PYTHONPATH": os.pathsep.join(sys.path)},
+                          env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": os.pathsep.join(sys.path)},
                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as call:
         while not is_at_work(kind, tmp_path, call.pid):
             assert call.poll() is None, call.stderr and call.stderr.read()
@@ -116,7 +128,7 @@ def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_it
     assert said.strip() == SAYS.get(kind, CARRIES_ON.format("'piezobench resume results/run'"))
     assert shared or kind != "batch"
     assert not [path for path in shared if path.exists()]
-    assert not [path.name for path in (tmp_path / "tmp").iterdir() if not path.name.endswith(".lock")]  # a lock's file stays, free
+    assert not [path.name for path in temporary.iterdir() if not path.name.endswith(".lock")]  # a lock's file stays, free
 
 
 LOST = """

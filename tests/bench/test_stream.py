@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cheating_solvers
 import numpy as np
 import pandas as pd
 import pytest
@@ -100,7 +101,7 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
     settings = StreamSettings(
         solvers=("daqp", "box_active_set", "recursive_active_set", "accelerated_projection"),
         lanes=(Lane.KERNEL, Lane.DIRECT), samples=SAMPLES, kernel_samples=KERNEL, give_up=GIVE_UP, certified=12, repeats=2,
-        solver_files=tuple(str(folder / f"{name}.py") for name in FAULTS))
+        solver_files=(*(str(folder / f"{name}.py") for name in FAULTS), str(cheating_solvers.written(folder, "times_itself"))))
     run = kinds()["stream"].start(folder, settings, "run")
     kinds()["stream"].carry_on(run, silent)
     return Streamed(run, run.rows(STREAM), run.times(), StreamProblem.load(next((run.path / "problems").glob("*.npz"))))
@@ -109,8 +110,8 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
 def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_each_round(streamed: Streamed) -> None:
     counts = streamed.rows.groupby(["solver", "lane"]).repeat.nunique()
     assert (counts.drop(index=[("null", "direct")]) == 2).all()
-    assert len(counts) == 3 + 4 + 5 + 1  # kernel, direct, the user's, and the machine
-    assert counts["null", "direct"] == 4  # twelve tasks a round, and one look before every ten
+    assert len(counts) == 3 + 4 + 6 + 1  # kernel, direct, the user's, and the machine
+    assert counts["null", "direct"] == 4  # thirteen tasks a round, and one look before every ten
 
 
 def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -> None:
@@ -188,6 +189,13 @@ def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_pace
     assert row.samples == streamed.ns(row, "service").size == KERNEL > SAMPLES
     assert row.exact_gap_max < 1e-9
     assert row.stopped == ""
+
+
+def test_a_users_file_that_says_it_is_compiled_is_timed_from_outside_on_the_schedule(streamed: Streamed) -> None:
+    row = streamed.row("times_itself", "kernel")
+    assert row.paced
+    assert (row.status, row.message) == (Status.OK, "")
+    assert streamed.ns(row, "service").min() > 10_000  # it asks another solver five times; of itself it says a nanosecond
 
 
 def test_what_goes_wrong_is_a_row_of_its_own(streamed: Streamed) -> None:

@@ -170,6 +170,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, short: StreamProblem, wall_s: floa
 def test_the_compiled_loop_goes_along_the_rows_there_and_back(monkeypatch: pytest.MonkeyPatch, short: StreamProblem) -> None:
     outcome = recorded(monkeypatch, short, 60.0)
     there, back = short.rows, short.rows[::-1]
+    assert len(np.vstack(Recorder.seen[0])) == stream_worker.WARM_UP  # and not as many as are timed
     assert np.array_equal(np.vstack(Recorder.seen[-1]), np.vstack([there, back, there, back, there[:150]]))
     assert outcome.kernel_ns.size == 950
     assert np.array_equal(outcome.answers, there[:, :-1])  # those of the first way, for which the optima are known

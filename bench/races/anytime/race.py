@@ -104,8 +104,9 @@ def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described],
                 progress(f"{task.solver} ({task.lane}) on {problem.name}, {scaling}", done, total)
                 done += 1
                 if not run.is_done(task):
-                    outcome = line_up.children[task.solver, task.lane].ask(
-                        AnytimeRequest(task, fields, problem.forms[scaling].unit, settings.effort, LIMITS, settings.longest_s))
+                    child = line_up.children[task.solver, task.lane]
+                    outcome = child.ask(AnytimeRequest(task, fields, problem.forms[scaling].unit, settings.effort, LIMITS,
+                                                       settings.longest_s, child.entry.times_itself))
                     run.save(task, rows_of(problem, task, outcome), times_of(outcome))
                     line_up.sentinel.look(unless_within_s=EVERY_S)
 

@@ -58,6 +58,8 @@ class AnytimeRequest(Request):
     effort: Effort
     limits: tuple[int, ...]
     longest_s: float
+    times_itself: bool
+    """Whether it is timed inside its compiled code."""
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Warm up on the first limit if need be, then go through them."""
@@ -92,7 +94,7 @@ class AnytimeRequest(Request):
         if not np.isfinite(x).all() and (stood := solver.iterate()) is not None:
             x = real(stood)
         said = Said.of(solver.solution())
-        if self.task.lane.times_itself:
+        if self.times_itself:
             times: list[Timed] = []
             while effort.goes_on(len(times), sum(int(t.updates[0] + t.solves[0]) for t in times)):
                 times.append(time_kernel(solver, problem.P[None], problem.q[None]))

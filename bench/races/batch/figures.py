@@ -3,7 +3,7 @@
 A *summary* row stands for one contestant with a number of threads at one batch size, over its turns. Programs a second are by the clock;
 programs a second and core by what the process took of the processors, which other work on the machine lengthens far less:
 
-    rate = 1 / clock time of a program,   core rate = 1 / processor time of a program,   both of the fastest group of calls,
+    rate = 1 / clock time of a program,   core rate = 1 / processor time of a program,   both medians of the groups of calls and of the turns,
     GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
 """
 
@@ -26,14 +26,14 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     judged = rows.judged.to_numpy()
     table = rows.assign(**{share: rows[share] * judged for share in SHARES}).groupby(GROUP, sort=False).agg(
         status=("status", least_good), message=("message", "max"), programs=("programs", "sum"), judged=("judged", "sum"),
-        **{share: (share, "sum") for share in SHARES}, worst_gap=("worst_gap", "max"), wall_us=("wall_us", "min"), cpu_us=("cpu_us", "min"),
+        **{share: (share, "sum") for share in SHARES}, worst_gap=("worst_gap", "max"),
         wall_us_p50=("wall_us_p50", "median"), cpu_us_p50=("cpu_us_p50", "median"), bytes=("bytes", "first"), grown_mb=("grown_mb", "max"),
     ).reset_index()
     for share in SHARES:
         table[share] = table[share] / table.judged.where(table.judged > 0)
     table["who"], table["ours"] = table.solver.map(marked), table.solver.isin(OURS)
-    table["rate"], table["core_rate"], table["core_rate_p50"] = 1e6 / table.wall_us, 1e6 / table.cpu_us, 1e6 / table.cpu_us_p50
-    table["gb_s"], table["cores_busy"] = 1e-9 * table.rate * table.bytes, table.cpu_us / table.wall_us
+    table["rate"], table["core_rate"] = 1e6 / table.wall_us_p50, 1e6 / table.cpu_us_p50
+    table["gb_s"], table["cores_busy"] = 1e-9 * table.rate * table.bytes, table.cpu_us_p50 / table.wall_us_p50
     return table
 
 

@@ -37,6 +37,8 @@ from solvers.certificate import NotCertified, certify
 ORDERS = {18: (5, 3), 60: (20, 9)}
 """n and m of the model by d."""
 SET = "batch"
+WARM_UP = 64
+"""The last of the programs, which are not timed; repeated where a contestant compiles for a size of batch that is larger."""
 AT_ONCE = 512
 """Programs that are mixed at once."""
 SHARED_MEMORY = Path("/dev/shm")

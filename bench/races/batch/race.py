@@ -25,7 +25,7 @@ from bench.passed.task import Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races.batch.contestant import ContestantFile, contestants, of_file
-from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, Programs, reserved
+from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, WARM_UP, Programs, reserved
 from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import chosen, field_of
@@ -47,11 +47,11 @@ FEWEST = 2048
 
 BATCH = Schema("batch.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message",
-    "batch", "threads", "programs", "judged", *SHARES, "worst_gap", "wall_us", "cpu_us", "wall_us_p50", "cpu_us_p50", "bytes", "grown_mb"),
+    "batch", "threads", "programs", "judged", *SHARES, "worst_gap", "wall_us_p50", "cpu_us_p50", "bytes", "grown_mb"),
     ("d", "lane", "solver", "threads", "batch", "repeat"),
     types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), pa.int64()))
-"""One row a contestant, number of threads, batch size and turn. Times are of one program: of the group of calls that was fastest by the
-processors, and the medians of the groups. ``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
+"""One row a contestant, number of threads, batch size and turn. Times are of one program, medians of the groups of calls.
+``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,11 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     settings = settings_of(run, BatchSettings)
     entries = asked_for(settings)
     with ExitStack() as stack:
-        count = max(FEWEST, settings.batches[-1]) + settings.turns
+        count = max(FEWEST, settings.batches[-1]) + settings.turns + WARM_UP
         folder = stack.enter_context(reserved(settings.sizes, count))
         programs = {d: Programs(run, d, count, settings.seed, folder, settings.limit, progress) for d in settings.sizes}
-        limits = replace(settings.limits, memory_mb=settings.memory_mb + 8 * count * max(settings.sizes)**2 // 2**20)  # for the programs themselves
+        of_programs = 2 * 8 * count * max(settings.sizes)**2 // 2**20  # those that are timed, and those to warm up on
+        limits = replace(settings.limits, memory_mb=settings.memory_mb + of_programs)
         progress("waiting for a core on which no other race times", 0, 1)
         core = stack.enter_context(cores.claim())
         alone = stack.enter_context(LineUp(entries, limits, core.number))
@@ -131,7 +132,7 @@ def _why_not(before: Row, batch: int, longest_s: float) -> str:
         return str(before["message"])
     if before["status"] not in (Status.OK, Status.MISSED):
         return f"the batch of {before['batch']} ended as {before['status']}"
-    expected_s = 1e-6 * before["wall_us"] * batch
+    expected_s = 1e-6 * before["wall_us_p50"] * batch
     return f"a batch of {batch} would take {expected_s:.1f} s, and the most is {longest_s:g} s" if expected_s > longest_s else ""
 
 
@@ -150,11 +151,9 @@ def row_of(task: Task, outcome: Outcome, programs: Programs, most: int) -> Row:
     errors = np.array([*_errors(programs, task.repeat, outcome.answers, most)])
     shares = {f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else NAN for tier in TIERS}
     wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
-    fastest = int(np.argmin(cpu))
     return {**row, **shares, "status": str(Status.OK if shares["share_high"] == 1.0 else Status.MISSED), "judged": errors.size,
             "programs": int(outcome.programs.sum()), "worst_gap": float(errors.max()) if errors.size else NAN,
-            "wall_us": float(wall[fastest]), "cpu_us": float(cpu[fastest]), "wall_us_p50": float(np.median(wall)),
-            "cpu_us_p50": float(np.median(cpu)), "grown_mb": outcome.grown_mb}
+            "wall_us_p50": float(np.median(wall)), "cpu_us_p50": float(np.median(cpu)), "grown_mb": outcome.grown_mb}
 
 
 def _errors(programs: Programs, first: int, answers: Matrix, most: int) -> Iterator[float]:

@@ -24,8 +24,8 @@ def definitions(settings: BatchSettings) -> tuple[str, ...]:
         "two programs are alike; active sets, conditions (1e4 to 1e11) and bounds differ within a batch.",
         "Kernel: a batch is one call of compiled code. Direct: a loop in Python over the library's own call for one program. Whatever a batch needs, "
         "such as putting programs side by side, is in its time; compiling for its size is not.",
-        "A second and core: programs by the processor time that the process took, all its threads together, in the fastest group of calls of at "
-        "least a millisecond where a batch is quicker than that. A second: by the clock.",
+        "A second and core: programs by the processor time that the process took, all its threads together, the median of groups of calls of at "
+        "least a millisecond where a batch is quicker than that. A second: by the clock. The answers are copied inside the time.",
         f"Right to 1e-9: of up to {settings.judged} answers of each timed batch, which the contestant cannot know, the share whose relative cost "
         "gap and violation are at most 1e-9, against optima that are proven in exact arithmetic.",
         "GB/s: the bytes of P, q, lb, ub and x, which any solver has to read and write once, by the clock; what a solver moves beside is its own. "
@@ -82,8 +82,8 @@ def _by_batch(part: pd.DataFrame, settings: BatchSettings) -> Table:
 def _at_best(table: pd.DataFrame) -> Table:
     """Everything about each contestant at the batch size that suits it best."""
     rows = [[str(line.d), line.who, line.lane, str(line.threads), str(line.batch), *(_share(line[name]) for name in SHARES[::-1]),
-             gap(line.worst_gap), number(line.rate / 1e3), number(line.core_rate / 1e3), number(line.core_rate_p50 / 1e3), number(line.cores_busy),
+             gap(line.worst_gap), number(line.rate / 1e3), number(line.core_rate / 1e3), number(line.cores_busy),
              str(line.bytes), number(line.gb_s), number(line.grown_mb)] for _, line in figures.best(table).iterrows()]
-    headings = ("d", "contestant", "lane", "threads", "batch", "1e-9", "1e-6", "1e-3", "worst gap", "thousand/s", "and core", "median", "cores busy",
+    headings = ("d", "contestant", "lane", "threads", "batch", "1e-9", "1e-6", "1e-3", "worst gap", "thousand/s", "and core", "cores busy",
                 "bytes", "GB/s", "memory, MB")
     return Table("At the batch size that suits each best", headings, rows, 3, ("d", "lane", "threads"))

@@ -2,7 +2,8 @@
 
 Each call gets programs that the calls before it did not get, until all have been through; what the batches hold is read once before, so
 that it is in memory. Calls are timed in groups that last GROUP_NS, by the clock and by what the process and all its threads took of the
-processors. What is compiled, loaded and allocated first is not timed.
+processors; an answer is copied as an array of our own inside its time, so that what is computed only when it is looked at is computed
+there. What is compiled, loaded and allocated first is not timed, and is done on programs that are not timed later.
 """
 
 from __future__ import annotations
@@ -19,13 +20,11 @@ from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.said import real
 from bench.races.batch.contestant import Contestant
-from bench.races.batch.programs import Files
+from bench.races.batch.programs import WARM_UP, Files
 from bench.timing.clock import Effort, no_garbage_collection
 from solvers.arrays import Matrix, Nanoseconds
 
 GROUP_NS = 1_000_000
-WARM_UP = 64
-"""Programs of the call that is not timed, where nothing is compiled for the size of the batch."""
 
 _ready: dict[tuple[type, int, int], Contestant] = {}
 """Contestants of this process, which may keep what they allocated."""
@@ -65,8 +64,9 @@ class BatchRequest(Request):
         for array in arrays:
             array.sum()  # which reads it
         few = self.size if cls.compiles else min(self.size, WARM_UP)
+        others = [np.resize(array, (few, *array.shape[1:])) for array in self.files.mapped(self.files.count - WARM_UP, self.files.count)]
         began = time.perf_counter_ns()
-        solve(*(array[-few:] for array in arrays))
+        np.array(solve(*others))
         per_call = (time.perf_counter_ns() - began) * self.size // few
         batches = [[array[at:at + self.size] for array in arrays] for at in range(0, len(arrays[1]) - self.size + 1, self.size)]
         calls = int(np.clip(GROUP_NS // max(per_call, 1), 1, max(1, len(batches) // self.effort.fewest)))
@@ -80,7 +80,7 @@ class BatchRequest(Request):
                 if not self.effort.goes_on(len(taken), spent):
                     break
                 cpu, wall = time.process_time_ns(), time.perf_counter_ns()
-                found = [solve(*batch) for batch in group]
+                found = [np.array(solve(*batch)) for batch in group]
                 wall, cpu = time.perf_counter_ns() - wall, time.process_time_ns() - cpu
                 answers += [real(x) for x in found]
                 taken.append((wall, cpu, len(group) * self.size))

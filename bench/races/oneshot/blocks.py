@@ -141,10 +141,10 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
     ``idle`` is the process of a solver that does nothing; ``keep`` leaves the solver in its process, set up as it is.
     """
     form, tally, size = problem.forms[task.scaling], Tally(), 1
-    outcome = child.ask(OneShot.of(task, form))
+    compiled = child.entry.times_itself  # it is given its data twice and asked for its answer, untimed
+    outcome = child.ask(OneShot.of(task, form, times_itself=compiled))
     if outcome.failure:
         return outcome, tally
-    compiled = task.lane.times_itself and child.entry.path is None  # it is given its data twice and asked for its answer, untimed
     while effort.goes_on(tally.count, tally.spent_ns):
         done = tally.count
         n = min(size, fresh.calls_at_once, effort.most - done)

@@ -58,7 +58,11 @@ def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], Solver
         The order in each round follows from it.
     """
     tallies = {task.key: Tally() for task in tasks}
-    ready = [task for task in tasks if not children[task.solver, task.lane].ask(OneShot.of(task, form, unless_kept=True)).failure]
+    ready = []
+    for task in tasks:
+        child = children[task.solver, task.lane]
+        if not child.ask(OneShot.of(task, form, unless_kept=True, times_itself=child.entry.times_itself)).failure:
+            ready.append(task)
     for task in list(ready):
         if ask(children[task.solver, task.lane], task, *fresh.unseen(WARM_UP)).failure:
             ready.remove(task)

@@ -22,7 +22,7 @@ from bench.passed.said import Said, real
 from bench.passed.task import Task
 from bench.problem_files.program import copied, fields_of
 from bench.processes.worker import seen
-from bench.timing.clock import Timed, time_block, time_call, time_kernel
+from bench.timing.clock import time_block, time_call, time_kernel
 from solvers.arrays import Matrix, Vector
 from solvers.protocol import Nanoseconds, Solver
 
@@ -54,12 +54,14 @@ class OneShot(Request):
     """The constant that the solver's ladder is made for."""
     unless_kept: bool = False
     """Do nothing where the solver of this task is there already."""
+    times_itself: bool = False
+    """Whether it is timed inside its compiled code."""
 
     @classmethod
-    def of(cls, task: Task, form: Any, unless_kept: bool = False) -> Self:
+    def of(cls, task: Task, form: Any, unless_kept: bool = False, times_itself: bool = False) -> Self:
         """The request for a certified form, whose certificate and other windows stay with the parent."""
         start = form.warm_start if task.start == "warm" else None
-        return cls(task, fields_of(form.qp), start, form.unit, unless_kept)
+        return cls(task, fields_of(form.qp), start, form.unit, unless_kept, times_itself)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
@@ -67,7 +69,7 @@ class OneShot(Request):
             return Outcome(found=True)
 
         def another() -> Bench:
-            return Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start)
+            return Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start, self.times_itself)
 
         def work() -> Outcome:
             bench = _benches[self.task.key] = another()
@@ -132,16 +134,17 @@ class Bench:
 
     Parameters
     ----------
-    cls, task, problem, c, warm_start
+    cls, task, problem, c, warm_start, times_itself
         As of :class:`OneShot`.
     """
 
-    def __init__(self, cls: type[Solver], task: Task, problem: Problem, c: float, warm_start: Vector | None) -> None:
+    def __init__(self, cls: type[Solver], task: Task, problem: Problem, c: float, warm_start: Vector | None,
+                 times_itself: bool) -> None:
         self._given = problem, warm_start
         # A solver that writes into one spoils neither the other nor ours.
         self._handed, self._updated = copied(problem), copied(problem)
         self._start = None if warm_start is None else warm_start.copy()
-        self._kernel = task.lane.times_itself and cls.__module__.startswith("solvers.")  # a file of a user's is timed from Python
+        self._time = time_kernel if times_itself else time_block
         self.asked = task.asked(cls, c)
         self.solver = cls(**self.asked)
         P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
@@ -170,7 +173,7 @@ class Bench:
     def block(self, P: Matrix, q: Matrix, most_ns: float) -> Outcome:
         """Time a block; its data are as they were afterwards."""
         sums, before = (P.sum(), q.sum()), preemptions()
-        timed: Timed = (time_kernel if self._kernel else time_block)(self.solver, P, q, self._start, most_ns)
+        timed = self._time(self.solver, P, q, self._start, most_ns)
         self._spoiled |= (P.sum(), q.sum()) != sums
         return Answered(found=True, preemptions=preemptions() - before, update_ns=timed.updates, solve_ns=timed.solves,
                         answers=timed.answers)

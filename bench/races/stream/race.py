@@ -140,12 +140,13 @@ def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequ
         progress(f"{task.solver} ({task.lane})", done, len(tasks))
         if not run.is_done(task):
             child = line_up.children[task.solver, task.lane]
+            in_loop = settings.kernel_samples if task.lane is Lane.KERNEL and child.entry.times_itself else 0
             give_up = 0 if task.solver == null_solver.ENTRY.name else settings.give_up
             with watched(run, task.key, line_up.sentinel):
                 outcome = child.ask(StreamRequest(task, fields, stream.c, stream.answer, stream.rows, stream.forgetting,
-                                                  settings.kernel_samples, give_up))
+                                                  in_loop, give_up))
             child.close()
-            run.save(task, rows_of(task, outcome, judge, settings.kernel_samples), times_of(outcome))
+            run.save(task, rows_of(task, outcome, judge, in_loop), times_of(outcome))
 
 
 def times_of(outcome: Outcome) -> dict[str, Any]:
@@ -159,18 +160,18 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
             "sample": t.solved, "began": t.began}
 
 
-def rows_of(task: Task, outcome: Outcome, judge: Judge, wanted: int) -> list[Row]:
+def rows_of(task: Task, outcome: Outcome, judge: Judge, in_loop: int) -> list[Row]:
     """The rows of a task, one a tier: who, how many deadlines, and what the answers in use were worth.
 
-    ``wanted`` is how many samples the kernel lane was asked for.
+    ``in_loop`` is how many samples its compiled loop was asked for; 0 on the schedule.
     """
     steps = {name: count for name, count in outcome.asked.items() if name == "steps"}
     row = STREAM.row(**who(task, judge.stream.d, steps), status=outcome.failure, message=outcome.message,
-                     paced=task.lane is not Lane.KERNEL, mutates_input=outcome.mutated,
+                     paced=not in_loop, mutates_input=outcome.mutated,
                      **dict.fromkeys(("solves", "missed", "stalls", "unanswered", "exact_instants"), 0))
     if not isinstance(outcome, Streamed):
         return for_tiers(task, [row])
-    row |= _paced(outcome, judge) if outcome.timeline else _unpaced(outcome, wanted)
+    row |= _paced(outcome, judge) if outcome.timeline else _unpaced(outcome, in_loop)
     row |= _worth(outcome, judge)
     return [{**each, "status": str(_status(each, Tier(each["tier"])))} for each in for_tiers(task, [row])]
 

@@ -5,9 +5,10 @@ date, which is the machine's common work: it is done while waiting for the due t
 the due time the solver gets P and q by ``update`` and answers, warm from the previous answer where it can; a solver that
 takes rows gets the row by ``append`` in place of P and q, and following the data is then its own work and timed.
 
-The kernel lane has no schedule: a compiled loop takes the rows back to back and notes what each took, service times that
-no Python and no waiting is in. When the rows are through it goes back along them and forth again, which has no jump,
-until ``kernel_samples`` are done or, looked at after every KERNEL_BLOCK rows, KERNEL_WALL_S are spent.
+Our solvers of the kernel lane have no schedule: a compiled loop takes the rows back to back and notes what each took, service times
+that no Python and no waiting is in; a solver of anybody else's is timed from outside, on the schedule. When the rows are through
+the loop goes back along them and forth again, which has no jump, until ``kernel_samples`` are done or, looked at after every KERNEL_BLOCK
+rows, KERNEL_WALL_S are spent.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from bench.timing.clock import no_garbage_collection
 from bench.timing.schedule import PERIOD_NS, Timeline, follow
 from solvers.arrays import Matrix, Nanoseconds, Vector
 from solvers.forgetting import absorb
-from solvers.protocol import Lane, Solver
+from solvers.protocol import Solver
 
 WARM_UP = 800
-"""Samples of the same sequence, on the same schedule, with a solver object of their own and not counted."""
+"""Samples of the same sequence, taken alike, with a solver object of their own and not counted."""
 KERNEL_WALL_S = 10.0
 KERNEL_BLOCK = 2_000
 
@@ -42,11 +43,11 @@ class Streamed(Outcome):
     """What came back from a stream."""
 
     timeline: Timeline | None = None
-    """On the schedule; None in the kernel lane."""
+    """On the schedule; None of a compiled loop."""
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    """Of each solve, NaN where it gave none; in the kernel lane of the first way along the rows. Shape (M, d)."""
+    """Of each solve, NaN where it gave none; in a compiled loop of the first way along the rows. Shape (M, d)."""
     kernel_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """What each row took in the kernel lane. Shape (K,)."""
+    """What each row took in a compiled loop. Shape (K,)."""
 
 
 @dataclass(frozen=True)
@@ -63,19 +64,19 @@ class StreamRequest(Request):
     """Shape (N, d + 1)."""
     forgetting: float
     kernel_samples: int
-    """The most rows in the kernel lane."""
+    """The most rows in its compiled loop; 0 where it is timed from outside, on the schedule."""
     give_up: int
     """As of :func:`bench.timing.schedule.follow`."""
     period_ns: int = PERIOD_NS
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Warm up, then run."""
-        work = self._compiled if self.task.lane is Lane.KERNEL else self._paced
+        work, most = (self._compiled, self.kernel_samples) if self.kernel_samples else (self._paced, len(self.rows))
 
         def warm_and_run() -> Outcome:
-            work(cls, min(WARM_UP, len(self.rows)), 0)
+            work(cls, min(WARM_UP, most))
             gc.collect()
-            return work(cls, len(self.rows), self.give_up)
+            return work(cls, most)
 
         return attempt(warm_and_run)
 
@@ -86,26 +87,25 @@ class StreamRequest(Request):
         solver.setup(copied(Problem(**self.fields)))
         return solver
 
-    def _paced(self, cls: type[Solver], samples: int, give_up: int) -> Outcome:
+    def _paced(self, cls: type[Solver], samples: int) -> Outcome:
         run = PacedRun(self._ready(cls), self, samples)
         with no_garbage_collection():
             timeline = follow(samples, run.absorb, run.update, run.solve, run.keep, period_ns=self.period_ns,
-                              give_up=give_up)
+                              give_up=self.give_up)
         return Streamed(found=True, asked=self.task.asked(cls, self.c), timeline=timeline, answers=run.answers[:timeline.solved.size],
                         mutated=run.were_data_changed(timeline.samples))
 
-    def _compiled(self, cls: type[Solver], samples: int, give_up: int) -> Outcome:
-        solver, forth = self._ready(cls), self.rows[:samples]
+    def _compiled(self, cls: type[Solver], samples: int) -> Outcome:
+        solver = self._ready(cls)
         if cls.warm_startable:
             solver.solve(self.start)
-        wanted = self.kernel_samples if samples == len(self.rows) else samples
         answers: list[Matrix] = []
         taken: list[Nanoseconds] = []
         done, began = 0, time.monotonic()
         with no_garbage_collection():
-            while done < wanted and (not taken or time.monotonic() - began < KERNEL_WALL_S):
-                way, at = divmod(done, samples)
-                block = (forth[::-1] if way % 2 else forth)[at:at + min(KERNEL_BLOCK, wanted - done)]
+            while done < samples and (not taken or time.monotonic() - began < KERNEL_WALL_S):
+                way, at = divmod(done, len(self.rows))
+                block = (self.rows[::-1] if way % 2 else self.rows)[at:at + min(KERNEL_BLOCK, samples - done)]
                 found, nanoseconds = solver.time_rows(np.ascontiguousarray(block), self.forgetting)
                 if way == 0:
                     answers.append(found)
