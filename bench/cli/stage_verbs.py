@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
+from bench.cli.given_options import refuse
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
 from bench.cli.solver_option import check_solver
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
@@ -64,6 +65,8 @@ def identify_verb(
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
     check_solver(solver)
+    if select:
+        refuse(context, ("n", "m"), "is what --select-order chooses")
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Identifying(opening, n, m, _rates(creep_rates), skip, lag.value, solver, force, select)
     if out is None:

@@ -96,6 +96,9 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     RecordingError
         A named column is not there or is named twice, or a role cannot be guessed.
     """
+    if sampled and named.get("time") is not None:
+        raise RecordingError(f"{table.path}: the sampling period is given, so that the time column {named['time']!r} would not be read; "
+                             "give one of the two")
     search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
     if len(set(search.at.values())) < len(search.at):
         raise RecordingError(f"{table.path}: one column cannot serve as {' and '.join(search.at)}: "

@@ -229,9 +229,13 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
         if not head:
             raise RecordingError(f"{path}: is an empty file")
         known = next(module for module in _registered() if module.recognises(path, head))
+        reading = reading or Reading()
+        for name in ("header_row", "decimal", "sheet"):
+            if getattr(reading, name) is not None and name not in getattr(known, "READS", ()):
+                raise RecordingError(f"{path}: is {known.NAME}, for which no {name.replace('_', ' ')} can be given")
         if getattr(known, "APART", False):
-            return apart.open_table(known, path, reading or Reading())
-        table: Table = known.open_table(path, reading or Reading())
+            return apart.open_table(known, path, reading)
+        table: Table = known.open_table(path, reading)
         return table
     except ModuleNotFoundError as error:
         if error.name == "pyarrow":  # on which the registry of formats stands

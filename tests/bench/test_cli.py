@@ -195,6 +195,9 @@ def test_an_option_that_goes_with_another_is_refused_without_it(piezobench: Comm
     (["--n", "-1"], ["--n"]),
     (["--n", "many"], ["--n"]),
     (["--skip", "8000"], ["skip"]),
+    (["--sheet", "Messung 1"], ["stage.csv", "plain text", "sheet"]),
+    (["--time", "time_s", "--sample-time", "0.001"], ["stage.csv", "time_s", "give one of the two"]),
+    (["--select-order", "--n", "4"], ["--n", "is what --select-order chooses"]),
     (["--lag", "later"], ["--lag"]),
 ])
 def test_identify_refuses_an_option_that_the_recording_cannot_meet(piezobench: CommandLine, desk: Path, options: list[str],

@@ -236,6 +236,11 @@ def test_a_sheet_is_named_and_a_missing_one_refused(tmp_path: Path) -> None:
     assert "has no sheet 'Messung 2'; its sheets are 'Sheet', 'Messung 1'" in refusal(path, sheet="Messung 2")
 
 
+@pytest.mark.parametrize(("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "sheet", "Messung 1"), ("NPZ", "header_row", 2)])
+def test_what_a_format_does_not_go_by_is_refused(tmp_path: Path, form: str, option: str, value: object) -> None:
+    assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
+
+
 def test_a_cell_that_is_no_number_is_named_with_row_and_sheet(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     for row in (["t", "u", "y"], [0, 1, 2], [1, "over", 3], [2, 3, 3], [3, 3, 4]):

@@ -230,6 +230,12 @@ def test_a_line_that_never_ends_is_refused(tmp_path: Path) -> None:
     assert "a line is longer than" in refusal(path)
 
 
+def test_what_would_not_be_read_of_a_text_is_refused(tmp_path: Path) -> None:
+    path = text_file(tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(40)))
+    assert "is plain text, for which no sheet can be given" in refusal(path, sheet="Messung 1")
+    assert "so that the time column '1' would not be read; give one of the two" in refusal(path, time="1", sample_time=0.01)
+
+
 def test_a_reference_of_one_column_needs_only_a_period(tmp_path: Path) -> None:
     path = text_file(tmp_path, *(f"{k / 7:.3f}" for k in range(40)))
     reference = read_reference(path, sample_time=0.01)

@@ -5,5 +5,6 @@ A format's module has ``NAME`` ("an HDF5 file"), ``ORDER`` (formats are tried in
 :class:`piezo_model.recordings.tables.Table`; :func:`piezo_model.recordings.tables.in_memory` makes one of arrays. Optional
 packages are imported inside ``open_table``: where one is missing, the user is told what to install. With
 ``APART = True`` a format, which a library in C parses, is read in a child process (:mod:`piezo_model.recordings.apart`), and its
-table is a :class:`piezo_model.recordings.tables.ChannelTable`.
+table is a :class:`piezo_model.recordings.tables.ChannelTable`. ``READS`` names what it goes by of that which a user may say of a
+file (``header_row``, ``decimal``, ``sheet``); what it does not name is refused.
 """

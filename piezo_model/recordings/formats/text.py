@@ -28,6 +28,7 @@ from solvers.arrays import Matrix
 
 NAME = "plain text"
 ORDER = 100
+READS = ("header_row", "decimal")
 SAMPLE_LINES = 1000
 NULLS = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "null", "None", "-", "--", "---", "#VALUE!"]
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}

@@ -17,6 +17,7 @@ from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
 
 NAME = "an Excel workbook"
 ORDER = 50
+READS = ("header_row", "sheet")
 DAY_0 = datetime.datetime(1899, 12, 31)
 
 
