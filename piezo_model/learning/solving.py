@@ -22,7 +22,9 @@ STEPPED = "projected_difference"
 
 
 def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> tuple[Vector, float]:
-    """Answer (d,) of a solver, NaN where it found none, and the seconds that it took; warm from ``start`` where it can.
+    """Answer (d,) of a solver, NaN where it found none, and the seconds of update and solve; warm from ``start`` where it can.
+
+    It is set up before with other data of the same structure, so that nothing of the answer is worked out then.
 
     The ``options`` are lane, settings and ``rung``: one of the solver's ladder for the constant c of the problem, or -1 for what it does
     unasked; the uppermost that it says it reaches by default.
@@ -33,9 +35,12 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1))[0].tolist()
     [2.0]
     """
+    from qpsolvers import Problem
+
     for engine in _asked(solver, c, **(options or {})):
-        engine.setup(program)
+        engine.setup(Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
         begin = perf_counter()
+        engine.update(program.P, program.q)
         found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
         spent = perf_counter() - begin
         if engine.solution().found:

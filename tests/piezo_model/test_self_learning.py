@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
 from learning_loops import MODES, NOISE, WAYS, T, learner_for, sensor, structure_for
+from qpsolvers import Problem
 
 from piezo_model import OperatorState, SelfLearningCompensator, compensator_file, plants
 from piezo_model.deployment import Deployment
 from piezo_model.learning.events import Phase
+from piezo_model.learning.solving import solved
 from piezo_model.model import HysteresisCreepModel, ModelError
 from solvers.kernel.box_active_set import BoxActiveSet
+from solvers.registry import Entry
 
 RATE_LIMIT = 2e4
 
@@ -303,6 +307,29 @@ def test_a_solver_without_an_answer_or_with_an_error_changes_nothing(monkeypatch
         assert np.all(np.isfinite(x))
         assert learner.counts["hand_overs"] == 0
         assert words in learner.log[-1].message
+
+
+class Eager(BoxActiveSet):
+    """Works when it is set up, slowly, and answers at once."""
+
+    def setup(self, problem: Problem) -> None:
+        super().setup(problem)
+        self.answer = super().solve()
+
+    def update(self, P: np.ndarray | None = None, q: np.ndarray | None = None) -> None:
+        super().update(P, q)
+        time.sleep(2e-3)
+
+    def solve(self, warm_start: np.ndarray | None = None) -> np.ndarray:
+        return self.answer
+
+
+def test_a_solver_is_timed_from_outside_with_its_update_and_has_not_seen_the_data_when_it_is_set_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Entry, "load", lambda entry: Eager)
+    program = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))
+    answer, seconds = solved("box_active_set", {"lane": "kernel"}, program, np.zeros(2))
+    assert not np.allclose(answer, [1.0, 0.0])
+    assert seconds >= 2e-3
 
 
 def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
