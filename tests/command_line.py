@@ -11,7 +11,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,6 +101,15 @@ def of_session(leader: int) -> list[int]:
             continue
         if int(fields[3]) == leader and fields[0] != "Z":
             found.append(int(stat.parent.name))
+    return found
+
+
+def command_lines(pids: Iterable[int]) -> list[str]:
+    """Those of processes, with blanks between the words; of those that are there."""
+    found = []
+    for pid in pids:
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found.append(Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode())
     return found
 
 

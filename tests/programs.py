@@ -6,6 +6,8 @@ from typing import NoReturn
 
 import pytest
 
+from solvers.registry import describe, find
+
 PACKAGES = {"arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi", "cc": "gcc", "chromedriver": "chromium-driver", "nm": "binutils",
             "qemu-arm": "qemu-user"}
 """Debian's, where they are not named like the program."""
@@ -16,6 +18,14 @@ def program(name: str) -> str:
     if found := shutil.which(name):
         return found
     lacking(name, PACKAGES.get(name, name))
+
+
+def that_load(*names: str) -> list[str]:
+    """Those solvers of the lane direct whose libraries load here: some need a library of the system that comes with a compiler."""
+    absent = {name: describe(find(name, "direct")).absent for name in names}
+    if os.environ.get("PIEZOBENCH_ALL_PROGRAMS"):
+        assert not any(absent.values()), absent
+    return [name for name in names if not absent[name]]
 
 
 def lacking(name: str, package: str) -> NoReturn:

@@ -29,7 +29,7 @@ def _context(entries: Iterable[Entry] = ()) -> Any:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*PRELOADED, *{entry.lane.value for entry in entries if entry.lane in FAMILIES}])
+    context.set_forkserver_preload([*PRELOADED, *{f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}])
     return context
 
 

@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from command_line import CommandLine
 from conftest import killed_and_resumed
+from programs import that_load
 
 from bench.passed.progress import silent
 from bench.races.batch import figures
@@ -52,7 +53,7 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     """A tiny race that was killed in the middle and carried on."""
     folder = tmp_path_factory.mktemp("batch")
     (folder / "liar.py").write_text(LIAR)
-    words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", folder / "liar.py")
+    words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"), folder / "liar.py")
              for word in ("--solver", name)]
     run = Run(folder / "run")
     resumed = killed_and_resumed(piezobench, run, "row", 3, "race", *TINY, *words, "--out", folder, "--name", "run")
@@ -69,7 +70,7 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
     assert not rows.duplicated(["d", "solver", "lane", "threads", "batch", "repeat"]).any()
     one = rows[rows.threads == 1]
     assert one.groupby("solver").size().eq(2 * 2).all()
-    assert set(one.solver) == {"box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", "proxsuite", "liar"}
+    assert set(one.solver) == {"box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"), "liar"}
     ours = rows[rows.solver.isin(OURS)]
     assert set(ours.solver) == {"box_batch", "box_lanes", "box_active_set"}
     assert (ours.status == "ok").all()

@@ -13,6 +13,7 @@ import slowed_solver
 from browser import Browser
 from command_line import CommandLine
 from conftest import Race
+from programs import that_load
 
 from bench.comparison import page as comparison
 from bench.comparison.compare import RunComparison, compare_runs
@@ -97,7 +98,7 @@ def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_rac
 def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Two races of a small field and a solver of one's own, which in the second one waits as long again as it works."""
     folder, words = tmp_path_factory.mktemp("slowed"), []
-    for solver in ("daqp", "quadprog", "clarabel", "piqp", "proxsuite", "qpalm", "scs", "osqp", "box_active_set"):
+    for solver in ("daqp", "quadprog", "clarabel", "piqp", *that_load("proxsuite"), "qpalm", "scs", "osqp", "box_active_set"):
         words += ["--solver", solver]
     for name, factor in (("before", 1.0), ("after", 2.0)):
         call = piezobench("race", *words, "--solver", slowed_solver.write(folder / name, factor), "--lane", "direct", "--tier",

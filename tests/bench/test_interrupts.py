@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, of_session, wait_until_gone
+from command_line import CommandLine, command_lines, of_session, wait_until_gone
 from conftest import TWO_CORES, Race
 from exported_loops import a_model
 
@@ -69,17 +69,6 @@ CARRIES_ON = "Interrupted; what is done is kept, and {} carries on."
 SAYS = {"fleet": CARRIES_ON.format("the same command"), "realtime": ""}
 
 
-def programs_of(session: int) -> list[str]:
-    """The command lines of a session's processes."""
-    found = []
-    for pid in of_session(session):
-        try:
-            found.append(Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode())
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-    return found
-
-
 def in_shared_memory(session: int) -> set[Path]:
     """The files there that processes of a session have mapped, and those named after one of them."""
     found = set()
@@ -96,16 +85,22 @@ def in_shared_memory(session: int) -> set[Path]:
 def is_at_work(kind: str, folder: Path, session: int) -> bool:
     """Whether a call has started and made what it should not leave."""
     if kind == "realtime":
-        return any("/realtime-" in words and "piezobench-realtime-" in words for words in programs_of(session))
+        return any("/realtime-" in words and "piezobench-realtime-" in words for words in command_lines(of_session(session)))
     if kind == "fleet":
-        return sum("loky" in words for words in programs_of(session)) >= 2
+        return sum("loky" in words for words in command_lines(of_session(session))) >= 2
     return any((folder / "results" / "run" / "tasks").glob("[!.]*.npz"))
+
+
+def hears_its_terminal() -> None:
+    """In a child: SIGHUP ends it, though the tests themselves may have been started with nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @TWO_CORES
 @pytest.mark.parametrize(("kind", "ending"), [
-    ("race", signal.SIGTERM), ("workers", signal.SIGHUP), ("batch", signal.SIGTERM), ("fleet", signal.SIGTERM), ("realtime", signal.SIGTERM),
-    ("realtime", signal.SIGHUP)], ids=str)
+    ("race", signal.SIGTERM), ("workers", signal.SIGHUP), ("batch", signal.SIGTERM), ("fleet", signal.SIGTERM),
+    pytest.param("realtime", signal.SIGTERM, marks=pytest.mark.needs("cc")), pytest.param("realtime", signal.SIGHUP, marks=pytest.mark.needs("cc"))],
+    ids=str)
 def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_its_temporary_files_along(
         tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, kind: str, ending: signal.Signals) -> None:
     a_model().save(tmp_path / "model.json")
@@ -116,7 +111,7 @@ def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_it
     temporary = tmp_path_factory.mktemp("tmp")
     with subprocess.Popen([sys.executable, "-m", "bench", *map(str, KINDS[kind])], cwd=tmp_path, start_new_session=True, text=True,
                           env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": os.pathsep.join(sys.path)},
-                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as call:
+                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, preexec_fn=hears_its_terminal) as call:
         while not is_at_work(kind, tmp_path, call.pid):
             assert call.poll() is None, call.stderr and call.stderr.read()
             time.sleep(0.01)
@@ -165,12 +160,13 @@ def test_an_interrupt_that_a_library_swallows_comes_again_and_does_not_cut_the_t
     assert (done.stdout.split(), done.stderr) == (["lost", "tidied", "arrived"], "")
 
 
+@pytest.mark.needs("cc")
 def test_a_call_that_was_started_with_nohup_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
     a_model().save(tmp_path / "model.json")
     words = ("realtime", "model.json", "--rate", "1000", "--seconds", "2", "--no-cost", "--out", "figures.json")
     with subprocess.Popen(["nohup", sys.executable, "-m", "bench", *words], cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                           start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as call:
-        while not any("/realtime-" in words for words in programs_of(call.pid)):
+        while not any("/realtime-" in words for words in command_lines(of_session(call.pid))):
             assert call.poll() is None
             time.sleep(0.01)
         call.send_signal(signal.SIGHUP)

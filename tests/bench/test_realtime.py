@@ -114,7 +114,8 @@ def test_the_highest_rate_is_found_to_a_quarter_of_an_octave(limit: float, found
 @pytest.mark.parametrize(("words", "said"), [
     (["nothing.json"], "nothing.json: there is no such file"),
     (["model.json", "--rate", 0], "--rate"), (["model.json", "--seconds", "nan"], "--seconds"),
-    (["model.json", "--rate", 1, "--seconds", 0.5], "0.5 s at 1 Hz hold no sample; the shortest run is 1 s"),
+    pytest.param(["model.json", "--rate", 1, "--seconds", 0.5], "0.5 s at 1 Hz hold no sample; the shortest run is 1 s",
+                 marks=pytest.mark.needs("cc")),
     (["model.json", "--solver", "box_active_set"], "--solver: is for --part learning"),
     (["model.json", "--priority", 100], "--priority"), (["model.json", "--core", -1], "--core"),
     (["model.json", "--out", "nowhere/figures.json"], "the folder nowhere does not exist")], ids=str)
