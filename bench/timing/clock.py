@@ -66,20 +66,6 @@ def time_call(call: Callable[[], object], clock: Callable[[], int] = perf_counte
     return clock() - start
 
 
-def time_pairs(update: Callable[[], object], solve: Callable[[], object], effort: Effort,
-               ) -> tuple[Nanoseconds, Nanoseconds]:
-    """Time update and solve in turns; raw nanoseconds of both."""
-    updates: list[int] = []
-    solves: list[int] = []
-    spent = 0
-    with no_garbage_collection():
-        while effort.goes_on(len(solves), spent):
-            updates.append(time_call(update))
-            solves.append(time_call(solve))
-            spent += updates[-1] + solves[-1]
-    return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64)
-
-
 def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf,
                clock: Callable[[], int] = perf_counter_ns, copied: Callable[..., Vector] = np.array) -> Timed:
     """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start`` (d,).

@@ -67,6 +67,7 @@ class Slow(Solver):
 '''
 FAULTS = {"sleeps_1_ms": "time.sleep(1e-3)", "has_no_answer": "return np.full(18, np.nan)",
           "gives_up_later": "assert self.calls < 30, 'no more'", "too_short": "return np.zeros(3)",
+          "answers_later": "return type('Later', (), {'__array__': lambda *_, **__: (time.sleep(1e-3), np.zeros(18))[1]})()",
           "asks_for_its_last": "assert self.calls == 1 or np.array_equal(warm_start, self.x), 'another start'"}
 SAMPLES, KERNEL, GIVE_UP = 400, 1000, 150
 
@@ -110,8 +111,8 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
 def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_each_round(streamed: Streamed) -> None:
     counts = streamed.rows.groupby(["solver", "lane"]).repeat.nunique()
     assert (counts.drop(index=[("null", "direct")]) == 2).all()
-    assert len(counts) == 3 + 4 + 6 + 1  # kernel, direct, the user's, and the machine
-    assert counts["null", "direct"] == 4  # thirteen tasks a round, and one look before every ten
+    assert len(counts) == 3 + 4 + 7 + 1  # kernel, direct, the user's, and the machine
+    assert counts["null", "direct"] == 4  # fourteen tasks a round, and one look before every ten
 
 
 def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -> None:
@@ -196,6 +197,12 @@ def test_a_users_file_that_says_it_is_compiled_is_timed_from_outside_on_the_sche
     assert row.paced
     assert (row.status, row.message) == (Status.OK, "")
     assert streamed.ns(row, "service").min() > 10_000  # it asks another solver five times; of itself it says a nanosecond
+
+
+def test_an_answer_that_is_computed_when_it_becomes_an_array_is_computed_inside_its_time(streamed: Streamed) -> None:
+    row = streamed.row("answers_later")
+    assert (row.status, row.message) == (Status.MISSED, "")
+    assert streamed.ns(row, "service").min() >= 1_000_000
 
 
 def test_what_goes_wrong_is_a_row_of_its_own(streamed: Streamed) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,9 @@ from bench.passed.outcome import Outcome
 from bench.passed.request import Request, attempt
 from bench.passed.said import Said, real
 from bench.passed.task import Task
-from bench.timing.clock import Effort, Timed, time_kernel, time_pairs
+from bench.timing.clock import Effort, Timed, time_block, time_kernel
 from solvers.arrays import Vector
-from solvers.protocol import Nanoseconds, Solver
+from solvers.protocol import Nanoseconds, Solver, dense
 
 NO_LIMIT = -1
 
@@ -94,11 +93,8 @@ class AnytimeRequest(Request):
         if not np.isfinite(x).all() and (stood := solver.iterate()) is not None:
             x = real(stood)
         said = Said.of(solver.solution())
-        if self.times_itself:
-            times: list[Timed] = []
-            while effort.goes_on(len(times), sum(int(t.updates[0] + t.solves[0]) for t in times)):
-                times.append(time_kernel(solver, problem.P[None], problem.q[None]))
-            updates, solves = (np.concatenate(parts) for parts in zip(*((t.updates, t.solves) for t in times), strict=True))
-        else:
-            updates, solves = time_pairs(partial(solver.update, P=problem.P, q=problem.q), solver.solve, effort)
+        timed, (P, q), times = time_kernel if self.times_itself else time_block, dense(problem), list[Timed]()
+        while effort.goes_on(len(times), sum(int(t.updates[0] + t.solves[0]) for t in times)):
+            times.append(timed(solver, P[None], q[None]))
+        updates, solves = (np.concatenate(parts) for parts in zip(*((t.updates, t.solves) for t in times), strict=True))
         return Point(limit, x, said.found, said.status, said.iterations, updates, solves)

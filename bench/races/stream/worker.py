@@ -115,7 +115,10 @@ class StreamRequest(Request):
 
 
 class PacedRun:
-    """What is done at each sample on the schedule, by a solver set up with the start, with everything allocated before it begins."""
+    """What is done at each sample on the schedule, by a solver set up with the start, with everything allocated before it begins.
+
+    An answer is copied inside its time: what is computed only when it becomes an array is computed there.
+    """
 
     def __init__(self, solver: Solver, request: StreamRequest, samples: int) -> None:
         self._solver, self._request = solver, request
@@ -125,7 +128,7 @@ class PacedRun:
         self._parts = [(row[:-1], float(row[-1])) for row in request.rows[:samples]] if solver.takes_rows else []
         self.update: Callable[[int, int], None] = self._append if solver.takes_rows else self._update
         self.solve: Callable[[], None] = self._solve_warm if solver.warm_startable else self._solve_cold
-        self._x: Vector = self._previous
+        self._x = self._previous.copy()
 
     def _data(self) -> tuple[Matrix, Vector, Vector]:
         fields = self._request.fields
@@ -144,10 +147,10 @@ class PacedRun:
             self._solver.append(row, target)
 
     def _solve_warm(self) -> None:
-        self._x = self._solver.solve(self._previous)
+        self._x[:] = self._solver.solve(self._previous)
 
     def _solve_cold(self) -> None:
-        self._x = self._solver.solve()
+        self._x[:] = self._solver.solve()
 
     def keep(self, j: int) -> None:
         """Put the answer of solve j away; one that is none leaves the previous answer to start from."""
