@@ -28,12 +28,14 @@ SEED = 1000
 COMPILES = ("qpax",)
 """Solvers that compile for every setting, which takes seconds; one rung of theirs stands for all."""
 
-# What no rung reaches, but where rounding is kind to it on some processor, and why; the cause lies in the library.
+# What no rung reaches, and why; the cause lies in the library.
 MISSES = {
     "ecos": (1e-9, "the cost is in a second-order cone, whose squares leave half the digits: 'close to optimal' from k = 10 on"),
     "qpax": (1e-9, "its test of convergence looks at the largest residual and stops falling near rounding"),
     "scipy_trust_constr": (1e-9, "it stops with a trust radius below xtol, however small that is"),
 }
+LUCKY = ("ecos",)
+"""Those that reach it on some processors: ecos ends at 2.3e-10 with OpenBLAS's kernels for AVX-512, at 1.7e-8 with those for AVX2."""
 
 
 def named(entries: list[Entry]) -> list[object]:
@@ -107,7 +109,11 @@ def test_some_rung_reaches_each_accuracy_on_the_calibration_problems(entry: Entr
         best = min(best, max(accuracy(cls(**rung), form) for form, rung in zip(forms, rungs, strict=True)))
         if best <= 1e-9 or entry.name in COMPILES:
             break
-    assert best <= (1e3 * missed or 1e-9), why
+    if missed:
+        assert best <= 1e3 * missed, f"{entry.name} is listed as missing {missed:g}, {why}, and reaches {best:.1e}"
+        assert missed < best or entry.name in LUCKY
+    else:
+        assert best <= 1e-9
 
 
 def test_nine_in_ten_of_the_direct_lane_reach_the_accuracy_of_a_billionth() -> None:
