@@ -40,11 +40,6 @@ class Lane(StrEnum):
     CODEGEN = "codegen"
     """C that a library writes for an embedded system, all built alike, no Python call per solve; raced when asked for."""
 
-    @property
-    def times_itself(self) -> bool:
-        """Whether solves are timed from inside compiled code, by ``time_kernel``."""
-        return self in (Lane.KERNEL, Lane.CODEGEN)
-
 
 class Tier(StrEnum):
     """What an answer must reach, the same for all; with which rung of its ladder a solver reaches it is found out beforehand."""

@@ -55,8 +55,8 @@ class Entry:
 
     @property
     def times_itself(self) -> bool:
-        """Whether it is timed from inside its compiled code; only what belongs to this package may say how long it took."""
-        return self.lane.times_itself and self.path is None and not self.of_package
+        """Whether it is timed from inside compiled code, by ``time_kernel``; only what belongs to this package may say how long it took."""
+        return self.lane in (Lane.KERNEL, Lane.CODEGEN) and self.path is None and not self.of_package
 
     def load(self) -> type[Solver]:
         """Import the solver's class; raises ImportError where its library is not installed."""

@@ -85,7 +85,7 @@ def test_iterates_come_closer_as_the_limit_grows(entry: solvers.registry.Entry, 
     assert gaps[1] < 1e-3 * gaps[0]
 
 
-CHEATS = {"times_itself": "kernel", "lazy": "direct"}
+CHEATS = {"honest": "direct", "times_itself": "kernel", "lazy": "direct"}
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,8 @@ def test_every_repeat_has_its_own_rows_and_the_answers_are_the_same(raced: Raced
 def test_a_users_file_is_timed_from_outside_until_its_answer_is_an_array(raced: Raced, name: str, lane: str) -> None:
     points = raced.points(name, lane)
     assert points.status.tolist() == [Status.OK]
-    assert points.solve_us_p50.iloc[0] > 10.0  # it asks another solver five times
+    honest = raced.points("honest").solve_us_p50.iloc[0]
+    assert points.solve_us_p50.iloc[0] > max(10.0, 0.2 * honest)  # each asks another solver five times
 
 
 def test_a_solver_that_fails_is_one_row_with_its_reason(raced: Raced) -> None:

@@ -93,8 +93,12 @@ class AnytimeRequest(Request):
         if not np.isfinite(x).all() and (stood := solver.iterate()) is not None:
             x = real(stood)
         said = Said.of(solver.solution())
-        timed, (P, q), times = time_kernel if self.times_itself else time_block, dense(problem), list[Timed]()
-        while effort.goes_on(len(times), sum(int(t.updates[0] + t.solves[0]) for t in times)):
-            times.append(timed(solver, P[None], q[None]))
-        updates, solves = (np.concatenate(parts) for parts in zip(*((t.updates, t.solves) for t in times), strict=True))
-        return Point(limit, x, said.found, said.status, said.iterations, updates, solves)
+        time_one = time_kernel if self.times_itself else time_block
+        P, q = dense(problem)
+        times: list[Timed] = []
+        spent = 0
+        while effort.goes_on(len(times), spent):
+            times.append(time_one(solver, P[None], q[None]))
+            spent += int(times[-1].updates[0] + times[-1].solves[0])
+        return Point(limit, x, said.found, said.status, said.iterations, np.concatenate([each.updates for each in times]),
+                     np.concatenate([each.solves for each in times]))
