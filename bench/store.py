@@ -21,7 +21,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -42,9 +42,8 @@ from bench.problems.protocol import RaceProblem
 from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
-from solvers.protocol import Tier
 
-VERSION = 2
+VERSION = 3
 """Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are misread."""
 
 
@@ -60,8 +59,6 @@ class Schema:
     columns: tuple[str, ...]
     order: tuple[str, ...]
     """Columns by which the rows are sorted."""
-    gathered: Callable[[list[Row]], list[Row]] = list
-    """What becomes of the rows of all tasks."""
     types: Mapping[str, pa.DataType] = field(default_factory=dict)
     """Of columns that `columns` does not know and that hold no doubles."""
 
@@ -87,6 +84,8 @@ class Machine(TypedDict):
     cores: int | None
     system: str
     python: str
+    core: str
+    """Compiler and instruction set of our C core."""
     versions: dict[str, str]
     load_at_start: list[float]
     warnings: list[str]
@@ -126,7 +125,6 @@ class RunFile(TypedDict):
     left_out: NotRequired[dict[str, dict[str, str]]]
     field: NotRequired[dict[str, str]]
     absent: NotRequired[dict[str, str]]
-    calibration: NotRequired[dict[str, dict[str, dict[Tier, tuple[int | None, bool]]]]]
     conditions: NotRequired[Conditions]
 
 
@@ -236,6 +234,14 @@ class Run:
         with _opened(self._task_path(task)) as data:
             return _rows(data), {what: data[what] for what in data.files if what != "row"}
 
+    def rows_so_far(self) -> list[Row]:
+        """The rows of all tasks of a race that is not finished."""
+        found: list[Row] = []
+        for path in self._done():
+            with _opened(path) as data:
+                found += _rows(data)
+        return found
+
     def save_notes(self, name: str, notes: Mapping[str, Any]) -> None:
         """Keep what was noted of a part of the race; that they are there says that the part is done."""
         os.sync()  # its tasks, which were not flushed one by one
@@ -262,7 +268,7 @@ class Run:
                 rows += some
                 of = {"task": some[0]["task"], "repeat": some[0].get("repeat", 0)}
                 times += [{**of, "what": what, "ns": data[what]} for what in data.files if what != "row"]
-        table = pa.Table.from_pylist(schema.gathered(rows), schema.arrow).sort_by([(name, "ascending") for name in schema.order])
+        table = pa.Table.from_pylist(rows, schema.arrow).sort_by([(name, "ascending") for name in schema.order])
         for file, whole in (("times.parquet", pa.Table.from_pylist(times, TIMES)), (schema.file, table)):
             with replacing(self.path / file) as temporary:
                 parquet.write_table(whole, temporary)

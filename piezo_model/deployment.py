@@ -17,6 +17,7 @@ from piezo_model.json_file import Number
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
 from solvers import Lane, Tier
+from solvers.protocol import setting_text
 
 Model = TypeVar("Model", HysteresisCreepModel, ModelFile)
 
@@ -25,7 +26,7 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     """What a self-learning compensator starts from; in a file the model is a :class:`ModelFile`."""
 
     FORMAT = "piezobench-compensator"
-    VERSION = 2
+    VERSION = 3
     format: str = FORMAT
     version: int = VERSION
     model: Model
@@ -35,7 +36,7 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     tier: Tier
     """What its answers reached."""
     settings: dict[str, Any]
-    """The solver's own, or its rung."""
+    """What the solver's ladder has for a problem whose constant is 1; the values of a problem follow from its own constant."""
     mode: Mode
     x_limits: tuple[Number, Number]
     """Limits of the drive in the input unit."""
@@ -44,8 +45,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Lane, rung and settings of the solver as of `LearningSettings`."""
-        return {"lane": self.lane, **self.settings}
+        """Lane and setting of the solver as of `LearningSettings`."""
+        return {"lane": self.lane, "setting": setting_text(self.settings)}
 
     def save(self: Deployment[HysteresisCreepModel], path: str | Path) -> None:
         """Write it as JSON, whole or not at all."""

@@ -80,7 +80,7 @@ class SelfLearningCompensator:
     integral_gain : float
         Of the integral action, in 1/s, as of ``Compensator``; samples that the guard of the sensor does not trust are left out.
     solver_options : mapping, optional
-        Lane, rung and settings of the solver as of :func:`piezo_model.learning.solving.solved`.
+        Lane, setting and more settings of the solver as of :func:`piezo_model.learning.solving.solved`.
     model : HysteresisCreepModel, optional
         What it starts with; the straight line through the ranges by default.
     state : OperatorState, optional

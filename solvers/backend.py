@@ -74,6 +74,11 @@ class Backend:
     warm: bool = False
     """Whether a lane hands a starting point on to a library that uses it."""
 
+    @property
+    def exponents(self) -> tuple[float, ...]:
+        """The exponent of each rung."""
+        return self.rungs + self.polished
+
     def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
         """The settings of each rung for a problem of the constant c > 0.
 
@@ -99,7 +104,7 @@ class LibrarySolver(Solver):
         if "library" in vars(cls):
             cls.algorithm, cls.licence, cls.distribution = (
                 cls.library.algorithm, cls.library.licence, cls.library.distribution)
-            cls.always = cls.library.always
+            cls.always, cls.exponents = cls.library.always, cls.library.exponents
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:

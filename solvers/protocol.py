@@ -13,6 +13,7 @@ ladder, :meth:`Solver.ladder`.
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
@@ -42,7 +43,7 @@ class Lane(StrEnum):
 
 
 class Tier(StrEnum):
-    """What an answer must reach, the same for all; with which rung of its ladder a solver reaches it is found out beforehand."""
+    """What an answer must reach, the same for all."""
 
     DEFAULT = "default"
     """What the library does unasked."""
@@ -56,8 +57,6 @@ class Tier(StrEnum):
     """Relative cost gap 1e-12."""
     STAGE = "stage"
     """The stage does not notice: the model errs on unseen data as that of the exact optimum, within 1 % of the sensor's noise."""
-    RUNG = "rung"
-    """Nothing: a rung that is timed for the picture of time against accuracy alone."""
 
 
 class Status(StrEnum):
@@ -66,7 +65,7 @@ class Status(StrEnum):
     OK = "ok"
     """The answer is as exact as the judge asks."""
     MISSED = "missed"
-    """The solver says solved, and the answer does not reach the tier."""
+    """The solver says solved, and the answer is not what was asked for."""
     SOLVER_FAILED = "solver_failed"
     """The solver itself says that it found no answer."""
     ADAPTER_FAILED = "adapter_failed"
@@ -93,12 +92,25 @@ class Status(StrEnum):
     """Its process looked into the files of the race."""
     TAMPERED = "tampered"
     """Its process replaced what times it or carries its answers."""
+    NOT_RUN = "not_run"
+    """A looser setting of the same solver crashed, was stopped or took too long on this problem."""
     LATE = "late"
     """Right, and after its deadline."""
 
 
 class Unsupported(Exception):
     """The problem has a feature that this solver cannot take; the message is one sentence that says which."""
+
+
+def setting_text(settings: Mapping[str, Any]) -> str:
+    """The name of a setting: what ``ladder(1)`` says of it, the same wherever it is stored.
+
+    Examples
+    --------
+    >>> setting_text({"eps": 1e-6, "adaptive": True})
+    '{"adaptive": true, "eps": 1e-06}'
+    """
+    return json.dumps(dict(settings), sort_keys=True, default=str)
 
 
 class Entrant(ABC):
@@ -115,6 +127,8 @@ class Entrant(ABC):
     """Whether ``solve(warm_start=x)`` makes use of x."""
     always: ClassVar[Mapping[str, Any]] = {}
     """Settings of every use, which others on top may change."""
+    exponents: ClassVar[tuple[float, ...]] = ()
+    """Of the rungs of the ladder, where each asks for a cost gap of about 10⁻ᵏ: k."""
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -134,6 +148,22 @@ class Entrant(ABC):
             from the data alone, before any solve.
         """
         return ({},)
+
+    @classmethod
+    def at(cls, setting: str, c: float) -> dict[str, Any]:
+        """The settings for the constant c of what :func:`setting_text` calls a rung of ``ladder(1)``, or the use without any.
+
+        Raises
+        ------
+        ValueError
+            The ladder has no such rung.
+        """
+        for rung, here in zip(cls.ladder(1.0), cls.ladder(c), strict=True):
+            if setting_text({**cls.always, **rung}) == setting:
+                return dict(here)
+        if setting != setting_text(cls.always):
+            raise ValueError(f"{cls.name} ({cls.lane}) has no setting {setting} in its ladder")
+        return {}
 
 
 class Solver(Entrant):

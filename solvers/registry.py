@@ -83,6 +83,8 @@ class Described:
     """Of a problem whose constant is 1, what is in use unasked included."""
     unasked: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every use."""
+    exponents: tuple[float, ...] = ()
+    """Of the rungs, where they have such."""
     absent: str = ""
     """Empty, or why the solver is absent."""
 
@@ -232,7 +234,8 @@ def describe(entry: Entry) -> Described:
         version = ""
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))
-    return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, ladder, dict(cls.always))
+    return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, ladder, dict(cls.always),
+                     cls.exponents)
 
 
 def available() -> list[Entry]:

@@ -38,11 +38,13 @@ from solvers import Lane, Tier, entries
 from solvers.registry import OURS
 
 RESULTS = Path("results")
+FEW = 3
+"""Problems of each set in a race that asks for nothing else."""
 FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
 SETTING_OF = {
-    "problem_set": "problem_sets", "scaling": "scalings", "tier": "tiers", "limit": "limit", "budget": "effort", "repeats": "repeats",
+    "problem_set": "problem_sets", "scaling": "scalings", "tier": "tiers", "settings": "settings_run", "limit": "limit", "budget": "effort", "repeats": "repeats",
     **dict.fromkeys(("recording", "time", "input", "output", "folder", "test_set", *READING_OPTIONS), "set_options")}
 """Which setting of a race an option goes into that not every kind of race goes by; what a kind declares itself has the same name."""
 
@@ -100,12 +102,14 @@ def race_verb(
     lane: Annotated[list[Lane] | None, typer.Option(help="How solvers are called: compiled, by their own object, through "
                                                          "qpsolvers or cvxpy, as generated C; may be given again. All but "
                                                          "codegen by default.")] = None,
-    tier: Annotated[list[Tier] | None, typer.Option(help="What answers must reach: a cost gap of 1e-3 (low), 1e-6, 1e-9 or "
-                                                         "1e-12 (exact), what the stage does not notice, what the library "
-                                                         "does unasked, or every rung for the picture; may be given again.")] = None,
+    tier: Annotated[list[Tier] | None, typer.Option(help="Of a stream or a loop, what answers must reach: a cost gap of 1e-3 (low), 1e-6, "
+                                                         "1e-9 or 1e-12 (exact), what the stage does not notice, or what the library "
+                                                         "does unasked; may be given again. high by default.")] = None,
+    settings: Annotated[Path | None, typer.Option(help="Of a stream or a loop, the one-shot race whose settings solvers get; those of the "
+                                                       "reference run by default.")] = None,
     scaling: Annotated[list[Scale] | None, typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; "
                                                               "both by default.")] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Problems of each set; all by default.")] = None,
+    limit: Annotated[int | None, typer.Option(min=0, help="Problems of each set, 0 for all; 3 by default, and all where sets or files are named.")] = None,
     recording: Annotated[Path | None, typer.Option(help=f"To make problems of, the set recorded. {FILE}")] = None,
     time: Time = None,
     input: Input = None,
@@ -139,14 +143,15 @@ def race_verb(
     lists: dict[str, Any] = {"problem_sets": sets, "lanes": lane, "tiers": tier,
                              "scalings": [choice.value for choice in scaling or ()]}
     values: dict[str, Any] = {
-        "solvers": names, "solver_files": solver_files, "limit": limit, "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
-        "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,
+        "solvers": names, "solver_files": solver_files,
+        "limit": FEW if limit is None and kind == DEFAULT and not sets else limit, "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
+        "settings_run": settings and str(settings.resolve()), "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,
         **{name: tuple(asked) for name, asked in lists.items() if asked}, **own}
-    settings = race.settings(**{field.name: values[field.name] for field in fields(race.settings)
-                                if field.init and values.get(field.name) is not None})
+    made = race.settings(**{field.name: values[field.name] for field in fields(race.settings)
+                            if field.init and values.get(field.name) is not None})
     spread = Workers(workers, backend, scheduler)
     race.check(spread)
-    run = race.start(out, settings, name)
+    run = race.start(out, made, name)
     try:
         _finish(run, spread, as_json)
     except (RaceError, ProblemSetError):

@@ -18,14 +18,12 @@ from pyarrow import parquet
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane, Tier
 
-TEXTS = ("task", "problem_set", "problem", "solver", "lane", "tier", "scaling", "start", "settings", "status", "message",
-         "iteration_setting", "stopped", "service_histogram", "response_histogram", "axis", "what", "host")
+TEXTS = ("task", "problem_set", "problem", "solver", "lane", "tier", "setting", "scaling", "start", "settings", "status", "message",
+         "iteration_setting", "basis", "stopped", "service_histogram", "response_histogram", "axis", "what", "host")
 COUNTS = ("d", "rung", "repeat", "repeats", "samples", "iterations", "preemptions", "limit", "window", "core")
-FLAGS = ("mutates_input", "repeatable", "found", "paced")
+FLAGS = ("is_default", "mutates_input", "repeatable", "found", "paced")
 SHARED = {**dict.fromkeys(TEXTS, pa.large_string()), **dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys(FLAGS, pa.bool_()),
           "ns": pa.list_(pa.int64())}
-LATER = ("timed_gap",)
-"""Columns that came after the first runs of this version; where they are not there they are empty."""
 CHOICES = {"lane": tuple(Lane), "tier": tuple(Tier), "scaling": ("scaled", "raw"), "start": ("cold", "warm")}
 
 
@@ -41,20 +39,18 @@ def schema(columns: Sequence[str], more: Mapping[str, pa.DataType] = MappingProx
 def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFrame:
     """The table in a Parquet file; TableError says what is wrong with it.
 
-    The wanted columns must be there but for LATER, and others are passed over; those of ``name`` name a row.
+    The wanted columns must be there, and others are passed over; those of ``name`` name a row.
     """
     try:
         with parquet.ParquetFile(path) as file:
-            there = [column for column in wanted.names if column in file.schema_arrow.names]
-            if missing := [column for column in wanted.names if column not in {*there, *LATER}]:
+            if missing := [column for column in wanted.names if column not in file.schema_arrow.names]:
                 raise TableError(f"has no column {missing[0]!r}")
-            table = file.read(there)
+            table = file.read(wanted.names)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"cannot be read ({error})") from None
     if name and not table.num_rows:
         raise TableError("has no rows")
-    table = pa.table([_checked(table[field.name], field) if field.name in there else pa.nulls(table.num_rows, field.type)
-                      for field in wanted], wanted)
+    table = pa.table([_checked(table[field.name], field) for field in wanted], wanted)
     for column in name:
         if table[column].null_count:
             raise TableError(f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Mapping
 from typing import Any
 
 from bench.passed.task import Task
@@ -12,12 +13,8 @@ Row = dict[str, Any]
 
 
 def who(task: Task, d: int, asked: Mapping[str, Any] | None = None) -> Row:
-    """The columns that every row begins with but the tier, for a problem of d variables and the settings that the solver was given."""
+    """The columns that every row begins with, for a problem of d variables and the settings that the solver was given."""
     return {"task": task.key, "problem_set": task.problem_set, "problem": task.problem, "d": d, "solver": task.solver,
-            "lane": str(task.lane), "rung": task.rung, "scaling": task.scaling,
-            "settings": json.dumps(dict(asked or task.settings), default=str), "repeat": task.repeat}
-
-
-def for_tiers(task: Task, rows: Iterable[Row]) -> list[Row]:
-    """The rows once for each tier that the task serves."""
-    return [{**row, "tier": str(tier)} for row in rows for tier in task.tiers]
+            "lane": str(task.lane), "setting": task.setting.text, "rung": task.setting.rung, "is_default": task.setting.is_default,
+            "scaling": task.scaling, "start": task.start, "repeat": task.repeat, "host": os.uname().nodename,
+            "settings": json.dumps(dict(asked or task.more), default=str)}

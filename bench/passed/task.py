@@ -1,24 +1,34 @@
-"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one rung of its ladder."""
+"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from solvers.protocol import Lane, Solver, Tier
+from solvers.protocol import Lane, Solver, setting_text
+from solvers.registry import Described
 
 if TYPE_CHECKING:  # a child needs tasks and no model
     from piezo_model.identification_problem import Scaling
 
 Start = Literal["cold", "warm"]
 """Whether a solve begins from nothing or from the optimum of the problem before."""
-
-
 UNASKED = -1
-"""In the place of a rung: what a solver does without any settings."""
+"""In the place of a rung: a setting that is not in the ladder."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a solver is asked for, by what its ladder has for a problem whose constant is 1."""
+
+    text: str = setting_text({})
+    rung: int = UNASKED
+    """Its place in the ladder, from loose to tight."""
+    is_default: bool = True
+    """Whether it is what the solver does unasked."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +40,9 @@ class Task:
     scaling: Scaling
     solver: str
     lane: Lane
-    tiers: tuple[Tier, ...]
-    """What it serves."""
-    rung: int = UNASKED
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    """Solver settings on top of the rung's, such as the number of steps."""
+    setting: Setting = field(default_factory=Setting)
+    more: Mapping[str, Any] = field(default_factory=dict)
+    """Solver settings on top, such as the number of steps."""
     repeat: int = 0
     """Which of several runs of the same, each in a fresh process."""
     start: Start = "cold"
@@ -42,11 +50,22 @@ class Task:
     @property
     def key(self) -> str:
         """A file name that is the same in every run for the same task."""
-        text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.rung,
-                           dict(self.settings), *([self.repeat] if self.repeat else []),
-                           *([self.start] if self.start != "cold" else [])], sort_keys=True)
+        text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text,
+                           dict(self.more), self.repeat, self.start], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def asked(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The settings for a problem whose constant is c."""
-        return {**({} if self.rung == UNASKED else cls.ladder(c)[self.rung]), **self.settings}
+        return {**cls.at(self.setting.text, c), **self.more}
+
+
+def settings_of(solver: Described) -> Sequence[Setting]:
+    """The settings of a solver's ladder from loose to tight; the first is what it does unasked, unless a rung is the same."""
+    unasked = setting_text(solver.unasked)
+    rungs = [Setting(setting_text(rung), i, setting_text(rung) == unasked) for i, rung in enumerate(solver.ladder)]
+    return rungs if any(rung.is_default for rung in rungs) else [Setting(unasked), *rungs]
+
+
+def tightest(solver: Described) -> Setting:
+    """The last setting of a solver's ladder."""
+    return settings_of(solver)[-1]

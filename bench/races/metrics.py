@@ -8,30 +8,24 @@
 - model error     RMS error of the model on data that the fit has not seen, per cent of the output's range
 - stage excess    (model error − that of x*) / standard deviation of the sensor's noise; NaN where either is unknown
 
-An answer reaches a tier when cost gap and violation are within its tolerance, and the tier `stage` when its model errs at most 1 % of
-the sensor's noise more than that of the optimum. What a library does unasked is judged like low.
+What these figures mean to a tier is said in `bench.derived.accuracy`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from qpsolvers import Solution
 
 from bench.passed.outcome import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
-from solvers import Status, Tier
+from solvers import Status
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import Vector
 
-TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9, Tier.EXACT: 1e-12}
-UNNOTICED = 0.01
-"""Stage excess that the stage does not notice."""
 NAN = float("nan")
 
 
@@ -51,26 +45,6 @@ class Judgement:
     stage_excess: float = NAN
     timed_gap: float = NAN
     """The larger of gap and violation over the sampled answers that were timed."""
-
-    def reaches(self, tier: Tier) -> bool:
-        """Whether there is an answer that is as exact as the tier asks; a rung for the picture asks for nothing."""
-        return self.status == Status.OK and reaches(tier, self.cost_gap, self.violation, lambda: self.stage_excess) and (
-            tier not in TOLERANCE or not self.timed_gap > TOLERANCE[tier])
-
-    def at(self, tier: Tier) -> Judgement:
-        """The same as it stands to a tier."""
-        if self.status != Status.OK or self.reaches(tier):
-            return self
-        error = f", model error {self.stage_excess:.1e} of the noise above the optimum's" if tier is Tier.STAGE else ""
-        timed = f", timed answers {self.timed_gap:.1e}" if replace(self, timed_gap=NAN).reaches(tier) else ""
-        return replace(self, status=Status.MISSED, message=f"cost gap {self.cost_gap:.1e}, violation {self.violation:.1e}{timed}{error}")
-
-
-def reaches(tier: Tier, gap: float, violation: float, excess: Callable[[], float]) -> bool:
-    """Whether relative cost gap and violation are what a tier asks, or the stage excess, which takes longer to find."""
-    if tier is Tier.STAGE:
-        return violation <= TOLERANCE[Tier.LOW] and excess() <= UNNOTICED
-    return tier is Tier.RUNG or max(gap, violation) <= TOLERANCE[tier]
 
 
 def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement:
@@ -95,16 +69,6 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement
     error = model_error(problem, form, x)
     return Judgement(Status.OK, "", gap, violation, *_residuals(solution), _weight_error(problem, form, x), error,
                      stage_excess(problem, error))
-
-
-def worst(values: pd.Series) -> float:
-    """The largest of several; NaN where any is, so that to fail most of them does not look like exactness."""
-    return float(values.max(skipna=False))
-
-
-def least_good(statuses: pd.Series) -> str:
-    """Ok where all are, else the first that is not."""
-    return next((str(status) for status in statuses if status != Status.OK), str(Status.OK))
 
 
 def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:

@@ -44,10 +44,9 @@ class RaceSettings:
     solvers: tuple[str, ...] = ()
     """Names to race; empty for all."""
     lanes: tuple[Lane, ...] = LANES
-    tiers: tuple[Tier, ...] = tuple(Tier)
     scalings: tuple[Scaling, ...] = SCALINGS
-    limit: Positive | None = None
-    """Number of problems of each set; None for all."""
+    limit: Annotated[int, Meta(ge=0, le=MOST)] = 0
+    """Number of problems of each set; 0 for all."""
     seed: int = 0
     effort: Effort = field(default_factory=Effort)
     time_limit_s: Annotated[float, Meta(ge=0.1, le=1e7)] = 20.0
@@ -81,6 +80,15 @@ class OwnProblemSettings(RaceSettings):
     problem_sets: tuple[str, ...] = fixed(("paper",))
     scalings: tuple[Scaling, ...] = fixed(SCALINGS)
     set_options: dict[str, str] = fixed({})
+
+
+@dataclass(frozen=True)
+class TierSettings(OwnProblemSettings):
+    """Of a race in which each solver has the setting that stands for a tier in a table of measurements."""
+
+    tiers: tuple[Tier, ...] = (Tier.HIGH,)
+    settings_run: str = ""
+    """Folder of the one-shot race whose settings are taken; that of the reference run where it is ""."""
 
 
 Settings = TypeVar("Settings", bound=RaceSettings)

@@ -35,6 +35,18 @@ def number(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
 
 
+def rounded(value: float, drift: float) -> str:
+    """A time in as many digits as the drift of the machine allows: three below a hundredth, two below a tenth, else one.
+
+    Examples
+    --------
+    >>> [rounded(127.3, drift) for drift in (0.001, 0.05, 0.5)]
+    ['127', '130', '100']
+    """
+    digits = 3 if drift < 0.01 else 2 if drift < 0.1 else 1
+    return number(float(f"{value:.{digits - 1}e}"))
+
+
 def gap(value: float) -> str:
     """A relative cost gap."""
     return "–" if not math.isfinite(value) else f"{value:.1e}"

@@ -55,8 +55,8 @@ class Rig:
     m: int = 3
     solver: str = "projected_difference"
     lane: str | None = None
-    rung: int | None = None
-    """Of the solver's ladder; -1 for what it does unasked, the uppermost that it says it reaches by default."""
+    setting: str | None = None
+    """Of the solver's ladder, as of ``solvers.protocol.setting_text``; the tightest that it says it reaches by default."""
     reset_s: float = 0.1
     build_s: float = 8.0
     learn_s: float = 1.9
@@ -121,7 +121,7 @@ class Rig:
         return SelfLearningCompensator(structure, self.reset_s, self.build_s, self.learn_s, self.solver, limits,
                                        state=at_low_end(structure),
                                        samples_to_solve=self.samples_to_solve,
-                                       solver_options={"lane": self.lane, "rung": self.rung})
+                                       solver_options={"lane": self.lane, "setting": self.setting})
 
     @cached_property
     def y_ref(self) -> Matrix:

@@ -15,13 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from solvers.core import BUILT_WITH
+
 PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
 def describe() -> dict[str, Any]:
     """Machine and versions as JSON can hold them."""
     return {"processor": processor(), "cores": os.cpu_count(), "system": platform.platform(),
-            "python": platform.python_version(),
+            "python": platform.python_version(), "core": BUILT_WITH,
             "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
             "load_at_start": list(os.getloadavg()), "warnings": warnings()}
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import solvers
 from piezo_model.json_file import Number
-from piezo_model.learning.solving import require_rung
+from piezo_model.learning.solving import require_setting
 
 LONGEST_S = 1e9
 MOST_SAMPLES = 2**53
@@ -62,7 +62,7 @@ class LearningSettings:
             solvers.find(self.solver, options.get("lane"))
         except KeyError as error:
             raise ValueError(error.args[0]) from None
-        require_rung(options.get("rung"), self.solver, options.get("lane"))
+        require_setting(options.get("setting"), self.solver, options.get("lane"))
 
     def to_dict(self) -> dict[str, Any]:
         """Fields as JSON can hold them."""

@@ -26,8 +26,8 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
 
     It is set up before with other data of the same structure, so that nothing of the answer is worked out then.
 
-    The ``options`` are lane, settings and ``rung``: one of the solver's ladder for the constant c of the problem, or -1 for what it does
-    unasked; the uppermost that it says it reaches by default.
+    The ``options`` are lane, settings and ``setting``: what :func:`solvers.protocol.setting_text` calls a rung of the solver's ladder, or
+    the use without any; by default the tightest that it says it reaches.
 
     Examples
     --------
@@ -48,32 +48,29 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     return np.full_like(found, np.nan), spent
 
 
-def _asked(solver: str, c: float, lane: str | None = None, rung: int | None = None, **settings: Any) -> Iterator[Solver]:
-    """A solver at the rung that is wanted, or at each of its ladder from the uppermost down."""
+def _asked(solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any) -> Iterator[Solver]:
+    """A solver at the setting that is wanted, or at each of its ladder from the tightest on."""
     cls = solvers.find(solver, lane).load()
-    ladder = cls.ladder(c)
-    rungs = [{}] if rung == -1 else ladder[::-1] if rung is None else [ladder[rung]]
-    for asked in rungs:
+    for asked in cls.ladder(c)[::-1] if setting is None else [cls.at(setting, c)]:
         yield cls(**{**asked, **settings})
 
 
-def require_rung(rung: Any, solver: str, lane: str | None) -> None:
-    """ValueError where a rung is none of the solver's; without its library that cannot be told."""
-    if rung is None:
+def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
+    """ValueError where a setting is none of the solver's; without its library that cannot be told."""
+    if setting is None:
         return
     try:
-        last = len(solvers.find(solver, lane).load().ladder(1.0)) - 1
+        cls = solvers.find(solver, lane).load()
     except ImportError:
         return
-    if not (isinstance(rung, int | np.integer) and not isinstance(rung, bool) and -1 <= rung <= last):
-        raise ValueError(f"rung must be a whole number from -1 to {last}, the rungs of {solver}, not {rung!r}")
+    cls.at(setting, 1.0)
 
 
 def step_ratio(options: Mapping[str, Any] | None) -> float:
     """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot be."""
     from qpsolvers import Problem
 
-    engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "rung"})
+    engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "setting"})
     engine.setup(Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
     return float(engine.settings.get("step_ratio", 0.5))
 

@@ -1,6 +1,6 @@
 """Every figure of an anytime race, computed here once and rendered elsewhere.
 
-A *curve* belongs to one solver in one lane at one tier with one pace: ``as fits`` takes as many iterations as fit into the
+A *curve* belongs to one solver in one lane with one pace: ``as fits`` takes as many iterations as fit into the
 time; ``one step a sample`` is the paper's, where a step takes a period. The gap within a budget is the smallest of the points
 that are there by then, none (infinity) before the first; over the problems of a set and a size the median and the worst
 are shown, since one mean over sizes hides the order.
@@ -18,7 +18,7 @@ import pandas as pd
 from bench.races.anytime.race import BUDGETS
 from bench.report.words import gap, marked, solver_lanes
 
-GROUP = ["problem_set", "d", "scaling", "solver", "lane", "tier", "pace"]
+GROUP = ["problem_set", "d", "scaling", "solver", "lane", "pace"]
 FITS, PAPER = "as fits", "one step a sample"
 RIGHT = 1e-9
 PAPERS = "projected_difference"
@@ -74,7 +74,7 @@ def wide(table: pd.DataFrame, value: str = "median_gap") -> pd.DataFrame:
 
 
 def of_first_screen(table: pd.DataFrame) -> pd.DataFrame:
-    """Of a wide table, the first set and size on scaled data, each curve at the tier that serves it best, the paper's pace first."""
+    """Of a wide table, the first set and size on scaled data, each curve, the paper's pace first."""
     if table.empty:
         return table
     first = table.sort_values("scaling", ascending=False, kind="stable").iloc[0]

@@ -22,4 +22,4 @@ def anytime(rows: pd.DataFrame) -> pd.DataFrame:
         early = part[part.budget == BUDGETS[0]].nsmallest(NAMED - 1, "median_gap").name
         stepwise = part[part.pace == figures.PAPER].name
         table.loc[part.index, "front"] = part.name.isin([*early, *stepwise])
-    return table[["view", "name", "solver", "lane", "tier", "pace", "budget", "problems", "median_gap", "worst_gap", "front"]].reset_index(drop=True)
+    return table[["view", "name", "solver", "lane", "pace", "budget", "problems", "median_gap", "worst_gap", "front"]].reset_index(drop=True)

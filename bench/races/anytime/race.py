@@ -10,7 +10,7 @@ runs it beside the machine, where a step takes a period whatever it costs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,15 +18,14 @@ import numpy as np
 
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
-from bench.passed.row import Row, for_tiers, who
-from bench.passed.task import Task
+from bench.passed.row import Row, who
+from bench.passed.task import Task, tightest
 from bench.problem_files.program import fields_of
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.processes.sentinel import EVERY_S
 from bench.races.anytime.worker import AnytimeRequest, Curve, Point
-from bench.races.calibration import Found, Who, measurements, rungs_of
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
 from bench.races.metrics import relative_gap
@@ -37,7 +36,7 @@ from bench.timing import cores
 from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_US
 from piezo_model.identification_problem import Scaling
-from solvers import Status, Tier
+from solvers import Status
 from solvers.registry import Described
 
 NAN = float("nan")
@@ -48,10 +47,10 @@ LIMITS = (*BUDGETS, *(step * 10**power for power in range(4, 8) for step in (2, 
 """Iterations."""
 
 ANYTIME = Schema("anytime.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message",
+    "problem_set", "problem", "d", "solver", "lane", "setting", "rung", "scaling", "settings", "repeat", "status", "message",
     "limit", "iteration_setting", "found", "iterations", "cost_gap", "violation", "update_us", "solve_us_p50", "samples",
     "periods"),
-    ("problem_set", "problem", "scaling", "solver", "lane", "tier", "limit", "repeat"))
+    ("problem_set", "problem", "scaling", "solver", "lane", "limit", "repeat"))
 """One row a point; ``limit`` is −1 where the solver has none."""
 
 
@@ -59,8 +58,6 @@ ANYTIME = Schema("anytime.parquet", (
 class AnytimeSettings(RaceSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
-    tiers: tuple[Tier, ...] = (Tier.HIGH,)
-    """At whose rung; where a solver has a limit of iterations it says what the solver asks of itself."""
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.01, fewest=1))
     longest_s: float = BUDGETS[-1] * PERIOD_US * 1e-6
     """No limit that would take longer is tried."""
@@ -74,26 +71,21 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     progress("waiting for a core on which no other race times", 0, 1)
     with cores.claim() as core, LineUp(chosen, settings.limits, core.number) as line_up:
         field = field_of(run, line_up.children.values())
-        found = {(name, scaling): rungs_of(run, settings, field, line_up.children, name, scaling, progress)
-                 for name in settings.problem_sets for scaling in settings.scalings}
-        _race(run, settings, field, found, line_up, problems, progress)
+        _race(run, settings, field, line_up, problems, progress)
     keep_proofs(run, problems)
     note_conditions(run, workers)
 
 
-def tasks_of(settings: AnytimeSettings, field: Sequence[Described], found: Mapping[Who, Mapping[Tier, Found]], problem: RaceProblem,
-             scaling: Scaling, repeat: int = 0) -> Iterator[Task]:
-    """One task a curve."""
+def tasks_of(field: Sequence[Described], problem: RaceProblem, scaling: Scaling, repeat: int = 0) -> Iterator[Task]:
+    """One task a curve, at the tightest setting, so that it is the limit of iterations that ends a solve."""
     for solver in field:
-        for rung, tiers in measurements(settings, solver, found[solver.name, solver.lane], scaling):
-            yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tiers, rung, repeat=repeat)
+        yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tightest(solver), repeat=repeat)
 
 
-def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described],
-          found: Mapping[tuple[str, Scaling], Mapping[Who, Mapping[Tier, Found]]], line_up: LineUp, problems: Sequence[RaceProblem],
+def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described], line_up: LineUp, problems: Sequence[RaceProblem],
           progress: Progress) -> None:
     """Do the tasks that are not done."""
-    parts = [(repeat, problem, scaling, list(tasks_of(settings, field, found[problem.set_name, scaling], problem, scaling, repeat)))
+    parts = [(repeat, problem, scaling, list(tasks_of(field, problem, scaling, repeat)))
              for repeat in range(settings.repeats) for problem in problems for scaling in settings.scalings]
     done, total = 0, sum(len(tasks) for *_, tasks in parts)
     for repeat, problem, scaling, tasks in parts:
@@ -122,9 +114,9 @@ def rows_of(problem: RaceProblem, task: Task, outcome: Outcome) -> list[Row]:
     """One row a point; one in all where there is none."""
     shared = who(task, problem.d, outcome.asked)
     if not isinstance(outcome, Curve):
-        return for_tiers(task, [ANYTIME.row(**shared, status=outcome.failure, message=outcome.message, limit=-1, iterations=-1)])
-    return for_tiers(task, [{**shared, **_figures(problem.forms[task.scaling], point), "iteration_setting": outcome.iteration_setting}
-                            for point in outcome.points])
+        return [ANYTIME.row(**shared, status=outcome.failure, message=outcome.message, limit=-1, iterations=-1)]
+    return [{**shared, **_figures(problem.forms[task.scaling], point), "iteration_setting": outcome.iteration_setting}
+            for point in outcome.points]
 
 
 def _figures(form: CertifiedForm, point: Point) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from bench.report.words import OURS_NOTE, gap, marked
 from bench.store import Run
 from bench.timing.schedule import PERIOD_US
 
-WHO = ("solver", "lane", "tier", "pace")
+WHO = ("solver", "lane", "pace")
 SHORT = (1, 10, 100, 1_000, 15_200)
 """Budgets of the short table."""
 DEFINITIONS = (
@@ -41,7 +41,7 @@ def report(run: Run) -> Report:
         notes=[f"{problem_set}, {d} unknowns, {scaling} data: {' '.join(figures.verdict(part))}" for (problem_set, d, scaling), part in by_set]
         if len(by_set) > 1 else [],
         tables=[*(_table(f"{problem_set}, {d} unknowns, {scaling} data", part, WHO, BUDGETS) for (problem_set, d, scaling), part in by_set),
-                what_went_wrong(rows, ("solver", "lane", "tier", "scaling", "problem", "status", "message"), ("solver", "lane", "message"))],
+                what_went_wrong(rows, ("solver", "lane", "scaling", "problem", "status", "message"), ("solver", "lane", "message"))],
         figures=[Figure.of("anytime", "Accuracy within sampling periods",
                            "The best cost gap that is there within so many sampling periods, median over the problems; lower and further left is "
                            "better. Gaps below 1e-17 are drawn at that.", plot_data.anytime(rows), charts.anytime)])
@@ -49,4 +49,4 @@ def report(run: Run) -> Report:
 
 def _table(title: str, part: pd.DataFrame, who: tuple[str, ...], budgets: tuple[int, ...], note: str = "") -> Table:
     rows = [[marked(line.solver), *(str(line[name]) for name in who[1:]), *(gap(line[budget]) for budget in budgets)] for _, line in part.iterrows()]
-    return Table(title, (*who, *map(str, budgets)), rows, len(who), ("lane", "tier", "pace"), note)
+    return Table(title, (*who, *map(str, budgets)), rows, len(who), ("lane", "pace"), note)

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.races.batch.race import SHARES
-from bench.races.metrics import least_good
+from bench.derived.accuracy import least_good
 from bench.report.words import joined, marked, number
 from solvers.registry import OURS
 

@@ -29,7 +29,8 @@ from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, WARM_UP, Prog
 from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import chosen, field_of
-from bench.races.metrics import TOLERANCE, relative_gap
+from bench.derived.accuracy import TOLERANCE
+from bench.races.metrics import relative_gap
 from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
 from bench.store import Run, Schema
 from bench.timing import cores
@@ -46,7 +47,7 @@ FEWEST = 2048
 """Programs that batches of fewer are taken from, call by call."""
 
 BATCH = Schema("batch.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message",
+    "problem_set", "problem", "d", "solver", "lane", "scaling", "settings", "repeat", "status", "message",
     "batch", "threads", "programs", "judged", *SHARES, "worst_gap", "wall_us_p50", "cpu_us_p50", "bytes", "grown_mb"),
     ("d", "lane", "solver", "threads", "batch", "repeat"),
     types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), pa.int64()))
@@ -58,7 +59,6 @@ BATCH = Schema("batch.parquet", (
 class BatchSettings(OwnProblemSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
-    tiers: tuple[Tier, ...] = fixed((Tier.HIGH,))
     repeats: Positive = fixed(1)
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.005, fewest=3, most=100))
     sizes: tuple[int, ...] = tuple(ORDERS)
@@ -86,7 +86,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     with ExitStack() as stack:
         count = max(FEWEST, settings.batches[-1]) + settings.turns + WARM_UP
         folder = stack.enter_context(reserved(settings.sizes, count))
-        programs = {d: Programs(run, d, count, settings.seed, folder, settings.limit, progress) for d in settings.sizes}
+        programs = {d: Programs(run, d, count, settings.seed, folder, settings.limit or None, progress) for d in settings.sizes}
         of_programs = 2 * 8 * count * max(settings.sizes)**2 // 2**20  # those that are timed, and those to warm up on
         limits = replace(settings.limits, memory_mb=settings.memory_mb + of_programs)
         progress("waiting for a core on which no other race times", 0, 1)
@@ -108,7 +108,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
 
 def task_of(entry: Entry, d: int, batch: int, threads: int, turn: int) -> Task:
     """A contestant's turn at a batch size."""
-    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, (Tier.HIGH,), settings={"batch": batch, "threads": threads}, repeat=turn)
+    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, more={"batch": batch, "threads": threads}, repeat=turn)
 
 
 def _turn(run: Run, settings: BatchSettings, programs: Programs, line_ups: Mapping[int, LineUp], players: Sequence[tuple[int, Entry]],
@@ -144,7 +144,7 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
 def row_of(task: Task, outcome: Outcome, programs: Programs, most: int) -> Row:
     """Who, how right and how fast."""
     d = programs.files.d
-    row = BATCH.row(**who(task, d), **task.settings, tier=str(Tier.HIGH), status=outcome.failure, message=outcome.message,
+    row = BATCH.row(**who(task, d), **task.more, status=outcome.failure, message=outcome.message,
                     bytes=8 * (d * d + 4 * d))
     if not isinstance(outcome, Batched):
         return row

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from bench.races.metrics import least_good, worst
+from bench.derived.accuracy import least_good, worst
 from bench.report.words import apart, gap, joined, marked, number, settings_label
 from bench.rig.rig import RANGE_UM
 

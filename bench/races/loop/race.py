@@ -15,7 +15,7 @@ stays as it is and for one whose actuators drift.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,14 +25,14 @@ import numpy as np
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
-from bench.passed.row import Row, for_tiers, who
-from bench.passed.task import UNASKED, Task
+from bench.passed.row import Row, who
+from bench.passed.task import Setting, Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
-from bench.races.calibration import Found, Who, measurements, rungs_of
+from bench.races.chosen_settings import Choice, choices, table_of
 from bench.races.field import entries_of, field_of
 from bench.races.loop.worker import Decision, Driven, LoopRequest
-from bench.races.settings import OwnProblemSettings, fixed, settings_of
+from bench.races.settings import TierSettings, fixed, settings_of
 from bench.rig.rig import AXES, RANGE_UM, Rig
 from bench.rig.trial import straight
 from bench.store import Run, Schema
@@ -50,7 +50,7 @@ PAPER = "projected_difference"
 OF_A_DECISION = ("learn_samples", "stale_samples", "cost_gap", "error_old", "error_new")
 
 LOOP = Schema("loop.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message", "axis",
+    "problem_set", "problem", "d", "solver", "lane", "tier", "setting", "basis", "scaling", "settings", "repeat", "status", "message", "axis",
     "window", "rms_percent", "max_percent", "rms_um", "max_um", "straight_rms_percent", "hand_overs", "refused",
     "learn_samples", "stale_samples", "cost_gap", "error_old", "error_new", "faults"),
     ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"))
@@ -59,7 +59,7 @@ hand-over, and NaN before there is one; errors in percent of the reference's ran
 
 
 @dataclass(frozen=True)
-class LoopSettings(OwnProblemSettings):
+class LoopSettings(TierSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
     tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
@@ -84,8 +84,8 @@ class LoopSettings(OwnProblemSettings):
 
     def rig(self, task: Task) -> Rig:
         """The rig of a task."""
-        rig = replace(self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), rung=task.rung)
-        steps = task.settings.get("steps")
+        rig = replace(self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), setting=task.setting.text)
+        steps = task.more.get("steps")
         return rig if steps is None else replace(rig, learn_s=steps * rig.sample_time, samples=len(rig.y_ref))
 
 
@@ -106,36 +106,37 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
     files = {(entry.name, entry.lane): entry.path for entry in entries}
     with LineUp(entries, limits, None) as line_up:
         field = field_of(run, line_up.children.values())
-        found = rungs_of(run, settings, field, line_up.children, "paper", "scaled", progress)
-        tasks = list(tasks_of(settings, field, found))
-        for done, task in enumerate(tasks):
-            progress(f"{task.solver} ({', '.join(task.tiers)}) on the {task.problem} stage", done, len(tasks))
+        tasks = list(tasks_of(settings, field))
+        for done, (task, choice) in enumerate(tasks):
+            progress(f"{task.solver} ({', '.join(choice.tiers)}) on the {task.problem} stage", done, len(tasks))
             if not run.is_done(task):
                 solver = task.solver, task.lane
                 outcome = line_up.children[solver].ask(LoopRequest(task, settings.rig(task), files[solver]))
-                run.save(task, rows_of(settings, task, outcome), {})
+                run.save(task, rows_of(settings, task, choice, outcome), {})
 
 
-def tasks_of(settings: LoopSettings, field: Sequence[Described], found: Mapping[Who, Mapping[Tier, Found]]) -> Iterator[Task]:
+def tasks_of(settings: LoopSettings, field: Sequence[Described]) -> Iterator[tuple[Task, Choice]]:
     """Every solver at each tier on both stages; the paper's method with each length of the learning phase."""
+    table, name = table_of(settings.settings_run)
     for repeat in range(settings.repeats):
         for problem in (STILL, DRIFTING):
             for solver in field:
                 if solver.name == PAPER:
                     for steps in settings.learn_steps:
-                        yield Task(KIND, problem, "scaled", PAPER, solver.lane, settings.tiers[:1], UNASKED, {"steps": steps}, repeat)
+                        choice = Choice(Setting(), settings.tiers[:1], "each")
+                        yield Task(KIND, problem, "scaled", PAPER, solver.lane, choice.setting, {"steps": steps}, repeat), choice
                 else:
-                    for rung, tiers in measurements(settings, solver, found[solver.name, solver.lane], "scaled"):
-                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, tiers, rung, repeat=repeat)
+                    for choice in choices(solver, settings.tiers, table, name):
+                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, choice.setting, repeat=repeat), choice
 
 
-def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
+def rows_of(settings: LoopSettings, task: Task, choice: Choice, outcome: Outcome) -> list[Row]:
     """One row an axis and window; one in all where the solver did not get through."""
     rig = settings.rig(task)
-    shared = who(task, rig.structures[0].d)
+    shared = {**who(task, rig.structures[0].d), "basis": choice.basis}
     if not isinstance(outcome, Driven):
-        return for_tiers(task, [LOOP.row(**shared, status=outcome.failure, message=outcome.message, window=-1,
-                                        hand_overs=0, refused=0, faults=0)])
+        rows = [LOOP.row(**shared, status=outcome.failure, message=outcome.message, window=-1, hand_overs=0, refused=0, faults=0)]
+        return [{**row, "tier": str(tier)} for tier in choice.tiers for row in rows]
     error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
     straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
     rows = []
@@ -152,7 +153,7 @@ def rows_of(settings: LoopSettings, task: Task, outcome: Outcome) -> list[Row]:
                          "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
                          "refused": len(seen) - len(taken), "faults": outcome.faults,
                          **(taken[-1] if taken else dict.fromkeys(OF_A_DECISION, NAN))})
-    return for_tiers(task, rows)
+    return [{**row, "tier": str(tier)} for tier in choice.tiers for row in rows]
 
 
 def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:

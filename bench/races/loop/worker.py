@@ -56,7 +56,7 @@ class Driven(Outcome):
 
 @dataclass(frozen=True)
 class LoopRequest(Request):
-    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and rung.
+    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and setting.
 
     ``file`` is that of a user's own solver, which is made known first.
     """

@@ -18,7 +18,8 @@ from bench.passed.task import Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
-from bench.races.metrics import TOLERANCE, relative_gap
+from bench.derived.accuracy import TOLERANCE
+from bench.races.metrics import relative_gap
 from bench.races.oneshot.worker import Answered, Block, End, Forget, OneShot
 from bench.timing.clock import LONG_NS, Effort
 from solvers import Status, Tier
@@ -134,11 +135,12 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
     return f"its process takes {found[0]:.1f} times as much of the processor as most of its calls say" if len(found) >= ENOUGH else ""
 
 
-def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProblem, fresh: FreshData, effort: Effort, keep: bool = False,
-          ) -> tuple[Outcome, Tally]:
+def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProblem, fresh: FreshData, effort: Effort,
+          look_closer: bool = True) -> tuple[Outcome, Tally]:
     """The outcome of a task with its times, and what was seen of it.
 
-    ``idle`` is the process of a solver that does nothing; ``keep`` leaves the solver in its process, set up as it is.
+    ``idle`` is the process of a solver that does nothing; ``look_closer`` is whether it is looked into where
+    the solver works while nobody times it, and whether it answers from memory.
     """
     form, tally, size = problem.forms[task.scaling], Tally(), 1
     compiled = child.entry.times_itself  # it is given its data twice and asked for its answer, untimed
@@ -154,13 +156,14 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
             return block, tally
         tally.take(block)
         n, found = len(block.answers), _impossible(block, compiled)
-        if child is not idle and not (found or tally.fault or compiled) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
+        if look_closer and child is not idle and not (found or tally.fault or compiled) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
             found = _works_elsewhere(child, idle, task, form, fresh, n, block.used_ns / n)
         tally.fault = tally.fault or ((Status.MISTIMED, found) if found else None)
         each = max(tally.spent_ns / tally.count, 1.0)
         size = max(effort.fewest - tally.count, math.ceil((effort.budget_s * 1e9 - tally.spent_ns) / each), 1)
-    tally.fault = tally.fault or _remembers(child, task, fresh, each)
-    end = child.ask(End(task.key, effort.budget_s, keep))
+    if look_closer:
+        tally.fault = tally.fault or _remembers(child, task, fresh, each)
+    end = child.ask(End(task.key, effort.budget_s))
     if end.failure:
         return end, tally
     if end.seen:

@@ -6,8 +6,8 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.races.oneshot.plot_data import OTHER_LINES, OUR_LINES, STAGES
-from bench.races.oneshot.ranking import PACE
+from bench.derived.pictures import OTHER_LINES, OUR_LINES, STAGES
+from bench.derived.ranking import PACE
 from bench.report.charts import (
     LANES,
     LEAST_GAP,
@@ -54,8 +54,8 @@ def work_precision(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
         alt.Tooltip("total_us:Q", format=".3~g", title="update and solve, µs"), alt.Tooltip("problems:Q")]
     lines_of_rungs = base.transform_filter("datum.rung >= 0").mark_line().encode(
         detail="name:N", order="rung:Q", strokeWidth=alt.when(near).then(alt.value(4)).otherwise(alt.value(1.5))).add_params(group)
-    points = base.transform_filter("!datum.unasked").mark_point(filled=True, size=45).encode(tooltip=tips).add_params(near)
-    hollow = base.transform_filter("datum.unasked").mark_point(filled=False, size=60, strokeWidth=2).encode(tooltip=tips)
+    points = base.transform_filter("!datum.is_default").mark_point(filled=True, size=45).encode(tooltip=tips).add_params(near)
+    hollow = base.transform_filter("datum.is_default").mark_point(filled=False, size=60, strokeWidth=2).encode(tooltip=tips)
     period = alt.Chart(source).mark_rule(strokeDash=[5, 4]).encode(x="min(period):Q")
     word = alt.Chart(source).mark_text(baseline="bottom").encode(
         x="min(period):Q", y=alt.value(-3), text=alt.value(f"sampling period, {PERIOD_US:g} µs"))
@@ -95,7 +95,7 @@ def stages(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
                 "update_and_solve_us", op="min")),
             x=alt.X("us:Q", stack="normalize", title=f"share of time, lane {lane}",
                     axis=alt.Axis(format="%", tickCount=5)),
-            color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2", "#e69f00"]),
+            color=alt.Color("stage:N", scale=alt.Scale(domain=[*STAGES], range=["#999999", "#56b4e9", "#0072b2"]),
                             legend=alt.Legend(columns=2)),
             order="at:O", tooltip=[alt.Tooltip("name:N"), alt.Tooltip("stage:N"), alt.Tooltip("us:Q", format=".3~g")])
         count = int(shown.groupby("view").name.nunique().max())

@@ -6,23 +6,28 @@ import math
 
 import pandas as pd
 
-from bench.races.oneshot import charts, figures, plot_data
-from bench.races.oneshot.ranking import ranking, short_table, yardstick
+from bench.derived import pictures
+from bench.derived import summary as summaries
+from bench.derived.measurements import Measurements
+from bench.derived.ranking import ranking, short_table, yardstick
+from bench.derived.verdict import below_rounding, notes, verdict
+from bench.derived.wrapper_share import wrapper_share
+from bench.races.oneshot import charts
 from bench.races.oneshot.rows import ONESHOT
-from bench.races.oneshot.verdict import below_rounding, notes, verdict
 from bench.report.report import Figure, Report, Table
 from bench.report.words import OURS_NOTE, marked, number, settings_label
-from bench.store import Run, RunError
+from bench.store import Run, RunError, RunFile
 
 HEADINGS = {
     "solver": "solver", "lane": "lane", "tier": "tier", "right": "right", "worst_cost_gap": "worst cost gap", "update_us": "update, µs",
     "solve_us_p50": "solve, µs", "answer_us_p99": "p99 of an answer, µs", "periods": "periods", "status": "status",
-    "problem_set": "problem set", "scaling": "scaling", "start": "start", "rung": "rung", "settings": "settings",
+    "problem_set": "problem set", "scaling": "scaling", "start": "start", "left_out": "left out", "settings": "settings",
     "optimum": "|V*| over yardstick", "worst_primal_residual": "primal residual", "worst_dual_residual": "dual residual",
     "worst_weight_error": "weight error", "model_error_percent": "model error, %", "setup_us": "setup, µs",
     "solve_us_max": "longest solve, µs", "interleaved_us_p50": "solve in turns, µs"}
 """Who, how right and how fast come first, for a screen without the room for all."""
-WRONG = ("solver", "lane", "tier", "scaling", "status", "times", "such as", "message")
+WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
+WRAPPERS = ("solver", "lane", "settings", "problems", "µs", "direct, µs", "ratio")
 DEFINITIONS = (
     "lane: how the solver is called. kernel: compiled, without Python; direct: the library's own object; qpsolvers and cvxpy: through "
     "these packages, which convert and set up at every call, and that is part of the price. Compare solvers in one lane.",
@@ -31,9 +36,11 @@ DEFINITIONS = (
     "on unseen data by at most 1 % of the sensor's noise more than the optimum's. 1e-9 is numerics, stage is engineering.",
     "default: what the library does unasked, judged like low. In the lanes qpsolvers and cvxpy these are the defaults of that package, "
     "which are not always the library's: cvxpy asks OSQP for 1e-5.",
-    "rung: which of a solver's settings, from loose to tight: the loosest that reached the tier on problems of other seeds, -1 without "
-    "any. Tolerances are multiples of a constant of each problem; those of the first problem are shown.",
-    "right: on how many problems the answer reached the tier. One that did not has missed it, and ranks below those that always did.",
+    "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, else once; those of the "
+    "first problem are shown, since tolerances are multiples of a constant of each. A tier that no setting reaches on every problem is not reached.",
+    "left out: the setting is chosen on the problems that it is judged on. This is the share of them on which the setting that the others "
+    "choose is right; – where there are fewer than three problems.",
+    "right: on how many problems the answer is as exact as the tier asks.",
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
     "|V*| over yardstick: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative to V* is that much looser.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. Weight error: "
@@ -49,41 +56,62 @@ DEFINITIONS = (
 
 def report(run: Run) -> Report:
     """Everything from the rows of a finished run."""
-    rows = run.rows(ONESHOT)
-    summary, table, costs = figures.summary(rows, run.times()), ranking(rows), optima(run, rows)
+    found, settings = Measurements(run.rows(ONESHOT), run.times()), run.settings
+    summary, table, costs = summaries.summary(found), ranking(found), optima(run, found.rows)
+    drift = settings.get("conditions", {}).get("sentinel_drift", 0.0)
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
-    shown = figures.at_tiers(summary).merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
-    wrong = [[marked(solver), *others] for solver, *others in figures.failures(rows)]
+    shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
+    wrong = [[marked(solver), *others] for solver, *others in summaries.failures(found)]
+    where = _where(found, settings, drift)
     return Report(
-        verdict(rows), short_table(table, note), summary, terminal=short_table(table, note, terminal=True),
-        notes=[*below_rounding(costs), *notes(rows, summary)],
+        verdict(found, settings["machine"]["core"], drift), short_table(table, note), summary, terminal=short_table(table, note, terminal=True),
+        notes=[*below_rounding(costs), *notes(found, summary), *_hosts(found)],
         definitions=[*DEFINITIONS, *_of_repeats(run)], tables=[
             Table("Every solver at every tier", [*HEADINGS.values()],
                   [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()], 3,
-                  ("problem set", "scaling", "lane", "tier", "start", "status")),
-            Table("Time by size", *_sizes(plot_data.time_by_size(rows)), 2, (), "Median µs of update and solve by number of unknowns, where every "
-                  "answer of that size was right: our exact solvers, and the five fastest others each in its fastest lane."),
+                  ("problem set", "scaling", "lane", "tier", "start", "status"), where),
+            Table("Time by size", *_sizes(pictures.time_by_size(found)), 2, (), "Median µs of update and solve by number of unknowns, where every "
+                  f"answer of that size was right to 1e-9: our exact solvers, and the five fastest others each in its fastest lane. {where}"),
+            Table("What a wrapper costs", WRAPPERS, _wrappers(found), 3, ("lane",), "Median µs of update and solve through a package, over that of "
+                  f"the same library in the lane direct at identical settings, on the problems where both are right to 1e-3. {where}"),
             Table("Problems", ("problem set", "problem", "unknowns", "scaling", "V*", "yardstick", "|V*| over yardstick"),
                   [[row.problem_set, row.problem, str(row.d), row.scaling, *(number(value) for value in (row.V, row.yardstick, row.optimum))]
                    for _, row in costs.iterrows()], 2, ("problem set", "scaling")),
-            Table("What went wrong", WRONG, wrong, 8, ("lane", "tier", "scaling", "status"))],
+            Table("What went wrong", WRONG, wrong, 8, ("lane", "scaling", "status"))],
         figures=[
             Figure.of("work_precision", "Work and precision",
-                      "A line is a solver over its settings from loose to tight: the worst relative cost gap over the problems on which all of "
-                      "them were timed, against the median time. Lower is more exact, left is faster; left of the dashed line an answer is there "
-                      "before the next sample. Hollow: what the library does by default. Gaps below 1e-17 and above 1e3 are drawn at these.",
-                      plot_data.work_precision(rows), charts.work_precision),
+                      "A line is a solver over its settings from loose to tight: the worst relative cost gap over all problems, against the median "
+                      "time. Lower is more exact, left is faster; left of the dashed line an answer is there before the next sample. "
+                      f"Hollow: what the library does by default. Gaps below 1e-17 and above 1e3 are drawn at these. {where}",
+                      pictures.work_precision(found), charts.work_precision),
             Figure.of("performance_profile", "Performance profile",
-                      "ρ(τ): the share of problems that a solver answers right within τ times the time of the fastest right answer (Dolan and Moré "
-                      "2002). Higher is better; the left end says how often it is the fastest, the right end how often it is right.",
-                      plot_data.performance_profile(rows), charts.performance_profile),
+                      "ρ(τ): the share of problems that a solver answers right to 1e-9 within τ times the time of the fastest right answer (Dolan "
+                      "and Moré 2002), with one setting for all problems. Higher is better; the left end says how often it is the fastest, the right "
+                      f"end how often it is right. {where}", pictures.performance_profile(found), charts.performance_profile),
             Figure.of("sizes", "Time by size",
-                      "Median time of update and solve by number of unknowns, where every answer of that size was right. The dashed line is the "
-                      "sampling period.", plot_data.sizes(rows), charts.sizes),
+                      "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. The dashed line is "
+                      f"the sampling period. {where}", pictures.sizes(found), charts.sizes),
             Figure.of("stages", "Where the time goes",
-                      "Medians over the problems of what each part takes, for the fastest "
-                      f"{charts.MOST_BARS} of each lane. The wrapper is what a lane adds to the same library in the lane direct. The time "
-                      "beside a name is update and solve, which every answer costs; set-up is paid once.", plot_data.stages(summary), charts.stages)])
+                      f"Medians over the problems of what each part takes, for the fastest {charts.MOST_BARS} of each lane at the most exact tier "
+                      "that it reaches. The time beside a name is update and solve, which every answer costs; set-up is paid once. "
+                      f"{where}", pictures.stages(summary), charts.stages)])
+
+
+def _where(found: Measurements, settings: RunFile, drift: float) -> str:
+    """On how many problems, on what machine: the end of each caption."""
+    machine, count = settings["machine"], found.problems
+    return (f"{count} problem{'s' if count != 1 else ''}; {machine['processor']}, {machine['core']}; the machine's speed drifted by "
+            f"{100.0 * drift:.0f} %.")
+
+
+def _hosts(found: Measurements) -> list[str]:
+    others = sorted(set(found.every.host) - {found.host})
+    return [f"Times are those of {found.host}, where most was measured; accuracy is judged on what {', '.join(others)} measured, too."] if others else []
+
+
+def _wrappers(found: Measurements) -> list[list[str]]:
+    return [[row.solver, row.lane, settings_label(row.settings), str(row.problems), number(row.us), number(row.direct_us), number(row.ratio)]
+            for row in wrapper_share(found).itertuples()]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
@@ -107,9 +135,11 @@ def text(row: pd.Series, column: str) -> str:
     """One cell of the large table."""
     value = row[column]
     if column == "right":
-        return "–" if row.status == figures.FLOOR else f"{row.right}/{row.problems}"
+        return "–" if row.status == summaries.FLOOR else f"{row.right}/{row.problems}"
     if column in ("settings", "solver"):
         return settings_label(str(value)) if column == "settings" else marked(str(value))
+    if column == "left_out":
+        return "–" if pd.isna(value) else f"{100.0 * value:.0f} %"
     if isinstance(value, float):
         return "–" if pd.isna(value) else f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
     return str(value)

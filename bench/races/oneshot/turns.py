@@ -8,7 +8,7 @@ in a sampling period sits between this and the hot figures.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from bench.passed.task import Task
 from bench.problems.fresh import FreshData
@@ -16,26 +16,10 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild
 from bench.races.oneshot.blocks import Tally, ask
 from bench.races.oneshot.worker import OneShot
-from solvers import Lane, Tier
+from solvers import Lane
 
-LONGEST_US = 1000.0
-"""Tasks whose update and solve take longer than this hot have no turn: caches do not matter there, and time does."""
 WARM_UP = 1
 """Calls before the first turn, of a solver that has been hot."""
-IN_TURNS = (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT)
-"""Tiers, the one at which solvers take turns first; the others stand in where a solver is not asked for it."""
-
-
-def most_exact(tasks: Iterable[Task]) -> list[Task]:
-    """Of each solver lane and start the task at the first of the tiers IN_TURNS that it has."""
-    found: dict[tuple[str, Lane, str], Task] = {}
-    for task in sorted((task for task in tasks if _place(task) < len(IN_TURNS)), key=_place):
-        found.setdefault((task.solver, task.lane, task.start), task)
-    return list(found.values())
-
-
-def _place(task: Task) -> int:
-    return min((IN_TURNS.index(tier) for tier in task.tiers if tier in IN_TURNS), default=len(IN_TURNS))
 
 
 def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], SolverChild], form: CertifiedForm, fresh: FreshData,
@@ -61,7 +45,7 @@ def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], Solver
     ready = []
     for task in tasks:
         child = children[task.solver, task.lane]
-        if not child.ask(OneShot.of(task, form, unless_kept=True, times_itself=child.entry.times_itself)).failure:
+        if not child.ask(OneShot.of(task, form, times_itself=child.entry.times_itself)).failure:
             ready.append(task)
     for task in list(ready):
         if ask(children[task.solver, task.lane], task, *fresh.unseen(WARM_UP)).failure:

@@ -1,17 +1,20 @@
-"""The unit of work of the one-shot race: one problem in one scaling by all solvers, in one repeat.
+"""The first pass over a problem: every setting of every solver hot, one after the other, in one scaling and one repeat.
 
-Solvers that take turns must sit in one place, so a unit is never divided between workers. In it every finished task is on
-disk before the next one starts; its notes (where it ran, what disturbed it, how the sentinel fared) come last and say
-that it is done.
+Every finished task is on disk before the next one starts; the notes of a unit (where it ran, what disturbed it, how the sentinel fared)
+come last and say that it is done.
+
+The settings of a solver follow each other from loose to tight, and a crash, a timeout or an answer that takes longer than 0.1 s ends its
+ladder on this problem. At one of them, which is drawn here where no solver can know it, is looked whether the solver answers from memory
+or works while nobody times it.
 """
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
-
-import numpy as np
 
 from bench.passed.row import Row
 from bench.passed.task import Task
@@ -22,18 +25,14 @@ from bench.processes.sentinel import EVERY_S
 from bench.races import null_solver
 from bench.races.conditions import watched
 from bench.races.oneshot.blocks import timed
-from bench.races.oneshot.rows import rows_of, times_of, with_turns
+from bench.races.oneshot.rows import ends_ladder, not_run, row_of, times_of
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.turns import LONGEST_US, most_exact, take_turns
-from bench.races.oneshot.worker import Forget
 from bench.races.run_problems import watched_folders
 from bench.store import Run
+from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
-from solvers import Tier
 
 NAN = float("nan")
-FOR_THE_PICTURE = 5
-"""How much less a rung that serves the picture alone is timed."""
 Tell = Callable[[Task], None]
 """Told what comes next."""
 
@@ -48,16 +47,12 @@ class Unit:
     scaling: Scaling
     repeat: int
     tasks: tuple[Task, ...]
+    """Those of a solver lane follow each other."""
 
     @property
     def name(self) -> str:
         """A file name."""
         return f"{self.problem.set_name}--{self.problem.name}--{self.scaling}--{self.repeat}"
-
-    @property
-    def turning(self) -> list[Task]:
-        """Tasks that take turns if they are quick."""
-        return most_exact(self.tasks) if self.settings.rounds else []
 
     @property
     def folders(self) -> tuple[str, ...]:
@@ -72,44 +67,40 @@ class Unit:
         line_up.begin(self.repeat)
         fresh = FreshData(self.problem.forms[self.scaling], self.settings.effort.most)
         with watched(run, self.name, line_up.sentinel) as notes:
-            rows = _hot(self, run, fresh, line_up, tell)
-            _in_turns(self, run, fresh, line_up, rows)
-            for child in line_up.children.values():
-                if child.is_running:
-                    child.ask(Forget())
-            notes |= _interruptions(rows)
+            rows = [row for _, ladder in groupby(self.tasks, key=lambda task: (task.solver, task.lane))
+                    for row in _ladder(self, run, fresh, line_up, list(ladder), tell)]
+            notes |= interruptions(rows)
 
 
-def _hot(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tell: Tell) -> list[Row]:
-    """One task after the other; returns the first row of each."""
-    rows, effort = [], unit.settings.effort
-    kept = unit.turning
-    idle = line_up.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
-    for task in unit.tasks:
+def _ladder(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tasks: Sequence[Task], tell: Tell) -> list[Row]:
+    """The settings of one solver lane."""
+    rows: list[Row] = []
+    end: Row | None = None
+    drawn = secrets.choice(tasks)
+    for task in tasks:
         tell(task)
         if run.is_done(task):
-            rows.append(run.task(task)[0][0])
+            rows += run.task(task)[0]
+        elif end is not None and task.setting.rung >= 0:
+            rows.append(not_run(unit.problem, task, end))
+            run.save(task, rows[-1], {})
         else:
-            less = replace(effort, budget_s=effort.budget_s / FOR_THE_PICTURE)
-            outcome, tally = timed(line_up.children[task.solver, task.lane], idle, task, unit.problem, fresh,
-                                   less if task.tiers == (Tier.RUNG,) else effort, keep=task in kept)
-            ours = rows_of(unit.problem, task, outcome, max(tally.gaps.values(), default=NAN), tally.fault)
-            rows.append(ours[0])
-            run.save(task, ours, times_of(outcome))
-            line_up.sentinel.look(unless_within_s=EVERY_S)
+            rows.append(measure(run, unit.problem, task, fresh, line_up, unit.settings.effort, look_closer=task is drawn))
+        if end is None and task.setting.rung >= 0 and ends_ladder(rows[-1]):
+            end = rows[-1]
     return rows
 
 
-def _in_turns(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, rows: Sequence[Row]) -> None:
-    """Rounds of those that are quick, whose figures are added to the tasks on disk."""
-    form, settings = unit.problem.forms[unit.scaling], unit.settings
-    quick = {task.key for task, row in zip(unit.tasks, rows, strict=True) if row["update_us"] + row["solve_us_p50"] <= LONGEST_US}
-    for task, tally in take_turns([task for task in unit.turning if task.key in quick], line_up.children, form, fresh,
-                                  settings.rounds, f"{settings.seed} {unit.name}"):
-        ours, times = run.task(task)
-        turns = {"interleaved_update": np.concatenate(tally.updates), "interleaved_solve": np.concatenate(tally.solves)}
-        run.save(task, [with_turns(row, turns["interleaved_solve"]) for row in ours], {**times, **turns})
+def measure(run: Run, problem: RaceProblem, task: Task, fresh: FreshData, line_up: LineUp, effort: Effort, look_closer: bool) -> Row:
+    """Time a task, judge it and keep it."""
+    idle = line_up.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
+    outcome, tally = timed(line_up.children[task.solver, task.lane], idle, task, problem, fresh, effort, look_closer)
+    row = row_of(problem, task, outcome, max(tally.gaps.values(), default=NAN), tally.fault)
+    run.save(task, row, times_of(outcome))
+    line_up.sentinel.look(unless_within_s=EVERY_S)
+    return row
 
 
-def _interruptions(rows: Sequence[Row]) -> dict[str, int]:
+def interruptions(rows: Sequence[Row]) -> dict[str, int]:
+    """How often timed calls were taken off their core."""
     return {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}

@@ -52,22 +52,17 @@ class OneShot(Request):
     """What every solve starts from; None for cold solves. Shape (d,)."""
     c: float = 1.0
     """The constant that the solver's ladder is made for."""
-    unless_kept: bool = False
-    """Do nothing where the solver of this task is there already."""
     times_itself: bool = False
     """Whether it is timed inside its compiled code."""
 
     @classmethod
-    def of(cls, task: Task, form: Any, unless_kept: bool = False, times_itself: bool = False) -> Self:
+    def of(cls, task: Task, form: Any, times_itself: bool = False) -> Self:
         """The request for a certified form, whose certificate and other windows stay with the parent."""
         start = form.warm_start if task.start == "warm" else None
-        return cls(task, fields_of(form.qp), start, form.unit, unless_kept, times_itself)
+        return cls(task, fields_of(form.qp), start, form.unit, times_itself)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
-        if self.unless_kept and self.task.key in _benches:
-            return Outcome(found=True)
-
         def another() -> Bench:
             return Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start, self.times_itself)
 
@@ -103,15 +98,14 @@ class Block(Request):
 
 @dataclass(frozen=True)
 class End(Request):
-    """Solve the first problem once more, say how the solver behaved, and forget it unless it is kept for its turns."""
+    """Solve the first problem once more, say how the solver behaved, and forget it."""
 
     key: str
     budget_s: float
-    keep: bool
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Time some more set-ups, too, within the budget."""
-        bench = _benches[self.key] if self.keep else _benches.pop(self.key)
+        bench = _benches.pop(self.key)
         return replace(attempt(lambda: bench.end(self.budget_s)), seen=seen())
 
 

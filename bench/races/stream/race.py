@@ -10,7 +10,7 @@ A solver whose answers are late at each of the first ``give_up`` samples is stop
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,19 +19,20 @@ from numpy.typing import NDArray
 
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
-from bench.passed.row import Row, for_tiers, who
-from bench.passed.task import UNASKED, Task
+from bench.passed.row import Row, who
+from bench.passed.task import Setting, Task, settings_of
 from bench.problem_files.program import fields_of
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races import null_solver
-from bench.races.calibration import Found, Measurement, Who, measurements, rungs_of
+from bench.races.chosen_settings import Choice, choices, table_of
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
-from bench.races.metrics import TOLERANCE
-from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
+from bench.derived.accuracy import TOLERANCE
+from bench.races.settings import Positive, TierSettings, fixed, option
+from bench.races.settings import settings_of as settings_of_run
 from bench.races.stream.staleness import Judge
 from bench.races.stream.stream_problem import StreamProblem, make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
@@ -47,7 +48,7 @@ FLOOR_EVERY = 10
 NAN = float("nan")
 
 STREAM = Schema("stream.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "rung", "scaling", "settings", "repeat", "status", "message", "paced",
+    "problem_set", "problem", "d", "solver", "lane", "tier", "setting", "basis", "scaling", "settings", "repeat", "status", "message", "paced",
     "samples", "solves", "stopped", "missed", "stalls", "unanswered", "reused", "gap_mean", "gap_max", "exact_gap_mean",
     "exact_gap_max", "exact_instants", "exact_difference", "own_gap_max", "data_us_p50", "update_us_p50", "solve_us_p50",
     "service_histogram", "response_histogram", "mutates_input"),
@@ -59,10 +60,9 @@ second is the first corrected for the period."""
 
 
 @dataclass(frozen=True)
-class StreamSettings(OwnProblemSettings):
+class StreamSettings(TierSettings):
     """What is raced and how; stored with the run, so that it can be resumed."""
 
-    tiers: tuple[Tier, ...] = (Tier.HIGH,)
     effort: Effort = fixed(Effort())
     samples: int = option(30_000, "Samples of a stream.")
     kernel_samples: Positive = 1_000_000
@@ -82,7 +82,7 @@ class StreamSettings(OwnProblemSettings):
 
 def race(run: Run, progress: Progress, workers: Workers) -> None:
     """Do whatever is not done yet."""
-    settings = settings_of(run, StreamSettings)
+    settings = settings_of_run(run, StreamSettings)
     chosen = checked(settings)
     stream = _stream(run, settings, progress)
     schedule_s = settings.samples * PERIOD_NS * 1e-9
@@ -92,8 +92,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
         floor, *children = line_up.children.values()
         floor.describe()
         field = field_of(run, children)
-        found = rungs_of(run, settings, field, line_up.children, "paper", "scaled", progress)
-        _race(run, settings, stream, list(tasks_of(settings, field, found, stream)), line_up, progress)
+        _race(run, settings, stream, list(tasks_of(settings, field, stream)), line_up, progress)
     note_conditions(run, workers)
 
 
@@ -106,37 +105,38 @@ def _stream(run: Run, settings: StreamSettings, progress: Progress) -> StreamPro
     return StreamProblem.load(path)
 
 
-def tasks_of(settings: StreamSettings, field: Sequence[Described], found: Mapping[Who, Mapping[Tier, Found]], stream: StreamProblem,
-             ) -> Iterator[Task]:
+def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: StreamProblem) -> Iterator[tuple[Task, Choice]]:
     """All tasks, round by round, each round in an order of its own; the null solver first and after every few.
 
-    The rungs are those that the set `paper` of other seeds takes; a method that counts steps takes each of its numbers of them.
+    A method that counts steps takes each of its numbers of them.
     """
-    def task(name: str, lane: Lane, tiers: tuple[Tier, ...], rung: int, repeat: int) -> Task:
-        return Task(KIND, stream.name, "scaled", name, lane, tiers, rung, repeat=repeat)
+    def task(name: str, lane: Lane, choice: Choice, repeat: int) -> tuple[Task, Choice]:
+        return Task(KIND, stream.name, "scaled", name, lane, choice.setting, repeat=repeat), choice
 
-    def of(solver: Described) -> Sequence[Measurement]:
+    table, name = table_of(settings.settings_run)
+
+    def of(solver: Described) -> Sequence[Choice]:
         if "steps" in solver.ladder[0]:
-            return [(rung, settings.tiers[:1]) for rung in range(len(solver.ladder))]
-        return measurements(settings, solver, found[solver.name, solver.lane], "scaled")
+            return [Choice(setting, settings.tiers[:1], "each") for setting in settings_of(solver) if setting.rung >= 0]
+        return choices(solver, settings.tiers, table, name)
 
     chance, floors = random.Random(settings.seed), 0
     for repeat in range(settings.repeats):
-        tasks = [task(solver.name, solver.lane, tiers, rung, repeat) for solver in field for rung, tiers in of(solver)]
+        tasks = [task(solver.name, solver.lane, choice, repeat) for solver in field for choice in of(solver)]
         chance.shuffle(tasks)
         for i, each in enumerate(tasks):
             if i % FLOOR_EVERY == 0:
-                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, (Tier.DEFAULT,), UNASKED, floors)
+                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(Setting(), (Tier.DEFAULT,), ""), floors)
                 floors += 1
             yield each
 
 
-def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequence[Task], line_up: LineUp,
+def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequence[tuple[Task, Choice]], line_up: LineUp,
           progress: Progress) -> None:
     """Do the tasks that are not done, each in a fresh process."""
     judge = Judge.of(stream)
     fields = fields_of(stream.start)
-    for done, task in enumerate(tasks):
+    for done, (task, choice) in enumerate(tasks):
         progress(f"{task.solver} ({task.lane})", done, len(tasks))
         if not run.is_done(task):
             child = line_up.children[task.solver, task.lane]
@@ -146,7 +146,7 @@ def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequ
                 outcome = child.ask(StreamRequest(task, fields, stream.c, stream.answer, stream.rows, stream.forgetting,
                                                   in_loop, give_up))
             child.close()
-            run.save(task, rows_of(task, outcome, judge, in_loop), times_of(outcome))
+            run.save(task, rows_of(task, choice, outcome, judge, in_loop), times_of(outcome))
 
 
 def times_of(outcome: Outcome) -> dict[str, Any]:
@@ -160,20 +160,20 @@ def times_of(outcome: Outcome) -> dict[str, Any]:
             "sample": t.solved, "began": t.began}
 
 
-def rows_of(task: Task, outcome: Outcome, judge: Judge, in_loop: int) -> list[Row]:
+def rows_of(task: Task, choice: Choice, outcome: Outcome, judge: Judge, in_loop: int) -> list[Row]:
     """The rows of a task, one a tier: who, how many deadlines, and what the answers in use were worth.
 
     ``in_loop`` is how many samples its compiled loop was asked for; 0 on the schedule.
     """
     steps = {name: count for name, count in outcome.asked.items() if name == "steps"}
-    row = STREAM.row(**who(task, judge.stream.d, steps), status=outcome.failure, message=outcome.message,
+    row = STREAM.row(**who(task, judge.stream.d, steps), basis=choice.basis, status=outcome.failure, message=outcome.message,
                      paced=not in_loop, mutates_input=outcome.mutated,
                      **dict.fromkeys(("solves", "missed", "stalls", "unanswered", "exact_instants"), 0))
     if not isinstance(outcome, Streamed):
-        return for_tiers(task, [row])
+        return [{**row, "tier": str(tier)} for tier in choice.tiers]
     row |= _paced(outcome, judge) if outcome.timeline else _unpaced(outcome, in_loop)
     row |= _worth(outcome, judge)
-    return [{**each, "status": str(_status(each, Tier(each["tier"])))} for each in for_tiers(task, [row])]
+    return [{**row, "tier": str(tier), "status": str(_status(row, tier))} for tier in choice.tiers]
 
 
 def _status(row: Row, tier: Tier) -> Status:

@@ -1,8 +1,8 @@
 """What the plots of a one-shot race show, computed here once as tables; `charts`, `plots` and the CSV beside them render it.
 
-All are of cold starts. But for the work–precision picture, where it has a line over its rungs, each solver lane stands for itself
-at the most exact tier that it raced, and a *view* is one problem set in one scaling. The time of an answer is the median of update
-plus the median of solve.
+All are of cold starts. But for the work–precision picture, each solver lane has one setting for all problems: that which stands for 1e-9,
+or where none does, the one that is right on most problems. A *view* is one problem set in one scaling. The time of an answer is the median of
+update plus the median of solve.
 
 The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite where s was not right:
 
@@ -16,36 +16,26 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.races import null_solver
-from bench.races.calibration import IN_LANE_DIRECT, SEARCHED
-from bench.races.metrics import worst
-from bench.races.oneshot import figures, ranking
+from bench.derived import ranking, summary
+from bench.derived.accuracy import worst
+from bench.derived.measurements import Measurements, at_tiers
 from bench.report.charts import LEAST_GAP, NAMED, together
 from bench.report.words import MARK, marked
 from bench.timing.schedule import PERIOD_US
-from solvers import Lane, Status, Tier
+from solvers import Lane, Tier
 from solvers.registry import OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
 EXACT, OTHERS = ("box_active_set", "recursive_active_set"), 5
 """Whose time by size stands in the report beside that of how many others."""
-STAGES = ("set-up", "update", "solve", "wrapper")
+STAGES = ("set-up", "update", "solve")
 
 
 def named(table: pd.DataFrame) -> pd.DataFrame:
     """The table with its views and with names of solver lanes."""
     return table.assign(view=table.problem_set + ", " + table.scaling + " data",
                         name=table.solver.map(marked) + " (" + table.lane + ")", stepping=table.settings.str.contains('"steps"'))
-
-
-def most_exact(table: pd.DataFrame) -> pd.DataFrame:
-    """Of each solver lane in each view the rows of its most exact tier; those that count steps are left out."""
-    table = named(figures.at_tiers(table))
-    table = table[~table.stepping]
-    rank = table.tier.map(MOST_EXACT.index)
-    best = rank.groupby([table.view, table.name]).transform("min")
-    return table[rank == best].drop(columns="stepping").reset_index(drop=True)
 
 
 def front(table: pd.DataFrame, *costs: str) -> pd.Series:
@@ -59,21 +49,14 @@ def front(table: pd.DataFrame, *costs: str) -> pd.Series:
     return on_front
 
 
-def work_precision(rows: pd.DataFrame) -> pd.DataFrame:
-    """Worst cost gap against the time of an answer, one row a solver lane and rung; ``unasked`` marks what the library does by default.
+def work_precision(found: Measurements) -> pd.DataFrame:
+    """Worst cost gap against the time of an answer, one row a solver lane and setting that answers every problem that the lane was asked.
 
-    Rungs that serve the picture alone are timed on a part of the problems, so it has no others where there are such. The paper's
-    method is there once more at its own pace, a step a sampling period.
+    ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a sampling period.
     """
-    rows = rows[(rows.solver != null_solver.ENTRY.name) & (rows.start == "cold")]
-    extra = rows[rows.tier == Tier.RUNG]
-    if len(extra):
-        which = ["problem_set", "problem", "scaling"]
-        partly = rows.scaling.isin(extra.scaling)
-        rows = pd.concat([rows[partly].merge(extra[which].drop_duplicates(), on=which), rows[~partly]], ignore_index=True)
-    rows = rows.assign(unasked=rows.task.isin(rows.task[rows.tier == Tier.DEFAULT]))
-    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50).drop_duplicates("task")
-    table = rows.groupby(["scaling", "solver", "lane", "rung", "unasked"]).agg(
+    rows = found.field[found.field.start == "cold"]
+    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50)
+    table = rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"]).agg(
         problems=("problem", "size"), worst_cost_gap=("cost_gap", worst), total_us=("total_us", "median"),
         steps=("periods", "median"), settings=("settings", "first")).reset_index()
     pace = table[(table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))]
@@ -81,25 +64,29 @@ def work_precision(rows: pd.DataFrame) -> pd.DataFrame:
                        pace.assign(total_us=pace.steps * PERIOD_US, who=ranking.PACE)], ignore_index=True)
     table = table[table.worst_cost_gap.notna() & table.total_us.notna()]
     name = table.solver.map(marked) + np.where(table.lane == Lane.DIRECT, "", " (" + table.lane + ")")
-    groups = np.where(table.lane.isin(SEARCHED), "without wrappers", "qpsolvers and cvxpy")
+    groups = np.where(table.lane.isin([str(lane) for lane in ranking.LADDERS]), "without wrappers", "qpsolvers and cvxpy")
     table = table.assign(name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups)
     table = table.sort_values(["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True)
     table["front"] = front(table.assign(drawn=np.maximum(table.worst_cost_gap, LEAST_GAP)), "total_us", "drawn") | (table.who == ranking.PACE)
-    return table[["view", "scaling", "who", "name", "solver", "lane", "rung", "unasked", "settings", "problems", "worst_cost_gap",
+    return table[["view", "scaling", "who", "name", "solver", "lane", "rung", "is_default", "settings", "problems", "worst_cost_gap",
                   "total_us", "front"]]
 
 
-def _timed(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows at the most exact tier with the time of an answer, infinite where it is not right."""
-    table = most_exact(rows[(rows.solver != null_solver.ENTRY.name) & (rows.start == "cold")])
-    time = (table.update_us + table.solve_us_p50).where(table.status == Status.OK, np.inf)
-    return table.assign(time_us=time.fillna(np.inf))
+def _timed(found: Measurements) -> pd.DataFrame:
+    """Rows at 1e-9, or at the setting that comes nearest to it, with the time of an answer, infinite where it is not right.
+
+    Those that count steps are left out.
+    """
+    rows = found.field[found.field.start == "cold"]
+    table = named(at_tiers(rows, found.settings, "furthest"))
+    table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
+    return table.assign(time_us=(table.update_us + table.solve_us_p50).where(table.right, np.inf).fillna(np.inf))
 
 
-def performance_profile(rows: pd.DataFrame) -> pd.DataFrame:
+def performance_profile(found: Measurements) -> pd.DataFrame:
     """ρ_s(τ) at its steps, one row a step; those that are never right have none."""
-    found = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share", "front"])]
-    for view, part in _timed(rows).groupby("view", sort=False):
+    steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share", "front"])]
+    for view, part in _timed(found).groupby("view", sort=False):
         times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
         best = times.min(axis=1)
         ratios = times[np.isfinite(best)].div(best[np.isfinite(best)], axis=0)
@@ -113,31 +100,31 @@ def performance_profile(rows: pd.DataFrame) -> pd.DataFrame:
             if steps.size:
                 factors = np.unique(np.concatenate([[1.0], steps, [worst]]))
                 shares = np.searchsorted(steps, factors, side="right") / len(times)
-                found.append(pd.DataFrame({"view": view, "name": name, "solver": lanes.solver[name],
+                steps_of.append(pd.DataFrame({"view": view, "name": name, "solver": lanes.solver[name],
                                            "lane": lanes.lane[name], "factor": factors, "share": shares,
                                            "front": name in near}))
-    return together(found)
+    return together(steps_of)
 
 
-def sizes(rows: pd.DataFrame) -> pd.DataFrame:
+def sizes(found: Measurements) -> pd.DataFrame:
     """Median time of an answer by number of unknowns, where all answers of the size were right; none for one size only."""
-    table = _timed(rows)
+    table = _timed(found)
     table = table[table.groupby("view").d.transform("nunique") > 1]
-    found = table.groupby(["view", "name", "solver", "lane", "d"], sort=False).agg(
+    lines = table.groupby(["view", "name", "solver", "lane", "d"], sort=False).agg(
         problems=("time_us", "size"), time_us=("time_us", "median"), worst=("time_us", "max")).reset_index()
-    found = found[np.isfinite(found.worst)].drop(columns="worst")
-    fastest = found.groupby(["view", "d"]).time_us.transform("min") if len(found) else found.d
-    winners = found[found.time_us == fastest].groupby("view").name.agg(set)
-    found["front"] = [name in winners[view] for view, name in zip(found["view"], found["name"], strict=True)]
-    return found.reset_index(drop=True)
+    lines = lines[np.isfinite(lines.worst)].drop(columns="worst")
+    fastest = lines.groupby(["view", "d"]).time_us.transform("min") if len(lines) else lines.d
+    winners = lines[lines.time_us == fastest].groupby("view").name.agg(set)
+    lines["front"] = [name in winners[view] for view, name in zip(lines["view"], lines["name"], strict=True)]
+    return lines.reset_index(drop=True)
 
 
-def time_by_size(rows: pd.DataFrame) -> pd.DataFrame:
+def time_by_size(found: Measurements) -> pd.DataFrame:
     """Of :func:`sizes`, our exact solvers and the fastest others in their fastest lane: view, name, then a column a size.
 
     Fastest are those with right answers at most sizes, and among them by the geometric mean over the sizes.
     """
-    table = sizes(rows)
+    table = sizes(found)
     if not len(table):
         return table
     wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
@@ -149,26 +136,17 @@ def time_by_size(rows: pd.DataFrame) -> pd.DataFrame:
     return shown.drop(columns=["solver", "ours", "right", "mean"]).rename_axis(columns=None).reset_index(drop=True)
 
 
-def stages(summary: pd.DataFrame) -> pd.DataFrame:
+def stages(table: pd.DataFrame) -> pd.DataFrame:
     """Where the time goes, one row a solver lane and stage: medians in µs, and shares of their sum.
 
-    The *wrapper* is what update and solve take more than those of the same library in the lane direct; the rest of
-    them is shown as it is there.
+    Of a summary, each solver lane in each view at the most exact tier that it reaches.
     """
-    table = most_exact(figures.raced(summary))
-    table = table[table.solve_us_p50.notna()]
-    lines = table.to_dict("records")
-    own = {(line["view"], line["solver"]): (line["update_us"], line["solve_us_p50"])
-           for line in lines if line["lane"] == Lane.DIRECT}
-    found = []
-    for line in lines:
-        update, solve, wrapper = line["update_us"], line["solve_us_p50"], 0.0
-        bare = own.get((line["view"], IN_LANE_DIRECT.get(line["solver"], line["solver"])))
-        if line["lane"] in (Lane.QPSOLVERS, Lane.CVXPY) and bare is not None and (more := update + solve - sum(bare)) > 0.0:
-            (update, solve), wrapper = bare, more
-        values = (line["setup_us"], update, solve, wrapper)
-        who = {name: line[name] for name in ("view", "name", "solver", "lane", "tier")}
-        found += [{**who, "stage": stage, "us": us, "share": us / sum(values), "update_and_solve_us": line["total_us"]}
-                  for stage, us in zip(STAGES, values, strict=True)]
-    return pd.DataFrame(found, columns=["view", "name", "solver", "lane", "tier", "stage", "us", "share",
-                                        "update_and_solve_us"])
+    table = named(summary.raced(table))
+    table = table[table.solve_us_p50.notna() & ~table.stepping]
+    rank = table.tier.map(MOST_EXACT.index)
+    best = table[rank == rank.groupby([table.view, table.name]).transform("min")]
+    found = [{**{name: line[name] for name in ("view", "name", "solver", "lane", "tier")}, "stage": stage, "us": us,
+              "share": us / (line["setup_us"] + line["total_us"]), "update_and_solve_us": line["total_us"]}
+             for line in best.to_dict("records")
+             for stage, us in zip(STAGES, (line["setup_us"], line["update_us"], line["solve_us_p50"]), strict=True)]
+    return pd.DataFrame(found, columns=["view", "name", "solver", "lane", "tier", "stage", "us", "share", "update_and_solve_us"])

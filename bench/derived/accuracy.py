@@ -1,0 +1,60 @@
+"""Whether a measured answer is right: how far it is from what a tier asks, from one row of the table alone.
+
+    error = max(cost gap, violation, those of the timed answers) / tolerance
+    error = max(stage excess / 0.01, violation / 1e-3)                           for the tier `stage`, by the first answer
+
+An answer is right at a margin m where m · error ≤ 1. What a library does unasked is judged like `low`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from solvers import Status, Tier
+
+TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9, Tier.EXACT: 1e-12}
+"""Largest relative cost gap and violation."""
+UNNOTICED = 0.01
+"""Stage excess that the stage does not notice."""
+CHEATS = (Status.LAZY, Status.STALE, Status.CACHED, Status.MISTIMED, Status.PEEKED, Status.TAMPERED)
+"""What counts against every setting of a solver on a problem, since only one of them is looked into closely."""
+MEASURED = ["problem_set", "problem", "scaling", "solver", "lane"]
+
+
+def applies(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
+    """Rows of problems that have such a tier; the stage's needs to know the noise."""
+    return rows.noise_um > 0.0 if tier is Tier.STAGE else pd.Series(True, index=rows.index)
+
+
+def error(rows: pd.DataFrame, tier: Tier) -> pd.Series[float]:
+    """How many times the tolerance of a tier each answer is from right, infinite without one or where the solver was caught."""
+    if tier is Tier.STAGE:
+        parts = [np.maximum(rows.stage_excess / UNNOTICED, 0.0), rows.violation / TOLERANCE[Tier.LOW]]
+    else:
+        parts = [part / TOLERANCE[tier] for part in (rows.cost_gap, rows.violation, rows.timed_gap.fillna(0.0))]
+    worst = pd.concat(parts, axis=1).max(axis=1, skipna=False).fillna(math.inf)
+    return worst.mask((rows.status != Status.OK) | caught(rows), math.inf)
+
+
+def caught(rows: pd.DataFrame) -> pd.Series[bool]:
+    """Rows of a solver lane on a problem at any setting of which it was caught cheating."""
+    cheats = rows.status.isin([str(status) for status in CHEATS])
+    return cheats.groupby([rows[name] for name in MEASURED]).transform("any") if cheats.any() else cheats
+
+
+def right(rows: pd.DataFrame, tier: Tier, margin: float = 1.0) -> pd.Series[bool]:
+    """Whether each answer is so many times as exact as a tier asks."""
+    return margin * error(rows, tier) <= 1.0
+
+
+def worst(values: pd.Series) -> float:
+    """The largest of several; NaN where any is, so that to fail most of them does not look like exactness."""
+    return float(values.max(skipna=False))
+
+
+def least_good(statuses: pd.Series) -> str:
+    """Ok where all are, else the first that is not."""
+    return next((str(status) for status in statuses if status != Status.OK), str(Status.OK))

@@ -1,0 +1,108 @@
+"""The measurements of a run, read once, and what is said of them at each tier.
+
+Accuracy is the same wherever it was measured, so a setting is judged by the rows of all hosts; times are those of one host, the one with
+most rows. A measurement that was repeated in fresh processes has the medians of its times, the largest maximum, the sum of its samples and
+the spread
+
+    (max p50 − min p50) / median p50
+
+of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong now and then is lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from bench.derived.accuracy import applies, right
+from bench.derived.tier_settings import LANE, tier_settings
+from solvers import Status, Tier
+
+FLOOR = "null"
+"""The solver that does nothing."""
+MEDIANS = ["setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99",
+           "solve_us_p99_low", "solve_us_p99_high", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us"]
+WORST = ["cost_gap", "violation", "timed_gap", "stage_excess"]
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """A table of measurements, one row each, with the raw times by task and repeat."""
+
+    every: pd.DataFrame
+    times: pd.DataFrame
+
+    @cached_property
+    def host(self) -> str:
+        """The host with most rows."""
+        return str(self.every.host.value_counts().index[0])
+
+    @cached_property
+    def rows(self) -> pd.DataFrame:
+        """The rows of that host, one for all repeats."""
+        return over_repeats(self.every[self.every.host == self.host])
+
+    @cached_property
+    def field(self) -> pd.DataFrame:
+        """Without the floor."""
+        return self.rows[self.rows.solver != FLOOR]
+
+    @cached_property
+    def settings(self) -> pd.DataFrame:
+        """Which setting stands for which tier."""
+        return tier_settings(self.every[self.every.solver != FLOOR])
+
+    @cached_property
+    def tiers(self) -> pd.DataFrame:
+        """The field at each tier that a solver lane reaches and at the default."""
+        return at_tiers(self.field, self.settings)
+
+    @cached_property
+    def scaling(self) -> str:
+        """The scaling of the first screen, in which all settings were measured."""
+        return scaling_of(self.every)
+
+    @cached_property
+    def problems(self) -> int:
+        """How many there are."""
+        return int(self.rows.groupby(["problem_set", "problem"]).ngroups)
+
+
+def scaling_of(rows: pd.DataFrame) -> str:
+    """The scaling in which most settings were measured; that of the scaled data where there is no difference."""
+    counts = rows.scaling.value_counts()
+    return "scaled" if counts.empty or counts.get("scaled", 0) == counts.max() else str(counts.idxmax())
+
+
+def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting") -> pd.DataFrame:
+    """The rows of the settings that stand for tiers, once for each, and of the default, with ``tier`` and ``right``.
+
+    An answer that is not right has missed its tier. ``column`` is the setting that is taken: ``furthest`` takes one where the tier is not
+    reached, too.
+    """
+    chosen = settings.loc[settings[column] != "", [*LANE, "tier", column]].rename(columns={column: "setting"})
+    parts = [_judged(part, Tier(str(tier))) for tier, part in rows.merge(chosen, on=[*LANE, "setting"]).groupby("tier", sort=False)]
+    return pd.concat([*parts, _judged(rows[rows.is_default].assign(tier=str(Tier.DEFAULT)), Tier.DEFAULT)], ignore_index=True)
+
+
+def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
+    rows = rows[applies(rows, tier)]
+    is_right = right(rows, tier)
+    return rows.assign(right=is_right, status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED)))
+
+
+def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row a task, with ``repeats`` and ``solve_us_spread``."""
+    if not (rows.repeat > 0).any():
+        return rows.assign(repeats=1, solve_us_spread=np.nan)
+    groups = rows.sort_values("repeat").groupby("task", sort=False)
+    said = rows.assign(ok=rows.status == Status.OK).sort_values(["ok", "repeat"]).groupby("task", sort=False).head(1).set_index("task")
+    p50 = groups.solve_us_p50
+    merged = said.drop(columns="ok").assign(
+        **{name: groups[name].median() for name in MEDIANS}, **{name: groups[name].max() for name in [*WORST, "solve_us_max"]},
+        samples=groups.samples.sum(), preemptions=groups.preemptions.sum(), mutates_input=groups.mutates_input.any(),
+        repeatable=groups.repeatable.all(), repeats=groups.size(), solve_us_spread=(p50.max() - p50.min()) / p50.median())
+    return merged.reset_index().sort_index(axis=0)[[*rows.columns, "repeats", "solve_us_spread"]]

@@ -1,0 +1,163 @@
+"""A one-shot race in words: who is fastest in each lane, where the paper's method stands, whether the stage would notice.
+
+Like is compared with like: within a lane, ours beside the best of the others, on a machine whose instruction set, compiler and drift are
+said. Figures have as many digits as the drift of the machine allows, and a reservation comes before the figures that it concerns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.derived import summary as summaries
+from bench.derived.accuracy import TOLERANCE, UNNOTICED
+from bench.derived.measurements import Measurements
+from bench.derived.ranking import ASKED, PACE, Line, of_paper, ranking
+from bench.derived.tier_settings import FEWEST
+from bench.derived.wrapper_share import in_lane_direct
+from bench.report.words import apart, joined, marked, number, percent, rounded, settings_label, solver_lanes
+from bench.timing.schedule import PERIOD_US
+from piezo_model.json_file import decoded
+from solvers import Lane, Tier
+from solvers.registry import OURS
+
+GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
+"""The tier that is spoken of is the first that anybody reaches."""
+SPOKEN = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python", Lane.CODEGEN: "generated"}
+"""Lanes of which a sentence speaks, in words."""
+MUCH = 0.1
+"""Drift from which on there is a reservation."""
+
+
+def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
+    """At most four sentences; ``core`` is instruction set and compiler, ``drift`` that of the machine as a share."""
+    lines = ranking(found)
+    return [*_reservation(drift), *_winners(found, [line for line in lines if line.name != PACE], core, drift),
+            *_paper(found, [line for line in lines if line.name == PACE], drift), *_stage(found)]
+
+
+def _reservation(drift: float) -> Iterator[str]:
+    if drift > MUCH:
+        yield (f"With reservation: the machine's own speed drifted by {100.0 * drift:.0f} % in the course of the race, so times that differ by less "
+               "than that cannot be distinguished.")
+
+
+def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
+    at = next((tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None)
+    asked = [tier for tier in GAPS if any(tier in line.results for line in lines)]
+    problems = "the problem" if found.problems == 1 else f"all {found.problems} problems"
+    if at is None:
+        yield f"No solver reaches {ASKED[asked[-1]] if asked else 'any accuracy'} on {problems} with one setting."
+        return
+    there = [line for line in lines if at in line.results]
+    reach = [line for line in there if line.results[at].reached]
+    chosen = "" if found.problems >= FEWEST else ", each with a setting chosen on the problem it is judged on"
+    fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in SPOKEN if any(line.lane == lane for line in reach))
+    more = f"; fastest {fastest}" if fastest else ""
+    where = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
+    yield f"{solver_lanes(len(reach), len(there), 'reach')} {ASKED[at]} on {problems}{chosen}{more}{where}."
+
+
+def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
+    """The fastest in a lane, and beside one of ours the best of the others, or the other way round."""
+    ranked = sorted(lines, key=lambda line: line.results[at].us)
+    best = ranked[0]
+    other = next((line for line in ranked if (line.solver in OURS) != (best.solver in OURS)), None)
+    beside = "" if other is None else f" beside {other.name} {rounded(other.results[at].us, drift)} µs"
+    us = best.results[at].us
+    return f"{SPOKEN[lane]} {best.name} {rounded(us, drift)} µs ({rounded(us / PERIOD_US, drift)} of a period){beside}"
+
+
+def _steps(rows: pd.DataFrame) -> pd.DataFrame:
+    """The paper's learning phase of 15 200 steps, one row a problem."""
+    part = of_paper(rows)
+    return part[(part.start == "cold") & part.settings.str.contains('"steps": 15200')].drop_duplicates("task")
+
+
+def _paper(found: Measurements, lines: Sequence[Line], drift: float) -> Iterator[str]:
+    part = _steps(found.field[found.field.scaling == found.scaling])
+    part = part[part.cost_gap.notna()]
+    if part.empty:
+        return
+    reach = [f"{ASKED[tier]} on {line.results[tier].right}" for line in lines for tier in (Tier.LOW, Tier.MID, Tier.HIGH) if tier in line.results]
+    yield (f"The paper's method, one projected step a sample, {_ends(part)} after its 15 200 steps (1.9 s)"
+           + (f" and reaches {joined(reach)} of {len(part)} problems" if reach else "")
+           + f"; without waiting for samples these steps take {rounded((part.update_us + part.solve_us_p50).median(), drift)} µs.")
+
+
+def _ends(part: pd.DataFrame) -> str:
+    """Where the steps end."""
+    gaps = part.cost_gap
+    if len(gaps) == 1 or gaps.median() == gaps.max():
+        return f"ends {percent(gaps.max())} above the optimal cost"
+    return f"ends at worst {percent(gaps.max())} above the optimal cost (median {percent(gaps.median())})"
+
+
+def _stage(found: Measurements) -> Iterator[str]:
+    """Whether the paper's model is told from the optimum's by the rule of the tier stage."""
+    part = _steps(found.field[found.field.scaling == found.scaling])
+    part = part[part.stage_excess.notna()]
+    if part.empty:
+        return
+    noticed, most = int((part.stage_excess > UNNOTICED).sum()), part.sort_values("stage_excess").iloc[-1]
+    steps, best = apart(most.model_error_um, most.optimum_error_um)
+    says = f"would notice on {noticed}" if noticed else "would not notice on any"
+    more = f", {number(most.stage_excess)} times the sensor's noise more" if most.stage_excess > 0.0 else ""
+    yield (f"The stage {says} of {len(part)} problems that the optimum was not reached: on {most.problem} the paper's model errs by {steps} µm "
+           f"RMS on unseen data and the optimum's by {best} µm{more} (up to {UNNOTICED:g} times goes unnoticed).")
+
+
+def notes(found: Measurements, summary: pd.DataFrame) -> list[str]:
+    """What else a race shows: other scalings, warm starts, cold caches, settings that differ by lane."""
+    return [*_other_scalings(found), *_warm(summary), *_turns(found), *_lanes(found)]
+
+
+def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
+    """Problems of which 1e-9 of the yardstick is less than rounding leaves of the cost, a sum of about d products as large as V*."""
+    resolved = costs.d * np.finfo(float).eps * costs.V.abs()
+    for name, part in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
+        yield (f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / part.optimum.max():.1e} of |V*|, less than rounding leaves of a cost in "
+               "double precision: a solver that stops by the difference of two costs cannot tell whether it is there.")
+
+
+def _other_scalings(found: Measurements) -> Iterator[str]:
+    for scaling, part in _steps(found.field[found.field.scaling != found.scaling]).groupby("scaling"):
+        yield f"On {scaling} data the paper's method {_ends(part)} after its 15 200 steps."
+
+
+def _warm(table: pd.DataFrame) -> Iterator[str]:
+    """What a start at the optimum of the problem before is worth."""
+    table = table.drop_duplicates([name for name in summaries.GROUP if name != "tier"])
+    same = [name for name in summaries.GROUP if name not in ("start", "tier")]
+    both = summaries.raced(table, "warm").merge(summaries.raced(table), on=same, suffixes=("", "_cold"))
+    for scaling, part in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
+        best = part.sort_values("total_us").iloc[0]
+        ratio = part.solve_us_p50 / part.solve_us_p50_cold
+        yield (f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} ({best.lane}) is the fastest "
+               f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times as long as a cold one "
+               f"(median over {solver_lanes(len(part))}).")
+
+
+def _turns(found: Measurements) -> Iterator[str]:
+    """What cold caches cost."""
+    rows = found.field[found.field.start == "cold"]
+    ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median().dropna()
+    if len(ratio):
+        yield (f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as long as hot (median "
+               f"over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g}).")
+
+
+def _lanes(found: Measurements) -> Iterator[str]:
+    """Lanes in which a library does otherwise unasked than by its own object."""
+    rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(["solver", "lane"])
+    asked = {(line.solver, line.lane): decoded(str(line.settings), dict[str, Any]) for line in rows.itertuples()}
+    for (solver, lane), there in asked.items():
+        own = asked.get((in_lane_direct(solver), Lane.DIRECT))
+        if own is not None and lane in (Lane.QPSOLVERS, Lane.CVXPY):
+            differ = {name for name in {*there, *own} - {"raise_error"} if there.get(name) != own.get(name)}  # how a failure is said
+            has = [settings_label({name: value for name, value in of.items() if name in differ}) or "none of these" for of in (there, own)]
+            if differ:
+                yield f"The default settings of {solver} in the lane {lane} differ from those in the lane direct: {has[0]}; direct: {has[1]}."

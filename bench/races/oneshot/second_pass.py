@@ -1,0 +1,153 @@
+"""The second pass, after all settings were measured on all problems: turns, starts from the optimum before, and more calls of the fastest.
+
+Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked. Solvers that take turns must
+sit in one place, so a problem is never divided between workers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.derived.measurements import at_tiers
+from bench.derived.tier_settings import tier_settings
+from bench.passed.task import Setting, Task
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import RaceProblem
+from bench.processes.line_up import LineUp
+from bench.races import null_solver
+from bench.races.conditions import watched
+from bench.races.oneshot.rows import with_turns
+from bench.races.oneshot.settings import OneshotSettings
+from bench.races.oneshot.tasks import WRAPPERS
+from bench.races.oneshot.turns import take_turns
+from bench.races.oneshot.unit import Tell, Unit, interruptions, measure
+from bench.races.oneshot.worker import Forget
+from bench.races.run_problems import watched_folders
+from bench.store import Run
+from bench.timing.clock import Effort
+from piezo_model.identification_problem import Scaling
+from solvers import Lane, Status, Tier
+from solvers.registry import Described
+
+LONGEST_US = 1000.0
+"""Whatever takes longer hot has no turn: caches do not matter there, and time does."""
+PREFERRED = (Tier.HIGH, Tier.MID, Tier.DEFAULT)
+NEAR = 2.0
+"""How many times as long as the fastest of its lane a solver may take to be among the candidates for a decision."""
+ENOUGH = 3_000
+"""Calls of a candidate over all problems, enough for p99.9."""
+
+Who = tuple[str, str, str]
+"""Scaling, solver and lane."""
+
+
+@dataclass(frozen=True)
+class SecondPass:
+    """The second pass over one problem in one scaling and one repeat."""
+
+    run: Path
+    settings: OneshotSettings
+    problem: RaceProblem
+    scaling: Scaling
+    repeat: int
+    tasks: tuple[Task, ...]
+    """Measured already, one a solver lane, the solver that does nothing first."""
+    warm: tuple[Task, ...]
+    longer: tuple[Task, ...]
+    """Those to be measured again with ``calls``."""
+    calls: int
+
+    @property
+    def name(self) -> str:
+        """A file name."""
+        return f"{self.problem.set_name}--{self.problem.name}--{self.scaling}--{self.repeat}--turns"
+
+    @property
+    def folders(self) -> tuple[str, ...]:
+        """What solvers must not look into."""
+        return watched_folders(Run(self.run))
+
+    def do(self, line_up: LineUp, tell: Tell) -> None:
+        """Do what is not done yet."""
+        run = Run(self.run)
+        if run.has_notes(self.name):
+            return
+        line_up.begin(self.repeat)
+        form, effort = self.problem.forms[self.scaling], self.settings.effort
+        with watched(run, self.name, line_up.sentinel) as notes:
+            for task in self.longer:
+                tell(task)
+                if run.task(task)[0][0]["samples"] < self.calls:
+                    measure(run, self.problem, task, FreshData(form, self.calls), line_up, Effort(1.0, self.calls, self.calls), look_closer=False)
+            for task in self.warm:
+                tell(task)
+                if not run.is_done(task):
+                    measure(run, self.problem, task, FreshData(form, effort.most), line_up, effort, look_closer=True)
+            rows = [(task, run.task(task)[0][0]) for task in (*self.tasks, *self.warm)]
+            if self.settings.rounds:
+                self._take_turns(run, line_up, [task for task, row in rows if row["update_us"] + row["solve_us_p50"] <= LONGEST_US])
+            notes |= interruptions([row for _, row in rows])
+
+    def _take_turns(self, run: Run, line_up: LineUp, tasks: Sequence[Task]) -> None:
+        """Rounds, whose figures are added to the tasks on disk."""
+        form = self.problem.forms[self.scaling]
+        for task, tally in take_turns(tasks, line_up.children, form, FreshData(form, self.settings.effort.most), self.settings.rounds,
+                                      f"{self.settings.seed} {self.name}"):
+            (row,), times = run.task(task)
+            turns = {"interleaved_update": np.concatenate(tally.updates), "interleaved_solve": np.concatenate(tally.solves)}
+            run.save(task, with_turns(row, turns["interleaved_solve"]), {**times, **turns})
+        for child in line_up.children.values():
+            if child.is_running:
+                child.ask(Forget())
+
+
+def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described], units: Sequence[Unit]) -> list[SecondPass]:
+    """The second pass over every problem, by what the first has found."""
+    rows = pd.DataFrame(run.rows_so_far())
+    rows = rows[rows.start == "cold"]
+    chosen = derived_settings(rows[rows.solver != null_solver.ENTRY.name])
+    near = near_fastest(rows, chosen)
+    calls = math.ceil(ENOUGH / max(1, len({unit.problem.name for unit in units}) * settings.repeats))
+    warm_startable = {(solver.name, str(solver.lane)) for solver in field if solver.warm_start}
+    found = []
+    for unit in units:
+        def is_chosen(task: Task, unit: Unit = unit) -> bool:
+            return task.solver == null_solver.ENTRY.name or chosen.get((unit.scaling, task.solver, str(task.lane))) == task.setting.text
+
+        def answers(task: Task) -> bool:
+            return run.task(task)[0][0]["status"] in (Status.OK, Status.SOLVER_FAILED) or task.solver == null_solver.ENTRY.name
+
+        tasks = tuple(task for task in unit.tasks if is_chosen(task) and answers(task))
+        follows = unit.problem.forms[unit.scaling].warm_start is not None
+        found.append(SecondPass(
+            unit.run, settings, unit.problem, unit.scaling, unit.repeat, tasks,
+            tuple(replace(task, start="warm") for task in tasks if follows and (task.solver, str(task.lane)) in warm_startable),
+            tuple(task for task in tasks if task.solver == null_solver.ENTRY.name or (unit.scaling, task.solver, str(task.lane)) in near), calls))
+    return found
+
+
+def derived_settings(rows: pd.DataFrame) -> dict[Who, str]:
+    """The setting of each solver lane in each scaling: that of the first of PREFERRED that it reaches."""
+    found: dict[Who, str] = {}
+    tiers = tier_settings(rows)
+    for tier in PREFERRED[:-1]:
+        for line in tiers[(tiers.tier == tier) & (tiers.setting != "")].itertuples():
+            found.setdefault((str(line.scaling), str(line.solver), str(line.lane)), str(line.setting))
+    for line in rows[rows.is_default].itertuples():
+        found.setdefault((str(line.scaling), str(line.solver), str(line.lane)), str(line.setting))
+    return found
+
+
+def near_fastest(rows: pd.DataFrame, chosen: Mapping[Who, str]) -> set[Who]:
+    """The solver lanes between which a decision may have to be made, wrappers left out."""
+    rows = at_tiers(rows, tier_settings(rows))
+    rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in WRAPPERS])]
+    us = (rows.update_us + rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median()
+    best = us.groupby(level=["scaling", "lane"]).transform("min")
+    return {(str(scaling), str(solver), str(lane)) for scaling, solver, lane in us.index[us <= NEAR * best]} & chosen.keys()
