@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help core debug bench test nightly fuzz lint docs perf report compare experiment clean
+.PHONY: help core debug bench test nightly fuzz lint docs perf report compare settings experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
@@ -18,7 +18,8 @@ $(VENV)/.dev:   EXTRAS := bench,field,copyleft,heavy,commercial,codegen,ecosyste
 $(VENV)/.docs:  EXTRAS := docs
 $(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@echo "installing $(EXTRAS) into $(VENV)"
-	@if command -v uv >/dev/null 2>&1; then \
+	@(s=0; while sleep 5; do s=$$((s + 5)); echo "  $$s s"; done) & trap "kill $$!" EXIT; \
+	if command -v uv >/dev/null 2>&1; then \
 	  test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); \
 	  uv pip install --quiet --compile-bytecode --python $(BIN)/python -c constraints.txt -e '.[$(EXTRAS)]'; \
 	else \
@@ -69,6 +70,9 @@ report: $(VENV)/.field ## write the report of RUN=results/<run> again
 compare: $(VENV)/.field ## compare the runs A=results/<run> and B=results/<run>
 	@test -n "$(A)" -a -n "$(B)" || { echo "say which runs: make compare A=results/<run> B=results/<run>" >&2; exit 2; }
 	$(BIN)/piezobench compare $(A) $(B) $(if $(OUT),--out $(OUT))
+
+settings: $(VENV)/.field ## ship the settings of the one-shot race RUN=results/<run> for streams and loops
+	$(BIN)/python -m bench.races.chosen_settings $(RUN)
 
 experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with figures
 	$(BIN)/piezobench experiment

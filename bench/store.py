@@ -2,6 +2,7 @@
 
     results/<run>/run.json        settings, seed, versions, machine
                   problems/       the problems with their certificates, NPZ
+                  models/         the model of a recording that is raced on, JSON
                   tasks/          while the race runs one NPZ a finished task, and notes as JSON
                   rows.parquet    one row a task            } written at the end
                   times.parquet   raw nanoseconds           }
@@ -114,6 +115,24 @@ class Conditions(TypedDict):
     warnings: list[str]
 
 
+class Planned(TypedDict):
+    """What a one-shot race has in its second pass of a solver lane."""
+
+    scaling: str
+    solver: str
+    lane: str
+    setting: str
+    longer: bool
+    """Whether it is timed longer than in the first."""
+
+
+class ModelNote(TypedDict):
+    """What was found of the model of a recording: its error on what it has not seen, per cent of the range, or why there is none."""
+
+    error_percent: NotRequired[float]
+    refused: NotRequired[str]
+
+
 class RunFile(TypedDict):
     """``run.json``; the settings are those of the kind of race."""
 
@@ -122,9 +141,13 @@ class RunFile(TypedDict):
     machine: Machine
     version: NotRequired[int]
     problems: NotRequired[dict[FileName, list[FileName]]]
+    there_are: NotRequired[dict[str, int]]
+    """Problems of the sets of which not all are raced."""
     left_out: NotRequired[dict[str, dict[str, str]]]
+    models: NotRequired[dict[str, ModelNote]]
     field: NotRequired[dict[str, str]]
     absent: NotRequired[dict[str, str]]
+    second_pass: NotRequired[list[Planned]]
     conditions: NotRequired[Conditions]
 
 
@@ -168,8 +191,8 @@ class Run:
         if not (path / "run.json").is_file():
             raise RunError(f"{path} is not a run folder: it has no run.json")
         run = cls(path)
-        if (version := run.settings.get("version", 1)) != VERSION:
-            raise RunError(f"{path / 'run.json'}: version {version!r} is not {VERSION}, the one this program reads")
+        if (version := json_file.read(path / "run.json", dict[str, Any], RunError).get("version", 1)) != VERSION:
+            raise RunError(f"{path / 'run.json'}: version {version!r:.60} is not {VERSION}, the one this program reads; race again")
         return run
 
     def discard(self) -> None:
@@ -202,6 +225,10 @@ class Run:
     def problem_path(self, problem_set: str, problem: str) -> Path:
         """Where a problem is kept."""
         return self.path / "problems" / f"{problem_set}--{problem}.npz"
+
+    def model_path(self, problem_set: str) -> Path:
+        """Where the model of the recording that a set is made of is kept."""
+        return self.path / "models" / f"{problem_set}.json"
 
     def problem(self, problem_set: str, name: str) -> RaceProblem:
         """Load a problem of the run; RunError says in one sentence what is wrong with its file."""

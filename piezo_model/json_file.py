@@ -32,6 +32,8 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     FORMAT: ClassVar[str]
     VERSION: ClassVar[int]
+    AGAIN: ClassVar[str] = ""
+    """What to do about a file of another version."""
     format: str
     version: int
 
@@ -151,7 +153,7 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
         raise ValueError(f"the format field is not {schema.FORMAT!r}")
     version = data.get("version")
     if version != schema.VERSION:
-        raise ValueError(f"version {str(version)[:20]} is not {schema.VERSION}, the one this program reads")
+        raise ValueError(f"version {str(version)[:20]} is not {schema.VERSION}, the one this program reads{schema.AGAIN and f'; {schema.AGAIN}'}")
 
 
 def _unknown(data: Any, known: Any) -> str:

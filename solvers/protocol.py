@@ -162,7 +162,7 @@ class Entrant(ABC):
             if setting_text({**cls.always, **rung}) == setting:
                 return dict(here)
         if setting != setting_text(cls.always):
-            raise ValueError(f"{cls.name} ({cls.lane}) has no setting {setting} in its ladder")
+            raise ValueError(f"{cls.__name__} has no setting {setting} in its ladder")
         return {}
 
 

@@ -11,7 +11,10 @@ import typer
 from bench.cli.given_options import refuse
 from bench.comparison import page as pages
 from bench.comparison.compare import SMALLEST, compare_runs
-from bench.deploy import Rule, decide, deployment
+from bench.deploy.actuator_model import model_for
+from bench.deploy.decision import decide
+from bench.deploy.deployment import deployment
+from bench.deploy.rule import Rule
 from bench.races.registry import open_run
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from bench.report.words import OURS_NOTE
@@ -67,7 +70,7 @@ def compare_verb(
                 console.print(f"WARNING: {warning}", style="bold")
             for sentence in (*each.verdict, *each.doubts, *each.notes):
                 console.print(sentence)
-            for grid in (pages.line_grid(each, told=False), pages.grid(each)):
+            for grid in (pages.line_grid(each, told=False), pages.tier_grid(each, other=False), pages.grid(each)):
                 if grid.rows:
                     console.print(f"\n{grid.title}:")
                     print_table(grid.headings, grid.rows[:MOST_ROWS], left=grid.left)
@@ -91,16 +94,16 @@ def deploy_verb(
                                                          "Kernel and direct by default.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model of your actuator, written by identify; not needed if the race was on your "
                                                     "recording.")] = None,
-    problem: Annotated[str | None, typer.Option(help="Problem of the run whose model is taken, as set/name; by default the first "
-                                                     "from a recording of yours.")] = None,
+    problem: Annotated[str | None, typer.Option(help="Problem of the run whose model is taken, as set/name; by default the model "
+                                                     "of your recording, if the race was on one.")] = None,
     simulated: Annotated[bool, typer.Option("--simulated", help="Take the model of a simulated actuator.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Pick the solver for a controller, and say why.
 
     It is exact enough on every problem, misses no deadline beyond those that the machine itself misses, and has the lowest p99.9 (the
-    time that 99.9 % of its answers need at most). The model comes from --model, or from the recording that was raced on.
-    SelfLearningCompensator.load starts from the file that is written.
+    time that 99.9 % of its answers need at most). The model comes from --model, or is what identify makes of the recording that was
+    raced on. SelfLearningCompensator.load starts from the file that is written.
     """
     if model is not None:
         refuse(context, ("problem", "simulated"), "says which model of the run is taken, and --model gives another")
@@ -111,13 +114,14 @@ def deploy_verb(
     with progress_bar() as progress:
         progress("weighing the solvers", 0, 2)
         decision = decide(opened, rule)
-        progress("proving the model", 1, 2)
-        found = deployment(decision, None if model is None else HysteresisCreepModel.load(model), problem, simulated)
-        source = str(model) if model is not None else found.evidence["model_from"]
-    found.save(target)
+        progress("judging the model", 1, 2)
+        found = model_for(opened, None if model is None else HysteresisCreepModel.load(model), problem, simulated, source=str(model))
+    made = deployment(decision, found)
+    made.save(target)
     if as_json:
-        print_json({"file": target, "solver": found.solver, "lane": found.lane, "tier": found.tier,
-                    "settings": dict(found.settings), "mode": found.mode, "model_from": source, "rule": rule.sentence,
+        print_json({"file": target, "solver": made.solver, "lane": made.lane, "tier": made.tier,
+                    "settings": dict(made.settings), "mode": made.mode, "model_from": found.source,
+                    "unseen_error_percent": found.error_percent, "rule": rule.sentence,
                     "why": decision.sentences(), "figures": decision.chosen.figures(),
                     "runners_up": [each.figures() for each in decision.runners_up],
                     "refused": [{**each.figures(), "why": why} for each, why in decision.refused]})
@@ -126,4 +130,4 @@ def deploy_verb(
         console.print(sentence)
     for each, why in decision.refused[:NEAREST]:
         console.print(f"Not qualified: {each.name} {why}.")
-    console.print(f"Model: from {source}.\n{OURS_NOTE}\nCompensator: {target}")
+    console.print(f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}\n{OURS_NOTE}\nCompensator: {target}")

@@ -44,7 +44,8 @@ FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
 SETTING_OF = {
-    "problem_set": "problem_sets", "scaling": "scalings", "tier": "tiers", "settings": "settings_run", "limit": "limit", "budget": "effort", "repeats": "repeats",
+    "problem_set": "problem_sets", "scaling": "scalings", "tier": "tiers", "settings": "settings_run", "limit": "limit",
+    "budget": "effort", "repeats": "repeats",
     **dict.fromkeys(("recording", "time", "input", "output", "folder", "test_set", *READING_OPTIONS), "set_options")}
 """Which setting of a race an option goes into that not every kind of race goes by; what a kind declares itself has the same name."""
 
@@ -109,7 +110,8 @@ def race_verb(
                                                        "reference run by default.")] = None,
     scaling: Annotated[list[Scale] | None, typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; "
                                                               "both by default.")] = None,
-    limit: Annotated[int | None, typer.Option(min=0, help="Problems of each set, 0 for all; 3 by default, and all where sets or files are named.")] = None,
+    limit: Annotated[int | None, typer.Option(min=0, help="Problems of each set, 0 for all; 3 by default, and all where sets or files "
+                                                          "are named.")] = None,
     recording: Annotated[Path | None, typer.Option(help=f"To make problems of, the set recorded. {FILE}")] = None,
     time: Time = None,
     input: Input = None,
@@ -144,8 +146,10 @@ def race_verb(
                              "scalings": [choice.value for choice in scaling or ()]}
     values: dict[str, Any] = {
         "solvers": names, "solver_files": solver_files,
-        "limit": FEW if limit is None and kind == DEFAULT and not sets else limit, "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
-        "settings_run": settings and str(settings.resolve()), "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,
+        "limit": FEW if limit is None and kind == DEFAULT and not sets else limit,
+        "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
+        "settings_run": settings and str(settings.resolve()),
+        "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,
         **{name: tuple(asked) for name, asked in lists.items() if asked}, **own}
     made = race.settings(**{field.name: values[field.name] for field in fields(race.settings)
                             if field.init and values.get(field.name) is not None})
@@ -229,6 +233,12 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
     _show(run, *found, as_json)
 
 
+def _cut(run: Run) -> list[str]:
+    """How many problems were raced, where there are more."""
+    raced, there_are = {name: len(found) for name, found in run.settings.get("problems", {}).items()}, run.settings.get("there_are", {})
+    return [f"{sum(raced.values())} of {sum((raced | there_are).values())} problems were raced; --limit 0 races all."] if there_are else []
+
+
 def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     """The first screen, in 100 columns and 40 lines, then what was left out, and where the rest is."""
     if as_json:
@@ -239,6 +249,7 @@ def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     missing = ", ".join(absent) if absent and len(absent) <= 3 else f"{len(absent or ())} solver lanes"
     below = lines_of([*([f"Absent, so not raced: {missing} (run.json says why)."] if absent else []),
                       *run.settings.get("conditions", {}).get("warnings", [])])
+    below += lines_of(_cut(run))
     if excluded:
         count = len(excluded) + sum(map(len, run.settings["problems"].values()))
         below += ["", f"Not raced, {len(excluded)} of {count} problems:", *(f"{problem}: {why}" for problem, why in excluded)]

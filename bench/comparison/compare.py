@@ -1,35 +1,31 @@
 """Two runs against each other: what became faster or slower, more or less accurate, came, went or changed its status.
 
-Times are compared solver lane by solver lane, and row by row only in those that differ; see `lines`.
+A row of one run is compared with that of the other at the same setting. Times are compared solver lane by solver lane, and row by row
+only in those that differ; see `lines`. Which tiers a solver lane reaches follows from its rows; see `tiers`.
 
 The accuracy of the first answer is exact, so it needs no statistics: a row is more or less accurate where its cost gap differs by
-more than a factor of GAP_FACTOR and the larger one is above LEAST_GAP. The answers that are timed belong to data that each run draws
-anew. Of n rows of a solver lane that missed their tier in one of the runs only, and only by these answers, k did in the second run;
-
-    K ~ Binomial(n, 1/2)
-
-is the exact test of Q. McNemar (Psychometrika 12 (1947) 153 to 157), and where it is not rejected these rows have not changed.
+more than a factor of GAP_FACTOR and the larger one is above LEAST_GAP.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, cast
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, false_discovery_control
 
+from bench.comparison import tiers
 from bench.comparison.levels import FEWEST, NAMES, log_ratios, sentinel_level
-from bench.comparison.lines import CANNOT_TELL, CHANGES, LEVEL, WITNESSES, Times, compare_times
+from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compare_times
+from bench.derived.accuracy import tainted
+from bench.derived.measurements import over_repeats
 from bench.races import null_solver
-from bench.races.metrics import reaches
 from bench.races.oneshot.rows import ONESHOT
-from bench.report.words import marked, solver_lanes
+from bench.report.words import joined, marked, solver_lanes
 from bench.store import Run, RunError
-from solvers import Status, Tier
+from solvers import Status
 
 GAP_FACTOR = 10.0
 LEAST_GAP = 1e-12
@@ -63,8 +59,10 @@ class RunComparison:
     """Why what all solvers share may be theirs and not the machine's."""
     times: Times
     rows: pd.DataFrame
-    """One row a row of either run: names, ``timed`` (how), ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``gap_a``, ``gap_b``,
+    """One row a task of either run: names, ``timed`` (how), ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``gap_a``, ``gap_b``,
     ``status_a``, ``status_b``, ``changes`` (of CHANGES and OTHER_KINDS) and ``regression`` (worse otherwise than by its time)."""
+    tiers: pd.DataFrame
+    """One row a scaling, solver lane and tier that one of the runs reaches; see `compare_tiers`."""
 
     @property
     def changed(self) -> pd.DataFrame:
@@ -73,13 +71,13 @@ class RunComparison:
 
     @property
     def regressions(self) -> int:
-        """Solver lanes that became slower, and rows that became worse otherwise."""
-        return self.times.lanes("slower") + int(self.rows.regression.sum())
+        """Solver lanes that became slower, rows that became worse otherwise, and tiers that were lost otherwise than by chance."""
+        return self.times.lanes("slower") + int(self.rows.regression.sum()) + self._tiers(tiers.LOST)
 
     @property
     def differences(self) -> int:
-        """Solver lanes that became slower or faster, and rows with any other change."""
-        return self.times.differ + len(self._with(*OTHER_KINDS))
+        """Solver lanes that became slower or faster, rows with any other change, and tiers lost or gained otherwise than by chance."""
+        return self.times.differ + len(self._with(*OTHER_KINDS)) + self._tiers(tiers.LOST, tiers.GAINED)
 
     @property
     def cannot_tell(self) -> bool:
@@ -95,6 +93,9 @@ class RunComparison:
         rows = self.rows[self.rows.solver != null_solver.ENTRY.name]
         return rows[rows.ratio.isna() & (rows.in_run == "both")]
 
+    def _tiers(self, *changes: str) -> int:
+        return int((self.tiers.change.isin(changes) & ~self.tiers.by_chance).sum())
+
     def _with(self, *kinds: str) -> pd.DataFrame:
         return self.rows[self.rows.changes.map(lambda changes: bool(set(changes) & set(kinds)))]
 
@@ -107,8 +108,11 @@ class RunComparison:
         if not self.differences:
             unseen = ", though some may have gone unseen" if self.cannot_tell else ""
             return [f"{names}: no difference in {len(self.rows)} rows{unseen}.", *self.times.sentences(), *left_out]
-        sentences = [f"{names}: {solver_lanes(self.times.differ, verb='differ')} in time, and {self.differences - self.times.differ} of "
-                     f"{len(self.rows)} rows in something else.", *self.times.sentences()]
+        other = [f"{len(self._with(*OTHER_KINDS))} of {len(self.rows)} rows in something else"]
+        if changed := self._tiers(tiers.LOST, tiers.GAINED):
+            other.append(f"{changed} of {len(self.tiers)} tiers in whether {'it is' if changed == 1 else 'they are'} reached")
+        sentences = [f"{names}: {joined([solver_lanes(self.times.differ, verb='differ') + ' in time', *other])}.",
+                     *self.times.sentences(), *tiers.sentences(self.tiers)]
         for kind in OTHER_KINDS:
             sentences += self._said_of(kind)
         return sentences + left_out
@@ -146,16 +150,14 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
             raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
     warnings, notes = _conditions(a.settings, b.settings)
     times = compare_times(log_ratios(a, b), null_solver.ENTRY.name, smallest)
-    rows = _matched(a.rows(ONESHOT), b.rows(ONESHOT)).merge(times.rows, on="task", how="left")
-    drawn = _by_the_draw(rows)
-    if drawn.any():
-        notes = (*notes, f"Rows in which a timed answer misses its tier in one of the runs only: {drawn.sum()}. Each run draws the data "
-                 "of these answers anew, and so few cannot be distinguished from chance.")
-    records = cast(list[dict[str, Any]], rows.assign(status_b=rows.status_b.mask(drawn, rows.status_a)).to_dict("records"))
+    first, second = (over_repeats(tainted(run.rows(ONESHOT))) for run in (a, b))
+    of_tiers = tiers.compare_tiers(first, second)
+    rows = _matched(first, second).merge(times.rows, on="task", how="left")
+    records = cast(list[dict[str, Any]], rows.to_dict("records"))
     changes = [_changes(row) for row in records]
     rows["changes"] = changes
     rows["regression"] = [bool(set(found) & set(WORSE)) or _broke(row) for found, row in zip(changes, records, strict=True)]
-    return RunComparison(a, b, warnings, notes, tuple(_doubts(a, b, times, smallest)), times, rows)
+    return RunComparison(a, b, warnings, (*notes, *tiers.notes(of_tiers)), tuple(_doubts(a, b, times, smallest)), times, rows, of_tiers)
 
 
 def _doubts(a: Run, b: Run, times: Times, smallest: float) -> list[str]:
@@ -201,31 +203,15 @@ def _said(value: Any) -> str:
 
 
 def _matched(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
-    """The rows of both runs side by side, with NaN where one has none; those for the picture are nobody's result."""
-    columns = ["task", *NAMES, "rung", "status", "cost_gap", "missed_when_timed"]
-    raced = [_with_misses(run[run.tier != Tier.RUNG])[columns] for run in (a, b)]
-    both = raced[0].merge(raced[1], on=NAMES, how="outer", suffixes=("_a", "_b"), indicator="in_run")
+    """The rows of both runs side by side, with NaN where one has none; without those that one of them did not run.
+
+    Why a setting was not run is in the row of a looser one: a crash in its status, a slow answer in its times.
+    """
+    columns = ["task", *NAMES, "status", "cost_gap"]
+    both = a[columns].merge(b[columns], on=NAMES, how="outer", suffixes=("_a", "_b"), indicator="in_run")
+    both = both[(both.status_a != Status.NOT_RUN) & (both.status_b != Status.NOT_RUN)]
     both = both.rename(columns={"cost_gap_a": "gap_a", "cost_gap_b": "gap_b"}).assign(task=both.task_a.fillna(both.task_b))
     return both.assign(in_run=both.in_run.astype(str), status_a=both.status_a.fillna(""), status_b=both.status_b.fillna(""))
-
-
-def _with_misses(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows with whether they miss their tier by nothing but answers that were timed."""
-    records = cast(list[dict[str, Any]], rows.to_dict("records"))
-    return rows.assign(missed_when_timed=[
-        row["status"] == Status.MISSED and reaches(Tier(row["tier"]), row["cost_gap"], row["violation"], partial(float, row["stage_excess"]))
-        for row in records])
-
-
-def _by_the_draw(rows: pd.DataFrame) -> pd.Series[bool]:
-    """Rows that miss their tier in one run only, by timed answers only, and whose solver lane does so no oftener than by chance."""
-    after, before = rows.missed_when_timed_b.eq(True), rows.missed_when_timed_a.eq(True)
-    drawn = after & (rows.status_a == Status.OK) | before & (rows.status_b == Status.OK)
-    lanes = after[drawn].groupby([rows.solver, rows.lane]).agg(["sum", "size"])
-    if lanes.empty:
-        return drawn
-    lanes["p"] = false_discovery_control([binomtest(k, n).pvalue for k, n in lanes.itertuples(index=False)])
-    return drawn & ~pd.MultiIndex.from_frame(rows[["solver", "lane"]]).isin(lanes.index[lanes.p <= LEVEL])
 
 
 def _changes(row: Mapping[str, Any]) -> tuple[str, ...]:

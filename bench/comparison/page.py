@@ -11,20 +11,25 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
+from bench.comparison import tiers
 from bench.comparison.compare import RunComparison
 from bench.comparison.lines import CANNOT_TELL, LINE, SAME, UNLIMITED
+from bench.derived.ranking import ASKED
 from bench.rendering import markdown_templates
 from bench.report import charts
 from bench.report.console import plain_json
 from bench.report.page import save
 from bench.report.report import Figure, Table
-from bench.report.words import OURS_NOTE, marked
+from bench.report.words import OURS_NOTE, marked, settings_label
 from piezo_model.atomic_file import write_text
+from piezo_model.json_file import decoded
+from solvers import Tier
 
-FORMAT, VERSION = "piezobench-comparison", 2
+FORMAT, VERSION = "piezobench-comparison", 3
 LINE_HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "smallest visible", "repeats needed", "rows", "adjusted p")
-HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "tier", "start", "rungs",
+HEADINGS = ("solver", "lane", "change", "ratio", "interval", "problem set", "problem", "scaling", "start", "setting",
             "adjusted p", "cost gaps", "statuses")
+TIER_HEADINGS = ("solver", "lane", "change", "tier", "scaling", "setting of the first run", "setting of the second run")
 LINE_COLUMNS = [*LINE, "rows", "finding", "ratio", "ratio_low", "ratio_high", "shown", "repeats", "p", "adjusted"]
 MOST_LINES = 40
 """Solver lanes whose ratios are drawn."""
@@ -43,7 +48,11 @@ DEFINITIONS = (
     "adjusted p: corrected for the number of solver lanes (Benjamini and Hochberg). A lane is faster or slower where it is below 5 %, and only "
     "then are its rows tested.",
     "more or less accurate: the exact cost gap differs by more than a factor of 10 and the larger one is above 1e-12.",
-    "A regression is a solver lane that became slower, or a row that became less accurate, is gone, or was right and no longer is.",
+    "Rows are compared at the same setting. One that one of the runs did not run, since a looser setting failed or took too long, is not.",
+    "lost, gained: a tier for which a solver lane has a setting that is right on every problem in one of the runs only. By chance: only its "
+    "timed answers, on data that each run draws anew, or a call near 0.1 s, made the difference, and no oftener than by chance.",
+    "A regression is a solver lane that became slower, a row that became less accurate, is gone, or had an answer and no longer has, or a tier "
+    "that was lost otherwise than by chance.",
     OURS_NOTE)
 
 
@@ -53,7 +62,7 @@ def write(comparisons: Sequence[RunComparison], folder: Path) -> Path:
     write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
     content: dict[str, Any] = {
         "title": "Comparison of " + ", ".join([comparisons[0].a.path.name, *(each.b.path.name for each in comparisons)]),
-        "comparisons": comparisons, "grids": [table for each in comparisons for table in (line_grid(each), grid(each))],
+        "comparisons": comparisons, "grids": [table for each in comparisons for table in (line_grid(each), tier_grid(each), grid(each))],
         "definitions": DEFINITIONS}
     write_text(folder / "comparison.md", markdown_templates("bench.report").get_template("comparison.md.jinja").render(**content))
     figures = [figure for i, each in enumerate(comparisons) for figure in ratios(each, i)]
@@ -66,7 +75,8 @@ def to_dict(comparisons: Sequence[RunComparison]) -> dict[str, Any]:
         {"run": str(each.b.path), "warnings": list(each.warnings), "notes": [*each.doubts, *each.notes], "verdict": each.verdict,
          "difference": bool(each.differences), "regressions": each.regressions, "cannot_tell": each.cannot_tell,
          "smallest": each.times.smallest, "machine": each.times.machine,
-         "lines": each.times.lines[LINE_COLUMNS].to_dict("records"), "rows": each.rows.to_dict("records")}
+         "lines": each.times.lines[LINE_COLUMNS].to_dict("records"), "tiers": each.tiers.to_dict("records"),
+         "rows": each.rows.to_dict("records")}
         for each in comparisons]})
     return found
 
@@ -84,26 +94,47 @@ def line_grid(comparison: RunComparison, told: bool = True) -> Table:
                 ("lane", "times", "finding"))
 
 
+def tier_grid(comparison: RunComparison, other: bool = True) -> Table:
+    """The tiers that were lost, then those that were gained, then those with another setting unless left out."""
+    changed = comparison.tiers[comparison.tiers.change.isin([tiers.LOST, tiers.GAINED, *([tiers.OTHER] if other else [])])]
+    words = setting_words(comparison)
+    rows = [[marked(row["solver"]), row["lane"], row["change"] + (" by chance" if row["by_chance"] else ""), ASKED[Tier(row["tier"])], row["scaling"],
+             *(words.get((row["solver"], row["lane"], row[name]), "–") for name in ("setting_a", "setting_b"))]
+            for change in (tiers.LOST, tiers.GAINED, tiers.OTHER)
+            for row in cast(list[dict[str, Any]], changed[changed.change == change].sort_values("by_chance", kind="stable").to_dict("records"))]
+    return Table(f"Tiers that differ: {comparison.b.path.name} against {comparison.a.path.name}", TIER_HEADINGS, rows, 5,
+                 ("lane", "change", "tier", "scaling"))
+
+
 def grid(comparison: RunComparison) -> Table:
     """The rows that changed, the worst first."""
     changed = comparison.changed.sort_values(["regression", "ratio"], ascending=[False, False])
-    rows = [_cells(row) for row in cast(list[dict[str, Any]], changed.to_dict("records"))]
+    words = setting_words(comparison)
+    rows = [_cells(row, words) for row in cast(list[dict[str, Any]], changed.to_dict("records"))]
     return Table(f"Rows that differ: {comparison.b.path.name} against {comparison.a.path.name}", HEADINGS, rows, 3,
-                ("lane", "tier", "change"))
+                ("lane", "change"))
 
 
-def _cells(row: Mapping[str, Any]) -> list[str]:
-    names = (row["problem_set"], row["problem"], row["scaling"], row["tier"], row["start"], " → ".join(_rungs(row)))
+def setting_words(comparison: RunComparison) -> dict[tuple[str, str, str], str]:
+    """What a setting has that others of the same solver lane have not, by solver, lane and setting."""
+    who, found = ["solver", "lane", "setting"], comparison.tiers
+    every = pd.concat([comparison.rows[who], *(found.rename(columns={name: "setting"})[who] for name in ("setting_a", "setting_b"))])
+    words: dict[tuple[str, str, str], str] = {}
+    for (solver, lane), part in every[every.setting != ""].groupby(["solver", "lane"]):
+        known = {text: decoded(text, dict[str, Any]) for text in part.setting.unique()}
+        shared = set.intersection(*({*map(str, settings.items())} for settings in known.values())) if len(known) > 1 else set()
+        words |= {(str(solver), str(lane), text): settings_label(dict(item for item in settings.items() if str(item) not in shared)) or "default"
+                  for text, settings in known.items()}
+    return words
+
+
+def _cells(row: Mapping[str, Any], words: Mapping[tuple[str, str, str], str]) -> list[str]:
+    names = (row["problem_set"], row["problem"], row["scaling"], row["start"], words[row["solver"], row["lane"], row["setting"]])
     low, high = (_number(row[f"ratio_{end}"], ".3f") for end in ("low", "high"))
     statuses = (row["status_a"] or "–", row["status_b"] or "–")
     return [marked(row["solver"]), row["lane"], ", ".join(row["changes"]), _number(row["ratio"], ".3f"), f"{low} to {high}", *names,
             _number(row["adjusted"], ".1e"), f"{_number(row['gap_a'], '.1e')}, {_number(row['gap_b'], '.1e')}",
             statuses[0] if statuses[0] == statuses[1] else " → ".join(statuses)]
-
-
-def _rungs(row: Mapping[str, Any]) -> list[str]:
-    """The rung of each run, one where they agree."""
-    return list(dict.fromkeys(f"{row[name]:.0f}" for name in ("rung_a", "rung_b") if not pd.isna(row[name])))
 
 
 def _number(value: float, how: str) -> str:
@@ -118,7 +149,7 @@ def ratios(comparison: RunComparison, number: int) -> list[Figure]:
     table = lines.assign(name=lines.solver.map(marked) + " (" + lines.lane + ", " + lines.timed + ")")[["name", *LINE_COLUMNS]]
     shown = table.loc[np.log(table.ratio).abs().sort_values(ascending=False, kind="stable").index[:MOST_LINES]]
     rows = comparison.rows[comparison.rows.ratio.notna()]
-    rows = rows.assign(name=rows.solver.map(marked) + " (" + rows.lane + ", " + rows.timed + ")")[["name", "problem", "scaling", "tier", "ratio"]]
+    rows = rows.assign(name=rows.solver.map(marked) + " (" + rows.lane + ", " + rows.timed + ")")[["name", "problem", "scaling", "setting", "ratio"]]
     rows = rows[rows.name.isin(shown.name)]
     y = alt.Y("name:N", title=None, sort=list(shown.name), axis=alt.Axis(labelLimit=240))
     low, high = min(0.8, rows.ratio.min(), shown.ratio.min()), max(1.25, rows.ratio.max(), shown.ratio.max())
@@ -129,7 +160,7 @@ def ratios(comparison: RunComparison, number: int) -> list[Figure]:
         alt.Tooltip(f"{name}:Q", format=".3f") for name in ("ratio", "ratio_low", "ratio_high", "shown")]
     base = alt.Chart(charts.data(shown)).encode(y=y, color=colour, tooltip=tips)
     faint = alt.Chart(charts.data(rows)).mark_tick(color=charts.INK, opacity=0.25, thickness=1).encode(
-        x=x, y=y, tooltip=[alt.Tooltip(f"{name}:N") for name in ("name", "problem", "scaling", "tier")] + [
+        x=x, y=y, tooltip=[alt.Tooltip(f"{name}:N") for name in ("name", "problem", "scaling", "setting")] + [
             alt.Tooltip("ratio:Q", format=".3f")])
     intervals = base.mark_rule(strokeWidth=2).encode(x=alt.X("ratio_low:Q", title=None), x2="ratio_high:Q")
     points = base.mark_point(filled=True, size=60).encode(

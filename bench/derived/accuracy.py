@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pandas as pd
 
 from solvers import Status, Tier
@@ -30,19 +29,28 @@ def applies(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
 
 
 def error(rows: pd.DataFrame, tier: Tier) -> pd.Series[float]:
-    """How many times the tolerance of a tier each answer is from right, infinite without one or where the solver was caught."""
-    if tier is Tier.STAGE:
-        parts = [np.maximum(rows.stage_excess / UNNOTICED, 0.0), rows.violation / TOLERANCE[Tier.LOW]]
-    else:
-        parts = [part / TOLERANCE[tier] for part in (rows.cost_gap, rows.violation, rows.timed_gap.fillna(0.0))]
-    worst = pd.concat(parts, axis=1).max(axis=1, skipna=False).fillna(math.inf)
-    return worst.mask((rows.status != Status.OK) | caught(rows), math.inf)
+    """How many times the tolerance of a tier each answer is from right, infinite where it is not ok."""
+    if tier is not Tier.STAGE:
+        return distance(rows) / TOLERANCE[tier]
+    return _worst(rows, (rows.stage_excess / UNNOTICED).clip(lower=0.0), rows.violation / TOLERANCE[Tier.LOW])
 
 
-def caught(rows: pd.DataFrame) -> pd.Series[bool]:
-    """Rows of a solver lane on a problem at any setting of which it was caught cheating."""
-    cheats = rows.status.isin([str(status) for status in CHEATS])
-    return cheats.groupby([rows[name] for name in MEASURED]).transform("any") if cheats.any() else cheats
+def distance(rows: pd.DataFrame) -> pd.Series[float]:
+    """The largest of cost gap, violation and those of the timed answers, infinite where it is not ok."""
+    return _worst(rows, rows.cost_gap, rows.violation, rows.timed_gap.fillna(0.0))
+
+
+def _worst(rows: pd.DataFrame, *parts: pd.Series) -> pd.Series[float]:
+    return pd.concat(parts, axis=1).max(axis=1, skipna=False).fillna(math.inf).mask(rows.status != Status.OK, math.inf)
+
+
+def tainted(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows, where a solver lane that was caught cheating at one setting on a problem has that status at all of them."""
+    cheats = rows.status.where(rows.status.isin([str(status) for status in CHEATS]))
+    if cheats.isna().all():
+        return rows
+    said = cheats.groupby([rows[name] for name in MEASURED]).transform("first")
+    return rows.assign(status=rows.status.mask((rows.status == Status.OK) & said.notna(), said))
 
 
 def right(rows: pd.DataFrame, tier: Tier, margin: float = 1.0) -> pd.Series[bool]:

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from bench.derived.accuracy import applies, right
+from bench.derived.accuracy import applies, right, tainted
 from bench.derived.tier_settings import LANE, tier_settings
 from solvers import Status, Tier
 
@@ -43,7 +43,7 @@ class Measurements:
     @cached_property
     def rows(self) -> pd.DataFrame:
         """The rows of that host, one for all repeats."""
-        return over_repeats(self.every[self.every.host == self.host])
+        return over_repeats(tainted(self.every)[self.every.host == self.host])
 
     @cached_property
     def field(self) -> pd.DataFrame:

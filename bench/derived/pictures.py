@@ -22,7 +22,7 @@ from bench.derived.measurements import Measurements, at_tiers
 from bench.report.charts import LEAST_GAP, NAMED, together
 from bench.report.words import MARK, marked
 from bench.timing.schedule import PERIOD_US
-from solvers import Lane, Tier
+from solvers import Lane, Status, Tier
 from solvers.registry import OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
@@ -55,7 +55,7 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a sampling period.
     """
     rows = found.field[found.field.start == "cold"]
-    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50)
+    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50, cost_gap=rows.cost_gap.where(rows.status == Status.OK))
     table = rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"]).agg(
         problems=("problem", "size"), worst_cost_gap=("cost_gap", worst), total_us=("total_us", "median"),
         steps=("periods", "median"), settings=("settings", "first")).reset_index()

@@ -71,25 +71,24 @@ class Line:
 
 def ranking(found: Measurements) -> list[Line]:
     """The lines of the table in their order."""
+    field = found.field[(found.field.scaling == found.scaling) & (found.field.start == "cold")]
     rows = found.tiers[(found.tiers.scaling == found.scaling) & (found.tiers.start == "cold")]
-    us = (rows.update_us + rows.solve_us_p50).groupby([rows.solver, rows.lane, rows.tier]).median().to_dict()
-    paces = (rows.periods * PERIOD_US).groupby([rows.solver, rows.lane, rows.tier]).median().to_dict()
-    gaps = rows[rows.tier == Tier.DEFAULT].groupby(["solver", "lane"]).cost_gap.agg(worst).to_dict()
-    settings = found.settings[found.settings.scaling == found.scaling]
-    known = settings.groupby(["solver", "lane"]).groups
-    lines = []
-    for who in found.field[found.field.scaling == found.scaling].groupby(["solver", "lane"], sort=False).groups:
-        mine = settings.loc[known.get(who, [])]
-
-        def line(name: str, times: dict[tuple[str, str, str], float], who: tuple[str, str] = who, mine: pd.DataFrame = mine) -> Line:
-            results = {Tier(at.tier): Result(times.get((*who, at.tier), math.nan) if at.setting else math.nan, at.right, at.problems, at.setting,
-                                             at.left_out) for at in mine.itertuples()}
-            return Line(name, *who, results, gaps.get(who, math.nan))
-
-        lines.append(line(marked(who[0]), us))
-        if who == (PAPER, lane_of_paper(found.field)):
-            lines.append(line(PACE, paces))
-    return sorted(lines, key=lambda line: line.place)
+    rows = rows.assign(name=rows.solver.map(marked), us=rows.update_us + rows.solve_us_p50)
+    pace = of_paper(rows)
+    us = pd.concat([rows, pace.assign(name=PACE, us=pace.periods * PERIOD_US)]).groupby(["name", "lane", "tier"]).us.median()
+    gaps = rows[rows.is_default].drop_duplicates("task").groupby(["name", "lane"]).cost_gap.agg(worst)
+    lines = {}
+    for row in field.drop_duplicates(["solver", "lane"]).to_dict("records"):
+        solver, lane = row["solver"], row["lane"]
+        paced = [PACE] if len(of_paper(field)) and solver == PAPER and lane == lane_of_paper(field) else []
+        for name in (marked(solver), *paced):
+            lines[name, lane] = Line(name, solver, lane, {}, float(gaps.get((marked(solver), lane), math.nan)))
+    for chosen in found.settings[found.settings.scaling == found.scaling].to_dict("records"):
+        for name in (marked(chosen["solver"]), PACE):
+            if (line := lines.get((name, chosen["lane"]))) is not None and line.solver == chosen["solver"]:
+                time = float(us.get((name, chosen["lane"], chosen["tier"]), math.nan))
+                line.results[Tier(chosen["tier"])] = Result(time, chosen["right"], chosen["problems"], chosen["setting"], chosen["left_out"])
+    return sorted(lines.values(), key=lambda line: line.place)
 
 
 def lane_of_paper(rows: pd.DataFrame) -> str:

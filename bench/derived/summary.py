@@ -30,8 +30,8 @@ def summary(found: Measurements) -> pd.DataFrame:
     ``settings`` are those of the first problem; tolerances are multiples of a constant of each. ``left_out`` is of all sets together.
     """
     calls = answer_times.by_task(found.times)
-    floor = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
-    rows = pd.concat([found.tiers, floor], ignore_index=True)
+    nothing = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
+    rows = pd.concat([found.tiers, nothing], ignore_index=True)
     rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50)
     table = rows.groupby(GROUP, dropna=False).agg(
         settings=("settings", "first"), rung=("rung", "first"), problems=("right", "size"), right=("right", "sum"), status=("status", _statuses),

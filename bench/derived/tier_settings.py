@@ -11,12 +11,13 @@ setting that the others choose is right.
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.accuracy import applies, error
+from bench.derived.accuracy import applies, error, tainted
 from solvers import Tier
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
@@ -32,24 +33,36 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     ``problems``, ``right`` (on how many the setting is right, or where none is right on all, the one that is on most),
     ``furthest`` (that setting) and ``left_out``, the share that stays right with the judged problem left out.
     """
+    rows = tainted(rows)
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
-    found = [{**dict(zip(LANE, who, strict=True)), "tier": str(tier), **_chosen(part[applies(part, tier)], tier)}
-             for who, part in cold.groupby(LANE, sort=False) for tier in TARGETS if applies(part, tier).any()]
+    cold = cold.assign(number=cold.groupby(PROBLEM).ngroup())
+    found = []
+    for tier in TARGETS:
+        part = cold[applies(cold, tier)]
+        for who, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
+            found.append({**dict(zip(LANE, cast(tuple[str, ...], who), strict=True)), "tier": str(tier), **_chosen(lane)})
     return pd.DataFrame(found, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"])
 
 
-def _chosen(rows: pd.DataFrame, tier: Tier) -> dict[str, object]:
-    errors = rows.assign(error=error(rows, tier)).pivot_table(
-        index=PROBLEM, columns=["rung", "setting"], values="error", aggfunc="max").sort_index(axis=1)
-    wide = errors.to_numpy(dtype=np.float64, na_value=math.inf)
-    at = choice(wide)
-    counts = (wide <= 1.0).sum(axis=0)
+def _chosen(rows: pd.DataFrame) -> dict[str, object]:
+    errors, rungs = by_problem(rows)
+    names = dict(zip(rows.rung, rows.setting, strict=True))
+    at = choice(errors)
+    counts = (errors <= 1.0).sum(axis=0)
     furthest = int(np.argmax(counts)) if at is None else at
-    rung, setting = errors.columns[furthest]
     reached = at is not None
-    return {"setting": setting if reached else "", "rung": rung if reached else -1, "margin": margin(wide[:, furthest]) if reached else math.nan,
-            "problems": len(wide), "right": int(counts[furthest]), "furthest": setting,
-            "left_out": left_out(wide) if reached and len(wide) >= FEWEST else math.nan}
+    return {"setting": names[rungs[furthest]] if reached else "", "rung": rungs[furthest] if reached else -1,
+            "margin": margin(errors[:, furthest]) if reached else math.nan, "problems": len(errors), "right": int(counts[furthest]),
+            "furthest": names[rungs[furthest]], "left_out": left_out(errors) if reached and len(errors) >= FEWEST else math.nan}
+
+
+def by_problem(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The errors of a solver lane as (problems, settings), over repeats and hosts the worst, infinite for what was not measured; the rungs."""
+    problems, i = np.unique(rows.number, return_inverse=True)
+    rungs, j = np.unique(rows.rung, return_inverse=True)
+    worst = np.full((problems.size, rungs.size), -math.inf)
+    np.maximum.at(worst, (i, j), rows.error)
+    return np.where(worst < 0.0, math.inf, worst), rungs
 
 
 def choice(errors: NDArray[np.float64]) -> int | None:

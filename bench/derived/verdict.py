@@ -35,8 +35,9 @@ MUCH = 0.1
 def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
     """At most four sentences; ``core`` is instruction set and compiler, ``drift`` that of the machine as a share."""
     lines = ranking(found)
-    return [*_reservation(drift), *_winners(found, [line for line in lines if line.name != PACE], core, drift),
-            *_paper(found, [line for line in lines if line.name == PACE], drift), *_stage(found)]
+    said = [*_winners(found, [line for line in lines if line.name != PACE], core, drift),
+            *_paper(found, [line for line in lines if line.name == PACE], drift)]
+    return [*(_reservation(drift) if any("µs" in sentence for sentence in said) else ()), *said, *_stage(found)]
 
 
 def _reservation(drift: float) -> Iterator[str]:
@@ -47,15 +48,15 @@ def _reservation(drift: float) -> Iterator[str]:
 
 def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
     at = next((tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None)
-    asked = [tier for tier in GAPS if any(tier in line.results for line in lines)]
     problems = "the problem" if found.problems == 1 else f"all {found.problems} problems"
     if at is None:
-        yield f"No solver reaches {ASKED[asked[-1]] if asked else 'any accuracy'} on {problems} with one setting."
+        yield f"No solver reaches {ASKED[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on {problems} with one setting."
         return
     there = [line for line in lines if at in line.results]
     reach = [line for line in there if line.results[at].reached]
     chosen = "" if found.problems >= FEWEST else ", each with a setting chosen on the problem it is judged on"
-    fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in SPOKEN if any(line.lane == lane for line in reach))
+    lanes = [lane for lane in SPOKEN if any(line.lane == lane for line in reach)]
+    fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in lanes)
     more = f"; fastest {fastest}" if fastest else ""
     where = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
     yield f"{solver_lanes(len(reach), len(there), 'reach')} {ASKED[at]} on {problems}{chosen}{more}{where}."
@@ -153,7 +154,7 @@ def _turns(found: Measurements) -> Iterator[str]:
 def _lanes(found: Measurements) -> Iterator[str]:
     """Lanes in which a library does otherwise unasked than by its own object."""
     rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(["solver", "lane"])
-    asked = {(line.solver, line.lane): decoded(str(line.settings), dict[str, Any]) for line in rows.itertuples()}
+    asked = {(line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")}
     for (solver, lane), there in asked.items():
         own = asked.get((in_lane_direct(solver), Lane.DIRECT))
         if own is not None and lane in (Lane.QPSOLVERS, Lane.CVXPY):

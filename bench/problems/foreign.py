@@ -101,7 +101,6 @@ class Foreign(ForeignPrograms):
 
     name = "foreign"
     description = "programs of others from a folder: NPZ, MAT (Maros–Mészáros), QPS and MPS; rows, equalities, sparse"
-    calibrated_on = ("paper",)
     needs: ClassVar = {"folder": "a folder of programs (NPZ, MAT, QPS, MPS)"}
 
     def __init__(self, seed: int = 0, **options: str) -> None:

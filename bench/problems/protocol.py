@@ -269,8 +269,6 @@ class ProblemSet(ABC):
     """Options that may be left out."""
     origin: ClassVar[Literal["simulated", "measured elsewhere", "a recording of yours"]] = "simulated"
     """Where the data of its problems come from."""
-    calibrated_on: ClassVar[tuple[str, ...]] = ()
-    """Sets whose problems of other seeds say which settings reach an accuracy; a set made from files has no other seeds of its own."""
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         for option, what in self.needs.items():
@@ -290,3 +288,13 @@ class ProblemSet(ABC):
     @abstractmethod
     def problems(self) -> Iterator[RaceProblem]:
         """Make the problems one by one, each with its certified optimum."""
+
+    def model(self) -> tuple[HysteresisCreepModel, float] | None:
+        """Of a set that is one recording, what ``identify`` makes of the part that is fitted, and its error on the rest in per cent.
+
+        Raises
+        ------
+        IdentificationError
+            The recording gives no model.
+        """
+        return None

@@ -4,18 +4,22 @@ The last fifth of the recording is kept back to judge with. The rest is driven t
 on, from the states and with the sign that `piezo_model.identification.counting` finds, and counted from the end of a switch-on
 transient or the start of the window, whichever is later. A recording has an unknown constant, so every model has an offset, a
 variable without bounds.
+
+Beside the problems stands the model that `identify` makes of the fitted part. Its error, and that of any other model, is what
+``HysteresisCreepModel.validate`` finds on the part that is kept back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
-from piezo_model import DataBasis, ModelStructure, Recording
+from piezo_model import DataBasis, HysteresisCreepModel, ModelStructure, Recording, identify
 from piezo_model.identification.counting import Counted, count
 from piezo_model.identification.identify import choose_creep_rates
 
@@ -37,7 +41,6 @@ class Recorded(ProblemSet):
     name = "recorded"
     origin = "a recording of yours"
     description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
-    calibrated_on = ("paper", "measured")
     needs: ClassVar = {"recording": "a recording in any known format"}
     takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column",
                        **dict.fromkeys(READING, "how the file is read")}
@@ -46,15 +49,29 @@ class Recorded(ProblemSet):
         """Orders times windows."""
         return len(ORDERS) * len(WINDOWS)
 
-    def problems(self) -> Iterator[RaceProblem]:
-        """Accumulate each window at each order and certify it; windows that are too short are left out."""
+    @cached_property
+    def _whole(self) -> Recording:
         time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
         reading: dict[str, Any] = {name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options}
-        whole = Recording.open(self.options["recording"], time, input, output, **reading).in_memory()
-        fitted = round((1.0 - KEPT_BACK) * whole.length)
-        recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + LONGEST_VALIDATION))
-        (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
-        noise = sensor_noise(whole.arrays()[1])
+        return Recording.open(self.options["recording"], time, input, output, **reading).in_memory()
+
+    @cached_property
+    def _parts(self) -> tuple[Recording, Recording]:
+        """What is fitted and what is kept back."""
+        fitted = round((1.0 - KEPT_BACK) * self._whole.length)
+        return part(self._whole, slice(fitted)), part(self._whole, slice(fitted, fitted + LONGEST_VALIDATION))
+
+    def model(self) -> tuple[HysteresisCreepModel, float]:
+        """The model of the fitted part, and its error on the rest."""
+        fitted, unseen = self._parts
+        model = identify(fitted)
+        return model, unseen_error(model, unseen)
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Accumulate each window at each order and certify it; windows that are too short are left out."""
+        recording, unseen = self._parts
+        (x, y), (x_unseen, y_unseen), fitted = recording.arrays(), unseen.arrays(), recording.length
+        noise = sensor_noise(self._whole.arrays()[1])
         for n, m in ORDERS:
             found = counted(recording, n, m)
             s = found.structure
@@ -71,6 +88,19 @@ class Recorded(ProblemSet):
                 basis.update(x[middle:], y[middle:])
                 validation = Validation(s, basis.state.copy(), x_unseen, y_unseen, noise)
                 yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation, neighbours=[first_half])
+
+
+def unseen_error(model: HysteresisCreepModel, unseen: Recording) -> float:
+    """RMS error of a model on what was kept back, per cent of the output's range."""
+    return model.validate(unseen).fit.rms_percent
+
+
+def kept_back(problem: RaceProblem) -> Recording:
+    """What was kept back of the recording that a problem of this set is made of; every problem carries it."""
+    v = problem.validation
+    assert v is not None
+    return Recording.from_arrays(v.x, v.y, v.structure.sample_time, input_unit=v.structure.input_unit, output_unit=v.structure.output_unit,
+                                 name="the last fifth of the recording")
 
 
 def sensor_noise(y: NDArray[np.float64]) -> float:

@@ -25,7 +25,6 @@ class QpbenchmarkTestSet(ForeignPrograms):
     """Every problem of a test set, in its order."""
 
     name = "test_set"
-    calibrated_on = ("paper",)
     description = "programs of a test set of qpbenchmark, a Python file with its class"
     needs: ClassVar = {"test_set": "a Python file with the class of a test set of qpbenchmark"}
 

@@ -1,18 +1,21 @@
 """Which setting a solver has in a stream or a loop: the one that stands for a tier in the table of a one-shot race.
 
-That is a run of the user's, or the accuracy of the reference run, which is shipped with the package. A solver that the table does not know, one
-of a file and one whose ladder has changed since take their tightest setting, and are said to be untested; so do those that do not
-reach the tier there, and are said not to.
+That is a run of the user's, or the accuracy of the reference run, which is shipped with the package. A solver that the table does not
+know, one of a file and one whose ladder has changed since take their tightest setting, and are said to be untested; so do those that do
+not reach the tier there, and are said not to. ``make settings RUN=results/reference`` writes the shipped table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
+from pyarrow import parquet
 
 from bench.derived.tier_settings import tier_settings
 from bench.passed import columns
@@ -20,50 +23,105 @@ from bench.passed.race_error import RaceError
 from bench.passed.task import Setting, settings_of, tightest
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
+from piezo_model.atomic_file import replacing
 from solvers import Tier
 from solvers.registry import Described
 
+SCALING = "scaled"
+"""The data of a stream and of a loop."""
 SHIPPED = "reference_rows.parquet"
 NAMES = ("problem_set", "problem", "scaling", "solver", "lane", "setting", "rung", "is_default", "start", "repeat", "host", "status")
 FIGURES = ("cost_gap", "violation", "timed_gap", "stage_excess", "noise_um")
 ACCURACY = columns.schema((*NAMES, *FIGURES))
 """What is shipped of the rows."""
+DEFAULT, EACH, REFERENCE = "default", "each", "reference"
 UNTESTED, NOT_REACHED = "untested", "not reached"
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A setting with the tiers that it stands for, and on what grounds."""
+    """A setting with the tiers that it stands for, and for each on what grounds.
+
+    These are the name of the run that says so, or ``default``, what the solver does unasked; ``untested`` and ``not reached``, its
+    tightest setting; ``each``, one of several that all race.
+    """
 
     setting: Setting
-    tiers: tuple[Tier, ...]
-    basis: str
+    basis: Mapping[Tier, str]
 
 
 def table_of(run: str) -> tuple[pd.DataFrame, str]:
-    """The settings for each tier by a run, or by the reference run for "", and the name of that run."""
-    if run:
-        opened = Run.open(Path(run))
-        if (race := opened.settings.get("race", "oneshot")) != "oneshot":
-            raise RaceError(f"{run} is a {race} race, and settings are taken from a one-shot race")
-        return tier_settings(opened.rows(ONESHOT)), opened.path.name
-    with as_file(files("bench.races") / SHIPPED) as path:
-        return tier_settings(columns.read(path, ACCURACY)), "reference"
+    """The setting for each tier by a run, or by the reference run for "", and the name of that run.
+
+    Raises
+    ------
+    RunError, RaceError
+        The run is not there, not finished, or no one-shot race in scaled data.
+    """
+    if not run:
+        with as_file(files("bench.races") / SHIPPED) as path:
+            return tier_settings(columns.read(path, ACCURACY)), REFERENCE
+    opened = Run.open(Path(run))
+    if (race := opened.settings.get("race", "oneshot")) != "oneshot":
+        raise RaceError(f"{run}: settings are taken from a one-shot race, and this is one of the kind {race!r}")
+    rows = opened.rows(ONESHOT)
+    if not (rows.scaling == SCALING).any():
+        raise RaceError(f"{run}: settings are taken from a race in scaled data, and this one has none")
+    return tier_settings(rows), opened.path.name
 
 
 def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> list[Choice]:
-    """The settings of a solver for these tiers, each once."""
+    """The settings of a solver for these tiers, each once, by a table of a run of that name."""
     known = {setting.text: setting for setting in settings_of(solver)}
-    mine = table[(table.scaling == "scaled") & (table.solver == solver.name) & (table.lane == str(solver.lane))].set_index("tier").setting
-    found: dict[Setting, Choice] = {}
+    of_solver = (table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))
+    of_tier = dict(zip(table.tier[of_solver], table.setting[of_solver], strict=True))
+    found: dict[Setting, dict[Tier, str]] = {}
     for tier in tiers:
-        text = "" if tier is Tier.DEFAULT else str(mine.get(str(tier), UNTESTED))
+        text = of_tier.get(str(tier))
         if tier is Tier.DEFAULT:
-            setting, basis = next(setting for setting in known.values() if setting.is_default), "default"
+            setting, basis = unasked(solver), DEFAULT
         elif text in known:
             setting, basis = known[text], name
         else:
-            setting, basis = tightest(solver), UNTESTED if text else NOT_REACHED
-        before = found.get(setting)
-        found[setting] = Choice(setting, (*(before.tiers if before else ()), tier), basis)
-    return list(found.values())
+            setting, basis = tightest(solver), NOT_REACHED if text == "" else UNTESTED
+        found.setdefault(setting, {})[tier] = basis
+    return [Choice(setting, basis) for setting, basis in found.items()]
+
+
+def unasked(solver: Described) -> Setting:
+    """What a solver does unasked."""
+    return next(setting for setting in settings_of(solver) if setting.is_default)
+
+
+def tier_label(tier: str, basis: str) -> str:
+    """A tier in a table, with what has to be said of the setting.
+
+    Examples
+    --------
+    >>> tier_label("high", "reference"), tier_label("high", "untested")
+    ('high', 'high, untested')
+    """
+    return f"{tier}, {basis}" if basis in (UNTESTED, NOT_REACHED) else tier
+
+
+def definition(run: str) -> str:
+    """What a reader has to know of the settings in a race that took them from this run."""
+    return (f"The setting of a solver is the one that stands for the tier in {run or 'the reference run'}, evaluated at the constant of these "
+            "data. Untested: it does not know this solver, or not with these settings, so the tightest is taken; not reached: no setting that "
+            "was measured there reaches the tier, and again the tightest is taken.")
+
+
+def accuracy(rows: pd.DataFrame) -> pd.DataFrame:
+    """What is shipped of the rows of a one-shot race: cold answers on scaled data."""
+    return rows.loc[(rows.scaling == SCALING) & (rows.start == "cold"), ACCURACY.names].reset_index(drop=True)
+
+
+def ship(run: Path, path: Path) -> None:
+    """Write the table that is shipped, from a finished run."""
+    table = pa.Table.from_pandas(accuracy(Run.open(run).rows(ONESHOT)), ACCURACY, preserve_index=False)
+    with replacing(path) as temporary:
+        parquet.write_table(table, temporary, compression="zstd")
+
+
+if __name__ == "__main__":
+    ship(Path(sys.argv[1]), Path(__file__).with_name(SHIPPED))

@@ -13,7 +13,8 @@ from bench.passed import user_cache
 from bench.passed.progress import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
 from bench.races.settings import RaceSettings
-from bench.store import Run
+from bench.store import ModelNote, Run
+from piezo_model import IdentificationError
 
 
 def left_out(run: Run) -> list[tuple[str, str]]:
@@ -31,6 +32,7 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
                 yield run.problem(set_name, name)
         else:
             made = make(set_name, settings.seed, settings.set_options)
+            _keep_model(run, made, progress)
             found = list(_made(run, settings, made, progress))
             run.note(problems={**run.settings.get("problems", {}), set_name: [problem.name for problem in found]})
             if made.left_out:
@@ -39,6 +41,25 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
                 name, why = next(iter(made.left_out.items()))
                 raise ProblemSetError(f"no problem of the set {set_name!r} can be raced; {name}: {why}")
             yield from found
+
+
+def _keep_model(run: Run, made: ProblemSet, progress: Progress) -> None:
+    """Keep the model of a recording with its error, or why there is none; the solvers are raced on it in any case."""
+    progress(f"preparing {made.name}", 0, 1)
+    note: ModelNote
+    try:
+        found = made.model()
+    except IdentificationError as error:
+        note = {"refused": str(error)}
+    else:
+        if found is None:
+            return
+        model, error_percent = found
+        path = run.model_path(made.name)
+        path.parent.mkdir(exist_ok=True)
+        model.save(path)
+        note = {"error_percent": error_percent}
+    run.note(models={**run.settings.get("models", {}), made.name: note})
 
 
 def watched_folders(run: Run) -> tuple[str, ...]:
@@ -55,6 +76,8 @@ def keep_proofs(run: Run, problems: Iterable[RaceProblem]) -> None:
 def _made(run: Run, settings: RaceSettings, made: ProblemSet, progress: Progress) -> Iterator[RaceProblem]:
     """Make the problems of a set, and keep those that are not kept yet and take those that are."""
     count = min(len(made), settings.limit or len(made))
+    if count < len(made):
+        run.note(there_are={**run.settings.get("there_are", {}), made.name: len(made)})
     for i, problem in enumerate(islice(made.problems(), count)):
         progress(f"certified {made.name}/{problem.name}", i + 1, count)
         path = run.problem_path(made.name, problem.name)

@@ -86,6 +86,7 @@ class OwnProblemSettings(RaceSettings):
 class TierSettings(OwnProblemSettings):
     """Of a race in which each solver has the setting that stands for a tier in a table of measurements."""
 
+    limit: int = fixed(0)
     tiers: tuple[Tier, ...] = (Tier.HIGH,)
     settings_run: str = ""
     """Folder of the one-shot race whose settings are taken; that of the reference run where it is ""."""

@@ -15,17 +15,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solvers.core import BUILT_WITH
+from solvers.core import face
 
+INSTRUCTION_SETS = {"v2": "SSE4.2", "v3": "AVX2", "v4": "AVX-512"}
+"""What the levels of x86-64 are called for."""
 PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
 def describe() -> dict[str, Any]:
     """Machine and versions as JSON can hold them."""
     return {"processor": processor(), "cores": os.cpu_count(), "system": platform.platform(),
-            "python": platform.python_version(), "core": BUILT_WITH,
+            "python": platform.python_version(), "core": core(),
             "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
             "load_at_start": list(os.getloadavg()), "warnings": warnings()}
+
+
+def core() -> str:
+    """Instruction set and compiler of our C core."""
+    return f"{INSTRUCTION_SETS.get(face.instructions, face.instructions)}, {face.compiler}"
 
 
 def processor() -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 import solvers
 from solvers.arrays import Vector
+from solvers.protocol import setting_text
 
 if TYPE_CHECKING:
     from qpsolvers import Problem
@@ -56,14 +57,16 @@ def _asked(solver: str, c: float, lane: str | None = None, setting: str | None =
 
 
 def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
-    """ValueError where a setting is none of the solver's; without its library that cannot be told."""
+    """ValueError where the solver has no such setting; without its library that cannot be told."""
     if setting is None:
         return
     try:
         cls = solvers.find(solver, lane).load()
     except ImportError:
         return
-    cls.at(setting, 1.0)
+    unasked, *ladder = (setting_text({**cls.always, **rung}) for rung in ({}, *cls.ladder(1.0)))
+    if setting not in (unasked, *ladder):
+        raise ValueError(f"{solver} has no setting {setting!r}; its ladder goes from {ladder[0]} to {ladder[-1]}")
 
 
 def step_ratio(options: Mapping[str, Any] | None) -> float:

@@ -56,6 +56,41 @@ def solve(self, warm_start=None):
         self.known[key] = self.right(self.P, self.q)
     return self.known[key]
 """,
+    "caches_at_some_setting": """
+@classmethod
+def ladder(cls, c):
+    return tuple({"tolerance": c * 10.0**-k} for k in (4, 8, 12, 14))
+
+def solve(self, warm_start=None):
+    key = self.q.tobytes()
+    if key not in self.known:
+        self.known[key] = self.right(self.P, self.q)
+    return self.known[key]
+""",
+    "caches_and_falls": """
+@classmethod
+def ladder(cls, c):
+    return tuple({"k": k} for k in range(4, 12))
+
+def solve(self, warm_start=None):
+    if self.settings.get("k", 0) > 4:
+        os._exit(3)
+    key = self.q.tobytes()
+    if key not in self.known:
+        self.known[key] = self.right(self.P, self.q)
+    return self.known[key]
+""",
+    "keeps_for_its_other_settings": """
+@classmethod
+def ladder(cls, c):
+    return tuple({"tolerance": c * 10.0**-k} for k in (4, 8, 12, 14))
+
+def solve(self, warm_start=None):
+    key = self.q.tobytes()
+    if self.known.get(key, (self,))[0] is self:
+        self.known[key] = self, self.right(self.P, self.q)
+    return self.known[key][1]
+""",
     "stale": """
 def update(self, P=None, q=None): pass
 """,

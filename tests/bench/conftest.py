@@ -3,6 +3,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import faulty_solvers
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 from command_line import CommandLine, Finished
 
+from bench.derived.measurements import Measurements
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from bench.timing import cores
@@ -25,12 +27,17 @@ class Race:
     rows: pd.DataFrame
     call: Finished
 
+    @cached_property
+    def found(self) -> Measurements:
+        """What follows from it."""
+        return Measurements(self.rows, self.run.times())
 
-SMALL = ("--set", "paper", "--limit", 1, "--budget", 0.002, "--tier", "high", "--lane", "direct", "--solver", "daqp", "--solver", "osqp",
+
+SMALL = ("--set", "paper", "--limit", 1, "--budget", 0.002, "--lane", "direct", "--solver", "daqp", "--solver", "osqp",
          "--time-limit", 4, "--memory", 512, "--rounds", 8)
-THIRD = ("--tier", "default", "--solver", "clarabel")
-TASKS = 14
-"""Three solvers at two tiers on the data in two scalings, and the floor in each."""
+THIRD = ("--solver", "clarabel")
+TASKS = 25
+"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and what each does unasked and the floor on raw data."""
 
 
 def saved(run: Run, what: str) -> dict[str, np.ndarray]:
@@ -78,7 +85,7 @@ def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """Two of them at one tier among solvers that are faulty in every way."""
+    """Two of them among solvers that are faulty in every way."""
     folder = tmp_path_factory.mktemp("faulty")
     files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
     return raced(piezobench, folder, "faulty", *files)
@@ -88,7 +95,7 @@ def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactor
 def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Solvers in three lanes on two problems of two sets, and the paper's method."""
     return raced(piezobench, tmp_path_factory.mktemp("wide"), "wide", "--limit", 2, "--set", "paper", "--set", "orders",
-                 "--tier", "default", "--lane", "kernel", "--lane", "qpsolvers", "--solver", "box_active_set",
+                 "--lane", "kernel", "--lane", "qpsolvers", "--solver", "box_active_set",
                  "--solver", "projected_difference")
 
 

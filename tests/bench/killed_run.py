@@ -23,11 +23,11 @@ from bench.passed.row import who
 from bench.passed.task import Task
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError, Schema
-from solvers.protocol import Lane, Tier
+from solvers.protocol import Lane
 
-TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, (Tier.HIGH,)) for i in range(2)]
+TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT) for i in range(2)]
 
-MACHINE = {"processor": "abacus", "cores": 1, "system": "", "python": "", "versions": {}, "load_at_start": [], "warnings": []}
+MACHINE = {"processor": "abacus", "cores": 1, "system": "", "python": "", "core": "", "versions": {}, "load_at_start": [], "warnings": []}
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 
 

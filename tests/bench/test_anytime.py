@@ -15,7 +15,7 @@ from programs import that_load
 from qpsolvers import Problem
 
 import solvers
-from bench.passed.task import UNASKED, Task
+from bench.passed.task import Task, settings_of
 from bench.races.anytime import figures as anytime_figures
 from bench.races.anytime.figures import FITS, PAPER
 from bench.races.anytime.race import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
@@ -24,9 +24,10 @@ from bench.races.registry import kinds
 from bench.report.words import marked
 from bench.store import Run
 from bench.timing.clock import Effort
-from solvers import Lane, Status, Tier
+from solvers import Lane, Status
 from solvers.certificate import certify, exact_cost_gap
 from solvers.descent import trajectory
+from solvers.protocol import setting_text
 
 LIMITED = [entry for entry in solvers.available()
            if entry.lane is Lane.DIRECT and entry.load().iteration_setting not in (None, "steps")]
@@ -128,10 +129,12 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     return Raced(run, run.rows(ANYTIME), resumed)
 
 
-def curve(hard: Problem, name: str, limits: tuple[int, ...], longest_s: float, rung: int = UNASKED) -> Curve:
+def curve(hard: Problem, name: str, limits: tuple[int, ...], longest_s: float, rung: int | None = None) -> Curve:
     """What the child process of a race answers, which has all the time it takes."""
     entry = solvers.find(name, "direct")
-    task = Task("set", "hard", "scaled", entry.name, entry.lane, (Tier.HIGH,), rung)
+    solver = solvers.registry.describe(entry)
+    setting = next(each for each in settings_of(solver) if (each.is_default if rung is None else each.rung == rung))
+    task = Task("set", "hard", "scaled", entry.name, entry.lane, setting)
     fields = {"P": hard.P, "q": hard.q, "lb": hard.lb, "ub": hard.ub}
     outcome = AnytimeRequest(task, fields, 1.0, Effort(0.0, 1, 1), limits, longest_s, False).answer(entry.load(), True)
     assert isinstance(outcome, Curve), outcome.message
@@ -154,6 +157,13 @@ def test_no_limit_is_tried_that_would_by_the_growth_of_the_last_take_too_long(ha
     for longest_s, points in ((0.0, 1), (3600.0, 4)):
         found = curve(hard, "projected_difference", LIMITS[:4], longest_s).points
         assert [point.limit for point in found] == list(LIMITS[:points])
+
+
+def test_a_curve_is_that_of_the_solvers_tightest_setting(raced: Raced) -> None:
+    for entry in solvers.available():
+        points = raced.points(entry.name, entry.lane)
+        tightest = setting_text({**entry.load().always, **entry.load().ladder(1.0)[-1]}) if len(points) else ""
+        assert (points.setting == tightest).all()
 
 
 def test_a_solver_without_a_limit_has_one_point(raced: Raced) -> None:
@@ -218,7 +228,7 @@ def points_of(**curves: list[tuple[int, float, float]]) -> pd.DataFrame:
         solver, _, problem = name.partition("__")
         stepping = solver.startswith("steps")
         rows += [{"problem_set": "set", "problem": problem or "p", "d": 18, "solver": solver,
-                  "lane": "kernel" if stepping else "direct", "tier": "high", "scaling": "scaled", "limit": limit,
+                  "lane": "kernel" if stepping else "direct", "scaling": "scaled", "limit": limit,
                   "iteration_setting": "steps" if stepping else "max_iter", "periods": periods, "cost_gap": gap, "message": ""}
                  for limit, periods, gap in points]
     return pd.DataFrame(rows)
@@ -273,8 +283,8 @@ def test_the_report_begins_with_the_verdict_and_holds_every_curve(raced: Raced, 
     assert "solver lanes reach a cost gap" in text.split("![")[0]
     for solver, lane, pace in (("daqp", "direct", FITS), ("osqp", "direct", FITS), ("projected_difference", "kernel", PAPER),
                                ("projected_difference", "kernel", FITS)):
-        assert f"| {marked(solver)} | {lane} | high | {pace} |" in text
-    assert "| raises | direct | high | scaled |" in text
+        assert f"| {marked(solver)} | {lane} | {pace} |" in text
+    assert "| raises | direct | scaled |" in text
     before = {name: (raced.run.path / name).read_bytes() for name in ("report.md", "anytime.svg", "summary.csv")}
     kinds()["anytime"].write(raced.run)
     assert {name: (raced.run.path / name).read_bytes() for name in before} == before

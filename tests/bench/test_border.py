@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from command_line import CommandLine
+from conftest import Race
 from hostile_files import DEEP, LONG, spoiled, spoiled_documents, spoiled_tables
 from pyarrow import parquet
 
@@ -27,7 +28,6 @@ from piezo_model.deployment import Deployment
 from solvers import Lane, Tier
 from solvers.certificate import NotCertified
 
-REFERENCE = Path(__file__).parents[2] / "results" / "reference"
 STRUCTURE = ModelStructure.equidistant(n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3)
 MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line, {"headline": "fits", "findings": []})
 
@@ -98,18 +98,18 @@ def signed(text: bytes) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(clean_race: Race, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
-    shutil.copytree(REFERENCE, folder)
+    shutil.copytree(clean_race.run.path, folder)
     return folder
 
 
 @pytest.fixture
-def run(folder: Path) -> Iterator[Run]:
-    """The committed run, to be spoiled by one test."""
+def run(folder: Path, clean_race: Race) -> Iterator[Run]:
+    """A finished run, to be spoiled by one test."""
     yield Run(folder)
     for name in ("run.json", "rows.parquet", "times.parquet", "sentinel.parquet"):
-        shutil.copy(REFERENCE / name, folder)
+        shutil.copy(clean_race.run.path / name, folder)
 
 
 def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) -> None:
@@ -125,18 +125,18 @@ def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) 
     (("settings",), '"x"', "the field 'settings' is wrong: expected `object`, got `str`"),
     (("machine",), '"abacus"', "the field 'machine' is wrong: expected `object`, got `str`"),
     (("settings", "rounds"), "-3", "rounds must be from 0"),
-    (("settings", "limit"), "-1", "the field 'limit' is wrong: expected `int` >= 1"),
+    (("settings", "limit"), "-1", "the field 'limit' is wrong: expected `int` >= 0"),
     (("settings", "time_limit_s"), "1e400", "number out of range"),
     (("settings", "seed"), LONG, "integer value out of range"),
     (("settings", "effort"), DEEP, "maximum recursion depth"),
     (("problems", "paper"), '["../../x"]', "the field 'problems[...][0]' is wrong"),
 ])
-def test_every_verb_that_opens_a_run_says_which_field_is_wrong(piezobench: CommandLine, run: Run, tmp_path: Path, at: tuple[str, ...],
-                                                               token: str, said: str) -> None:
+def test_every_verb_that_opens_a_run_says_which_field_is_wrong(piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path,
+                                                               at: tuple[str, ...], token: str, said: str) -> None:
     path = run.path / "run.json"
     good = path.read_text()
     path.write_bytes(*spoiled(json.loads(good), at, token))
-    for words in (["report", run.path], ["resume", run.path], ["compare", REFERENCE, run.path, "--out", tmp_path / "c"],
+    for words in (["report", run.path], ["resume", run.path], ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
                   ["deploy", run.path, "--out", tmp_path / "d.json"]):
         refusal = piezobench(*words).refusal
         assert f"{path}: " in refusal
@@ -170,11 +170,11 @@ def test_a_table_that_does_not_fit_is_refused_by_file_and_column(run: Run, file:
     (lambda table: table.set_column(table.column_names.index("lane"), "lane", pa.array(["x"] * len(table))),
      "column 'lane' holds 'x' and not one of kernel"),
 ])
-def test_every_verb_that_reads_rows_says_what_is_wrong_with_them(piezobench: CommandLine, run: Run, tmp_path: Path,
+def test_every_verb_that_reads_rows_says_what_is_wrong_with_them(piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path,
                                                                  spoil: Callable[[pa.Table], pa.Table], said: str) -> None:
     path = run.path / "rows.parquet"
     parquet.write_table(spoil(parquet.read_table(path)), path)
-    for words in (["report", run.path], ["compare", REFERENCE, run.path, "--out", tmp_path / "c"],
+    for words in (["report", run.path], ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
                   ["deploy", run.path, "--out", tmp_path / "d.json"]):
         refusal = piezobench(*words).refusal
         assert f"{path}: " in refusal

@@ -10,10 +10,12 @@ from conftest import Race
 
 from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
-from solvers import Status
+from solvers import Status, Tier
 
 STATUS = {
-    "honest": Status.OK, "caches": Status.CACHED, "stale": Status.STALE, "lags": Status.STALE, "garbage": Status.ERRATIC,
+    "honest": Status.OK, "caches": Status.CACHED, "caches_at_some_setting": Status.CACHED,
+    "caches_and_falls": Status.CACHED, "keeps_for_its_other_settings": Status.OK,
+    "stale": Status.STALE, "lags": Status.STALE, "garbage": Status.ERRATIC,
     "mends_later": Status.ERRATIC, "lazy": Status.LAZY, "looks": Status.PEEKED, "looks_into_memory": Status.PEEKED,
     "patches_the_clock": Status.TAMPERED, "patches_and_mends": Status.TAMPERED, "patches_the_message": Status.TAMPERED,
     "hooks": Status.TAMPERED, "sends_by_itself": Status.TAMPERED, "rewrites_times": Status.MISTIMED, "works_ahead": Status.MISTIMED,
@@ -24,11 +26,11 @@ STATUS = {
 def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("cheats")
     files = [word for path in cheating_solvers.write_all(folder) for word in ("--solver", path)]
-    call = piezobench("race", "--set", "paper", "--limit", 1, "--scaling", "scaled", "--tier", "mid", "--rounds", 0, "--budget", 0.2,
+    call = piezobench("race", "--set", "paper", "--limit", 1, "--scaling", "scaled", "--rounds", 0, "--budget", 0.2,
                       "--solver", "daqp", "--lane", "direct", "--lane", "kernel", "--out", folder, "--name", "cheats", *files)
     assert call.status == 0, call.stderr
     run = Run.open(folder / "cheats")
-    return Race(run, run.rows(ONESHOT).set_index("solver"), call)
+    return Race(run, run.rows(ONESHOT), call)
 
 
 def test_every_cheat_is_tried() -> None:
@@ -37,14 +39,47 @@ def test_every_cheat_is_tried() -> None:
 
 @pytest.mark.parametrize("name", STATUS)
 def test_a_cheat_has_the_status_of_what_it_does(cheats: Race, name: str) -> None:
-    assert cheats.rows.status[name] == STATUS[name], cheats.rows.message[name]
+    rows = cheats.rows[cheats.rows.solver == name]
+    assert STATUS[name] in set(rows.status), rows.message.tolist()
+
+
+@pytest.mark.parametrize("name", STATUS)
+def test_a_cheat_reaches_no_tier_and_an_honest_solver_does(cheats: Race, name: str) -> None:
+    found = cheats.found
+    settings = found.settings[found.settings.solver == name]
+    assert set(settings.tier) >= {Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT}
+    assert (settings.setting != "").any() == (STATUS[name] == Status.OK)
+    assert found.tiers[found.tiers.solver == name].right.any() == (STATUS[name] == Status.OK)
+
+
+def test_what_one_setting_remembers_is_looked_for_at_one_that_the_parent_draws_and_taints_all(cheats: Race) -> None:
+    name = "caches_at_some_setting"
+    rows = cheats.rows[cheats.rows.solver == name]
+    assert sorted(rows.rung) == [-1, 0, 1, 2, 3]
+    assert sorted(rows.status) == ["cached", "ok", "ok", "ok", "ok"]
+    found = cheats.found
+    assert set(found.rows[found.rows.solver == name].status) == {"cached"}
+
+
+def test_a_ladder_that_ends_before_the_setting_that_was_drawn_is_looked_into_at_another(cheats: Race) -> None:
+    rows = cheats.rows[cheats.rows.solver == "caches_and_falls"].sort_values("rung")
+    assert sorted(rows.status[:2]) == ["cached", "ok"]
+    assert rows.status[2:].tolist() == ["crashed", *["not_run"] * 6]
+
+
+def test_what_a_solver_keeps_from_one_setting_is_of_no_use_to_it_at_another(cheats: Race) -> None:
+    rows = cheats.rows[cheats.rows.solver == "keeps_for_its_other_settings"]
+    assert len(rows) == 5
+    assert rows.solve_us_p50.min() > 0.2 * rows.solve_us_p50.max() > 0.0
 
 
 def test_who_times_itself_is_timed_by_us(cheats: Race) -> None:
-    assert cheats.rows.solve_us_p50["times_itself"] > 0.2 * cheats.rows.solve_us_p50["honest"] > 0.0
+    us = cheats.rows.set_index("solver").solve_us_p50
+    assert us["times_itself"] > 0.2 * us["honest"] > 0.0
 
 
 def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats: Race) -> None:
-    for name in ("honest", "daqp"):
-        assert 0.0 <= cheats.rows.timed_gap[name] <= 1e-6
-    assert np.isfinite(cheats.rows.timed_gap["stale"])
+    gaps = cheats.rows.groupby("solver").timed_gap
+    assert gaps.min()["honest"] >= 0.0
+    assert max(gaps.max()[["honest", "daqp"]]) <= 1e-6
+    assert np.isfinite(gaps.max()["stale"])

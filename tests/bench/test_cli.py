@@ -15,8 +15,11 @@ from conftest import Race
 
 from bench.cli.app import VERBS
 from bench.cli.race_verbs import SETTING_OF, own_options
+from bench.passed.progress import silent
 from bench.problems import sets
+from bench.races.oneshot.settings import OneshotSettings
 from bench.races.registry import kinds
+from bench.races.run_problems import problems_of
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -98,7 +101,7 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
     (["identif"], "piezobench: No such command 'identif'. Did you mean 'identify'?; see piezobench --help"),
     (["--fast"], "piezobench: No such option: --fast; see piezobench --help"),
     (["race", "--quick"], "piezobench race: No such option: --quick; see piezobench race --help"),
-    (["race", "--limit", "some"], "--limit"), (["race", "--limit", "0"], "--limit"), (["race", "--tier", "best"], "'default', "),
+    (["race", "--limit", "some"], "--limit"), (["race", "--limit", "-1"], "--limit"), (["race", "--tier", "best"], "'default', "),
     (["race", "--lane", "fast"], "'kernel', 'direct'"), (["resume"], "Missing argument 'run'"),
     (["report"], "Missing argument 'run'"), (["identify"], "Missing argument 'recording'"),
     (["identify", "stage.csv"], "Missing option '--out'"), (["compensate", "model.json"], "Missing argument 'reference'"),
@@ -135,14 +138,14 @@ def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_pa
 
 # Options that a call would not use.
 
-EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory", "limit")
-READS = {"oneshot": {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "tier", "budget", "repeats", "rounds"},
-         "anytime": {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "tier", "budget", "repeats"},
-         "stream": {"tier", "repeats", "samples"}, "loop": {"tier", "repeats"}, "batch": {"budget", "largest", "turns"}}
+EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory")
+OF_PROBLEMS = {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "limit", "budget", "repeats"}
+READS = {"oneshot": OF_PROBLEMS | {"rounds"}, "anytime": OF_PROBLEMS, "stream": {"tier", "settings", "repeats", "samples"},
+         "loop": {"tier", "settings", "repeats"}, "batch": {"limit", "budget", "largest", "turns"}}
 """What each kind of race goes by beside what every one does."""
 VALUES = {"set": "paper", "recording": "stage.csv", "time": "time_s", "sheet": "one", "folder": ".", "test-set": "some.py", "scaling": "raw",
-          "tier": "high", "budget": 0.005, "repeats": 1, "rounds": 0, "samples": 100, "largest": 4, "turns": 1, "solver": "nobody", "lane": "direct",
-          "seed": 1, "time-limit": 5, "memory": 64, "limit": 1}
+          "tier": "high", "settings": "run", "budget": 0.005, "repeats": 1, "rounds": 0, "samples": 100, "largest": 4, "turns": 1,
+          "solver": "nobody", "lane": "direct", "seed": 1, "time-limit": 5, "memory": 64, "limit": 1}
 
 
 def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
@@ -322,16 +325,16 @@ def test_report_and_resume_refuse_a_folder_that_is_no_run(piezobench: CommandLin
 
 
 @pytest.mark.parametrize("words", [("report", "other"), ("resume", "other"), ("deploy", "other"), ("compare", "run", "other")], ids=str)
-@pytest.mark.parametrize("version", [{"version": 3}, {}], ids=str)
+@pytest.mark.parametrize("version", [{"version": 2}, {"version": 4}, {}], ids=str)
 def test_a_run_of_another_version_is_refused_and_one_that_says_none_is_of_the_first(
         piezobench: CommandLine, clean_race: Race, tmp_path: Path, words: tuple[str, ...],
         version: dict[str, int]) -> None:
     settings = clean_race.run.settings
-    assert settings.pop("version") == 2
-    for name, said in (("run", {"version": 2}), ("other", version)):
+    assert settings.pop("version") == 3
+    for name, said in (("run", {"version": 3}), ("other", version)):
         shutil.copytree(clean_race.run.path, tmp_path / name)
         (tmp_path / name / "run.json").write_text(json.dumps({**settings, **said}))
-    said_of_it = f"other/run.json: version {version.get('version', 1)} is not 2, the one this program reads"
+    said_of_it = f"other/run.json: version {version.get('version', 1)} is not 3, the one this program reads"
     assert said_of_it in refused(piezobench, tmp_path, *words)
 
 
@@ -361,9 +364,23 @@ def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: Comma
 
 def test_a_race_says_first_who_is_right_and_last_where_the_report_is(clean_race: Race) -> None:
     said = clean_race.call.stdout.splitlines()
-    assert re.match(r"\d+ of \d+ solver lanes reach 1e-9", said[0])
+    first = " ".join(said).partition("Time to accuracy.")[0]  # a machine that drifted is said before what it concerns
+    assert re.match(r"(With reservation: [^.]*\. )?\d+ of \d+ solver lanes reach 1e-9", first)
     assert said[-1] == f"Report: {clean_race.run.path / 'report.md'}"
     assert clean_race.call.stderr == ""
+
+
+@pytest.mark.parametrize(("limit", "there_are"), [(1, {"measured": 3}), (0, None)])
+def test_a_race_that_leaves_problems_out_by_its_limit_notes_how_many_there_are(limit: int, there_are: dict[str, int] | None,
+                                                                               tmp_path: Path) -> None:
+    settings = OneshotSettings(problem_sets=("measured",), solvers=("daqp",), limit=limit)
+    run = kinds()["oneshot"].start(tmp_path, settings, "run")
+    assert len(list(problems_of(run, settings, silent))) == (limit or 3)
+    assert run.settings.get("there_are") == there_are
+
+
+def test_a_race_on_some_of_the_problems_says_how_to_race_all(clean_race: Race) -> None:
+    assert "1 of 15 problems were raced; --limit 0 races all." in clean_race.call.stdout
 
 
 def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: CommandLine) -> None:

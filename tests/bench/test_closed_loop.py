@@ -13,13 +13,15 @@ from browser import Browser
 from bench.passed.outcome import Outcome
 from bench.passed.progress import silent
 from bench.passed.race_error import RaceError
-from bench.passed.task import Task
+from bench.passed.task import Setting, Task
+from bench.races.chosen_settings import Choice
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopSettings
 from bench.races.loop.worker import drive
 from bench.races.registry import kind_of, kinds
 from bench.store import Run
-from solvers import Lane, Tier
+from solvers import Lane, Tier, find
+from solvers.protocol import setting_text
 
 SETTINGS = LoopSettings(solvers=("box_active_set", "daqp", PAPER, "scipy_nnls"), lanes=(Lane.KERNEL, Lane.DIRECT),
                         tiers=(Tier.HIGH,), quick=True, windows=3, learn_steps=(1, 1000))
@@ -64,6 +66,15 @@ def test_there_is_a_row_for_every_learner_stage_axis_and_window(rows: pd.DataFra
     assert set(rows.problem) == {STILL, DRIFTING}
 
 
+def test_a_row_says_which_setting_was_taken_and_on_what_grounds(rows: pd.DataFrame) -> None:
+    for solver in set(rows.solver):
+        cls = find(solver).load()
+        known = {setting_text({**cls.always, **rung}) for rung in ({}, *cls.ladder(1.0))}
+        mine = rows[rows.solver == solver]
+        assert set(mine.setting) <= known
+        assert set(mine.basis) == {{PAPER: "each", "scipy_nnls": "not reached"}.get(solver, "reference")}
+
+
 def test_exact_solvers_take_over_proven_optima_and_track_alike(rows: pd.DataFrame) -> None:
     ours, theirs = last(rows, "box_active_set"), last(rows, "daqp")
     for each in (ours, theirs):
@@ -103,7 +114,7 @@ def test_errors_in_percent_and_micrometres_agree(rows: pd.DataFrame) -> None:
 
 def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
     def rig(settings: dict[str, Any]) -> Any:
-        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, (Tier.HIGH,), settings=settings))
+        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, more=settings))
 
     np.testing.assert_array_equal(rig({"steps": 1}).y_ref, rig({"steps": 15200}).y_ref)
     assert rig({"steps": 1}).stage().seed == rig({"steps": 15200}).stage().seed
@@ -121,11 +132,15 @@ def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
         assert closed_loop.cost_gap(decision.problem, 1.01 * decision.weights) > 1e-6
 
 
-def test_a_process_that_fails_gives_one_row_that_says_how() -> None:
-    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, (Tier.HIGH,))
-    (row,) = closed_loop.rows_of(SETTINGS, task, Outcome("crashed", "the process ended with SIGSEGV"))
-    assert set(LOOP.columns) <= set(row)
-    assert (row["status"], row["window"], row["message"]) == ("crashed", -1, "the process ended with SIGSEGV")
+def test_a_process_that_fails_gives_one_row_a_tier_that_says_how() -> None:
+    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, Setting('{"tolerance": 1e-12}', 3, False))
+    choice = Choice(task.setting, {Tier.HIGH: "reference", Tier.EXACT: "not reached"})
+    rows = closed_loop.rows_of(SETTINGS, task, choice, Outcome("crashed", "the process ended with SIGSEGV"))
+    for row in rows:
+        assert set(LOOP.columns) <= set(row)
+        assert (row["status"], row["window"], row["message"]) == ("crashed", -1, "the process ended with SIGSEGV")
+        assert row["setting"] == '{"tolerance": 1e-12}'
+    assert [(row["tier"], row["basis"]) for row in rows] == [("high", "reference"), ("exact", "not reached")]
 
 
 def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: Run, browser: Browser) -> None:
@@ -159,6 +174,11 @@ def test_a_solver_file_of_ones_own_races_in_the_loop(tmp_path: Path) -> None:
     mine, theirs = (rows[(rows.solver == name) & (rows.problem == STILL)] for name in ("mine", "daqp"))
     assert (mine.status == "ok").all()
     np.testing.assert_allclose(mine.rms_percent, theirs.rms_percent, rtol=0.05)
+    assert set(mine.basis) == {"untested"}
+    assert set(mine.setting) == {setting_text(find("daqp").load().ladder(1.0)[-1])}
+    text = kind_of(started).write(started)[1].read_text(encoding="utf-8")
+    assert "| mine, high, untested | direct |" in text
+    assert "| daqp, high | direct |" in text
 
 
 def test_what_cannot_race_in_the_loop_is_refused() -> None:

@@ -14,7 +14,7 @@ from solvers import Lane
 
 @pytest.mark.needs("gcc")
 def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine, tmp_path: Path) -> None:
-    done = piezobench("race", "--lane", "codegen", "--solver", "box_active_set", "--solver", "osqp", "--set", "paper", "--limit", 1, "--tier", "high",
+    done = piezobench("race", "--lane", "codegen", "--solver", "box_active_set", "--solver", "osqp", "--set", "paper", "--limit", 1,
                       "--scaling", "scaled", "--budget", 0.002, "--rounds", 3, "--out", tmp_path, "--name", "run")
     assert done.status == 0, done.stderr
     run = Run.open(tmp_path / "run")

@@ -17,9 +17,12 @@ from programs import that_load
 
 from bench.comparison import page as comparison
 from bench.comparison.compare import RunComparison, compare_runs
+from bench.comparison.levels import NAMES
 from bench.comparison.lines import CHANGES
+from bench.comparison.tiers import LOST
+from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError
-from solvers import Status
+from solvers import Status, Tier
 
 Change = Callable[[Path], None]
 SLOWED = ("osqp", "direct")
@@ -56,7 +59,12 @@ def slower_all(folder: Path) -> None:
 def less_accurate(folder: Path) -> None:
     rows = pd.read_parquet(folder / "rows.parquet")
     rows.loc[of_solver(rows), "cost_gap"] = 1e6
-    rows.loc[of_solver(rows), "status"] = str(Status.MISSED)
+    rows.to_parquet(folder / "rows.parquet")
+
+
+def crashed(folder: Path) -> None:
+    rows = pd.read_parquet(folder / "rows.parquet")
+    rows.loc[of_solver(rows), ["status", "cost_gap"]] = [str(Status.CRASHED), np.nan]
     rows.to_parquet(folder / "rows.parquet")
 
 
@@ -78,8 +86,13 @@ def other_settings(folder: Path) -> None:
 def evil(folder: Path) -> None:
     less_accurate(folder)
     rows = pd.read_parquet(folder / "rows.parquet")
-    rows["problem"] = EVIL
+    rows["problem"] += EVIL
     rows.to_parquet(folder / "rows.parquet")
+
+
+def lost(found: RunComparison) -> pd.DataFrame:
+    """The tiers that are lost otherwise than by chance."""
+    return found.tiers[(found.tiers.change == LOST) & ~found.tiers.by_chance]
 
 
 def count(found: RunComparison, kind: str) -> int:
@@ -101,8 +114,8 @@ def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFacto
     for solver in ("daqp", "quadprog", "clarabel", "piqp", *that_load("proxsuite"), "qpalm", "scs", "osqp", "box_active_set"):
         words += ["--solver", solver]
     for name, factor in (("before", 1.0), ("after", 2.0)):
-        call = piezobench("race", *words, "--solver", slowed_solver.write(folder / name, factor), "--lane", "direct", "--tier",
-                          "high", "--limit", 3, "--budget", 0.002, "--repeats", 2, "--name", name, "--out", folder / "runs")
+        call = piezobench("race", *words, "--solver", slowed_solver.write(folder / name, factor), "--lane", "direct", "--scaling",
+                          "scaled", "--limit", 3, "--budget", 0.002, "--repeats", 2, "--name", name, "--out", folder / "runs")
         assert call.status == 0, call.stderr
     return folder / "runs" / "before", folder / "runs" / "after"
 
@@ -166,33 +179,61 @@ def test_rows_without_times_are_said_to_be_left_out(wide_race: Race, tmp_path: P
     assert int(found.verdict[-1].split()[3]) >= of_solver(found.rows).sum()
 
 
-def test_what_is_less_accurate_changes_its_status_and_is_a_regression(wide_race: Race, tmp_path: Path) -> None:
+def test_what_is_less_accurate_is_a_regression_and_loses_its_tiers(wide_race: Race, tmp_path: Path) -> None:
     found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "worse", less_accurate))
-    assert count(found, "less accurate") == found.regressions == of_solver(found.rows).sum()
+    reached = found.tiers[of_solver(found.tiers) & (found.tiers.setting_a != "") & (found.tiers.tier != Tier.STAGE)]  # which has no cost gap
+    assert count(found, "less accurate") == of_solver(found.rows).sum() > 0
+    assert len(lost(found)) == len(reached) > 0
+    assert found.regressions == of_solver(found.rows).sum() + len(reached)
     assert found.times.differ == 0
+    assert any("osqp (direct) no longer reaches 1e-3" in sentence for sentence in found.verdict)
     assert any("less accurate" in sentence for sentence in found.verdict)
 
 
-@pytest.mark.parametrize("most", [1, 100])
-def test_timed_answers_that_miss_their_tier_are_a_regression_only_where_there_are_too_many_for_chance(
-        most: int, wide_race: Race, tmp_path: Path) -> None:
-    right = of_solver(wide_race.rows) & (wide_race.rows.status == Status.OK)
-    those = wide_race.rows.index[right][:most]
+def test_what_has_no_answer_any_more_changed_its_status_and_is_a_regression(wide_race: Race, tmp_path: Path) -> None:
+    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "crashed", crashed))
+    assert count(found, "status changed") == of_solver(found.rows).sum() == found.regressions - len(lost(found))
+    assert any("for example from ok to crashed" in sentence for sentence in found.verdict)
 
+
+def test_a_tier_that_is_lost_by_timed_answers_on_one_problem_is_no_difference_and_noted(wide_race: Race, tmp_path: Path) -> None:
     def missed(folder: Path) -> None:
-        table = pd.read_parquet(folder / "rows.parquet")
-        table.loc[those, ["status", "timed_gap"]] = [str(Status.MISSED), 1.0]
-        table.to_parquet(folder / "rows.parquet")
+        rows = pd.read_parquet(folder / "rows.parquet")
+        rows.loc[of_solver(rows) & (rows.problem == rows.problem.iloc[0]) & (rows.scaling == "scaled"), "timed_gap"] = 1.0
+        rows.to_parquet(folder / "rows.parquet")
 
     found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "missed", missed))
-    assert most == 1 or len(those) > 5
-    assert found.regressions == (0 if most == 1 else len(those))
-    assert any("in one of the runs only: 1." in note for note in found.notes) == (most == 1)
+    assert found.tiers.by_chance.any()
+    assert found.differences == found.regressions == 0
+    assert f"by chance as far as can be told: {found.tiers.by_chance.sum()}." in found.notes[-1]
+
+
+def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: Race, tmp_path: Path) -> None:
+    def ended(folder: Path) -> None:
+        rows = pd.read_parquet(folder / "rows.parquet")
+        rows.loc[of_solver(rows) & (rows.rung > 1), ["status", "cost_gap"]] = [str(Status.NOT_RUN), np.nan]
+        rows.to_parquet(folder / "rows.parquet")
+
+    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "ended", ended))
+    those = of_solver(wide_race.rows) & (wide_race.rows.rung > 1)
+    assert len(found.rows) == len(wide_race.rows) - those.sum() < len(wide_race.rows)
+    assert found.tiers[of_solver(found.tiers)].by_chance.any()
+    assert found.regressions == 0
+
+
+def test_repeats_of_a_measurement_are_one_row(slowed_races: tuple[Path, Path]) -> None:
+    runs = [Run.open(path) for path in slowed_races]
+    rows, raced = compare_runs(*runs).rows, pd.concat([run.rows(ONESHOT) for run in runs])
+    assert set(raced.repeat) == {0, 1}
+    assert set(rows.task) == set(raced.task) - set(raced.task[raced.status == Status.NOT_RUN])
+    assert not rows.duplicated(NAMES).any()
+    assert set(rows.in_run) == {"both"}
 
 
 def test_what_is_gone_is_a_regression_and_what_is_new_is_not(wide_race: Race, tmp_path: Path) -> None:
     fewer = copied(wide_race, tmp_path / "fewer", without)
     gone, new = compare_runs(wide_race.run, fewer), compare_runs(fewer, wide_race.run)
+    assert gone.tiers[of_solver(gone.tiers)].empty
     assert count(gone, "gone") == gone.regressions == of_solver(wide_race.rows).sum()
     assert count(new, "new") == of_solver(wide_race.rows).sum()
     assert new.regressions == 0
@@ -214,9 +255,10 @@ def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--json")
     said, written = json.loads(call.stdout), json.loads((tmp_path / "c" / "comparison.json").read_text())
     assert said == written
-    assert (said["format"], said["version"]) == ("piezobench-comparison", 2)
+    assert (said["format"], said["version"]) == ("piezobench-comparison", 3)
     (one,) = said["comparisons"]
     assert len(one["rows"]) == len(wide_race.rows)
+    assert {tier["setting_a"] == tier["setting_b"] for tier in one["tiers"]} == {True}
     assert one["regressions"] == len({(line["solver"], line["lane"]) for line in one["lines"] if line["finding"] == "slower"}) == 1
     assert one["cannot_tell"] == compare_runs(wide_race.run, other).cannot_tell
 
@@ -238,7 +280,8 @@ def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_ra
     assert browser.run("return document.querySelectorAll('main b').length") == 0
     assert EVIL in browser.run("return document.querySelector('main').textContent")
     table = [line for line in page.with_suffix(".md").read_text().splitlines() if line.startswith("|")]
-    assert {line.count("|") for line in table} == {len(comparison.LINE_HEADINGS) + 1, len(comparison.HEADINGS) + 1}
+    assert {line.count("|") for line in table} == {
+        len(headings) + 1 for headings in (comparison.LINE_HEADINGS, comparison.TIER_HEADINGS, comparison.HEADINGS)}
     assert "<script>" not in page.with_suffix(".md").read_text()
 
 

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 from conftest import Race
 
+from bench.derived.summary import raced, summary
+from bench.derived.verdict import verdict
 from bench.processes import sentinel
-from bench.races.oneshot import figures
-from bench.races.oneshot.verdict import verdict
+from bench.races.oneshot.settings import OneshotSettings
 from bench.timing import cores, machine
 
 HOLD = "from bench.timing import cores; core = cores.claim(); print(core.number, flush=True); input()"
@@ -67,13 +68,15 @@ def test_cores_of_different_speed_are_no_drift() -> None:
 
 def test_a_run_holds_the_sentinels_looks_from_first_to_last_and_what_disturbed_it(clean_race: Race) -> None:
     stored = pd.read_parquet(clean_race.run.path / "sentinel.parquet")
-    assert len(stored) >= 4  # at both ends of two units
+    assert len(stored) >= 8  # at both ends of two units in two passes
     assert stored.at_s.is_monotonic_increasing
     assert all(level == np.median(ns) for level, ns in zip(stored.level_ns, stored.ns, strict=True))
     conditions = clean_race.run.settings["conditions"]
-    assert len(conditions["parts"]) == 2
+    assert len(conditions["parts"]) == 4
     assert conditions["sentinel_drift"] == pytest.approx(sentinel.drift(stored))
-    assert sum(part["timed_calls"] for part in conditions["parts"]) == clean_race.rows.samples.sum()
+    longer = clean_race.rows[clean_race.rows.samples > OneshotSettings().effort.most]
+    timed = sum(part["timed_calls"] for part in conditions["parts"]) - clean_race.rows.samples.sum()
+    assert 0 < timed <= len(longer) * OneshotSettings().effort.most  # calls of the first pass that were replaced by those of the second
     report = (clean_race.run.path / "report.md").read_text()
     for warning in conditions["warnings"]:
         assert warning in report
@@ -81,12 +84,12 @@ def test_a_run_holds_the_sentinels_looks_from_first_to_last_and_what_disturbed_i
 
 
 def test_the_floor_is_the_last_row_of_each_table_and_no_solver_of_the_verdict(clean_race: Race) -> None:
-    table = figures.summary(clean_race.rows, clean_race.run.times())
+    table = summary(clean_race.found)
     for _, part in table.groupby("scaling"):
         assert part.solver.tolist().index("floor") == len(part) - 1
         assert part.solve_us_p50.iloc[-1] == part.solve_us_p50.min()
-    assert "floor" not in figures.raced(table).solver.tolist()
-    assert not any("null" in sentence for sentence in verdict(clean_race.rows))
+    assert "floor" not in raced(table).solver.tolist()
+    assert not any("null" in sentence for sentence in verdict(clean_race.found))
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 import scipy.sparse as sp
 from command_line import CommandLine
+from measured_rows import is_right
 from program_files import dense, draw, same, write_mat, write_qps
 from qpsolvers import Problem
 
@@ -152,12 +153,12 @@ def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_proc
     verify(other.forms["raw"].qp, other.forms["raw"].certificate)
 
 
-def test_a_race_whose_proofs_and_settings_cannot_be_kept_goes_on_and_says_so_once(tmp_path: Path) -> None:
+def test_a_race_whose_proofs_cannot_be_kept_goes_on_and_says_so_once(tmp_path: Path) -> None:
     (tmp_path / "programs").mkdir()
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
     (tmp_path / "cache").write_text("a file, where a folder would have to be")
-    call = subprocess.run([sys.executable, "-m", "bench", "race", "--folder", "programs", "--solver", "daqp", "--lane", "direct", "--tier", "high",
+    call = subprocess.run([sys.executable, "-m", "bench", "race", "--folder", "programs", "--solver", "daqp", "--lane", "direct",
                            "--limit", "2", "--budget", "0.001", "--rounds", "0", "--out", "results", "--name", "run"], cwd=tmp_path,
                           env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}, capture_output=True, text=True, check=False)
     assert call.returncode == 0, call.stderr
@@ -166,7 +167,7 @@ def test_a_race_whose_proofs_and_settings_cannot_be_kept_goes_on_and_says_so_onc
 
 
 def test_a_race_lists_all_that_it_leaves_out_with_the_reason(piezobench: CommandLine, folder: Path, tmp_path: Path) -> None:
-    words = ("race", "--lane", "qpsolvers", "--solver", "daqp", "--tier", "default", "--budget", 0.001, "--rounds", 0, "--out", tmp_path)
+    words = ("race", "--lane", "qpsolvers", "--solver", "daqp", "--budget", 0.001, "--rounds", 0, "--out", tmp_path)
     call = piezobench(*words, "--folder", folder, "--name", "run")
     assert call.status == 0, call.stderr
     noted = json.loads((tmp_path / "run" / "run.json").read_text())["left_out"]["foreign"]
@@ -256,12 +257,13 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     problem = foreign[0][name]
     form = problem.forms[scaling]
     best = np.array(form.certificate.x)
-    right = judge(problem, scaling, Outcome(found=True, x=best)).at(Tier.HIGH)
+    right = judge(problem, scaling, Outcome(found=True, x=best))
     assert (right.status, right.weight_error, np.isnan(right.model_error_percent)) == (Status.OK, 0.0, True)
+    assert is_right(right, Tier.EXACT)
     rows = dense(form.qp.G)
     k = int(np.argmin(form.qp.h - rows @ best))  # an active row, and a step of 1e-3 across it
-    wrong = judge(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k]))).at(Tier.HIGH)
-    assert wrong.status == Status.MISSED
+    wrong = judge(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
+    assert not is_right(wrong, Tier.HIGH)
     assert wrong.violation > 1e-5
 
 
@@ -272,10 +274,10 @@ def test_the_cost_gap_of_a_program_whose_optimal_cost_is_zero_is_measured_in_its
     form = problem.forms[scaling]
     assert form.certificate.value == "0"
     x = np.linalg.solve(dense(form.to_weights), np.array([1e-6, -1e-6]))
-    verdict = judge(problem, scaling, Outcome(found=True, x=x)).at(Tier.HIGH)
+    verdict = judge(problem, scaling, Outcome(found=True, x=x))
     assert verdict.cost_gap == pytest.approx(2e-8)
-    assert verdict.status == Status.MISSED
-    assert judge(problem, scaling, Outcome(found=True, x=x)).at(Tier.MID).status == Status.OK
+    assert not is_right(verdict, Tier.HIGH)
+    assert is_right(verdict, Tier.MID)
 
 
 @pytest.mark.parametrize(("solver", "status"), [("daqp", "ok"), ("clarabel", "ok"), ("box_active_set", "unsupported")])
@@ -285,9 +287,11 @@ def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
     problem = foreign[0]["other"]
     with SolverChild(find(solver, lane)) as child:
         for scaling in SCALINGS:
-            task = Task("foreign", problem.name, scaling, solver, lane, (Tier.HIGH,))
+            task = Task("foreign", problem.name, scaling, solver, lane)
             outcome = child.ask(OneShot.of(task, problem.forms[scaling]))
-            assert str(judge(problem, scaling, outcome).at(Tier.HIGH).status) == status, outcome.message
+            found = judge(problem, scaling, outcome)
+            assert str(found.status) == status, outcome.message
+            assert is_right(found, Tier.LOW) == (status == "ok")
             assert not outcome.mutated
 
 

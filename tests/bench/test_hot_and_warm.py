@@ -12,20 +12,20 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.passed.task import Task
+from bench.passed.task import Task, settings_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
 from bench.races.oneshot import report
 from bench.races.oneshot.blocks import timed
-from bench.races.oneshot.rows import over_repeats
-from bench.races.oneshot.turns import LONGEST_US, take_turns
+from bench.races.oneshot.second_pass import LONGEST_US
+from bench.races.oneshot.turns import take_turns
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
-from solvers import Lane, Status, Tier, find
+from solvers import Lane, Status, find
 from solvers.certificate import certify
-from solvers.registry import from_file
+from solvers.registry import describe, from_file
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
 
@@ -50,7 +50,29 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
     assert (both.status == Status.OK).all()
-    assert len(both) == 2 * 2 * (1 + 2)  # problems, starts, lanes
+    assert len(both) == 2 * 2 * (3 + 2) + 2 * 2 * (1 + 2)  # repeats, problems, settings of either; and warm, repeats, problems, lanes
+
+
+def test_a_warm_start_has_the_setting_that_stands_for_a_billionth_else_for_a_millionth_else_what_the_library_does_unasked(
+        drift_race: Race) -> None:
+    found = drift_race.found
+    reached = found.settings[found.settings.setting != ""].set_index(["solver", "lane", "tier"]).setting
+    warm = drift_race.rows[drift_race.rows.start == "warm"]
+    for who, part in warm.groupby(["solver", "lane"]):
+        unasked = found.rows[found.rows.is_default & (found.rows.solver == who[0]) & (found.rows.lane == who[1])].setting.iloc[0]
+        assert set(part.setting) == {reached.get((*who, "high"), reached.get((*who, "mid"), unasked))}
+        assert len(part) == 2 * 2  # repeats, problems
+
+
+def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_thousand_calls_in_all(drift_race: Race, clean_race: Race) -> None:
+    for race in (drift_race, clean_race):
+        cold = race.rows[race.rows.start == "cold"]
+        samples = cold.groupby(["scaling", "solver", "lane", "setting"]).samples.sum()
+        plan = race.run.settings["second_pass"]
+        longer = [(each["scaling"], each["solver"], each["lane"], each["setting"]) for each in plan if each["longer"]]
+        assert {lane for _, _, lane, _ in longer} == set(cold[cold.lane != "qpsolvers"].lane)
+        assert (samples[longer] >= 3000).all()
+        assert (samples.xs("null", level="solver") >= 3000).all()
 
 
 def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
@@ -65,7 +87,8 @@ def test_problems_without_a_predecessor_are_raced_cold_only(clean_race: Race) ->
 
 
 def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift_race: Race) -> None:
-    rows, times = drift_race.rows, drift_race.run.times()
+    rows, times = drift_race.found.rows, drift_race.run.times()
+    assert sorted(drift_race.rows["repeat"].unique()) == [0, 1]
     assert (rows.repeats == 2).all()
     assert rows.task.is_unique
     hot = times[times.what == "solve"]
@@ -79,14 +102,23 @@ def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift
 
 
 def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
-    assert len(set((drift_race.run.path.parent / "says_who.py.pids").read_text().split())) == 2
+    asked = (drift_race.run.path.parent / "says_who.py.pids").read_text().split()
+    assert len(set(asked)) == 2 * 2  # repeats, passes
+    assert asked == sorted(asked, key=[*dict.fromkeys(asked)].index)  # and none is gone back to
 
 
-def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_the_exact_tier(clean_race: Race) -> None:
+def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_each(clean_race: Race) -> None:
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
-    quick = rows[((rows.tier == "high") | (rows.solver == "null")) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
+    settings = clean_race.found.settings
+    high = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
+    assert (high.setting != "").all()
+    chosen = {*zip(high.scaling, high.solver, high.setting, strict=True)}
+    at = [(row.scaling, row.solver, row.setting) in chosen or (row.scaling == "raw" and row.is_default) or row.solver == "null"
+          for row in rows.itertuples()]
+    quick = rows[np.array(at) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
+    assert len(quick) >= 5
     assert set(turns.index) == set(quick.index)
     assert set(rows.index[rows.interleaved_us_p50.notna()]) == set(quick.index)
     for task, ns in turns.items():
@@ -116,7 +148,7 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
         children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(from_file, files)}
-        tasks = [Task("none", "none", "scaled", name, Lane(lane), (Tier.HIGH,)) for name, lane in children]
+        tasks = [Task("none", "none", "scaled", name, Lane(lane)) for name, lane in children]
         times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
@@ -129,7 +161,8 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
                                             ("accelerated_projection", "kernel"), ("projected_difference", "kernel")])
 def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(name: str, lane: str) -> None:
     entry = find(name, lane)
-    task = Task("none", "none", "scaled", entry.name, entry.lane, (Tier.HIGH,), start="warm")
+    unasked = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
+    task = Task("none", "none", "scaled", entry.name, entry.lane, unasked, start="warm")
     form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
         outcome, tally = timed(child, idle, task, RaceProblem("none", "none", {"scaled": form}), FreshData(form, 7), Effort(0.0, 7, 7))
@@ -150,21 +183,7 @@ def test_the_solver_that_does_nothing_answers_what_it_is_told_to_start_from() ->
 
 
 def test_a_start_is_part_of_the_tasks_key_and_cold_tasks_keep_theirs() -> None:
-    task = Task("set", "problem", "scaled", "daqp", find("daqp").lane, (Tier.HIGH,))
+    task = Task("set", "problem", "scaled", "daqp", find("daqp").lane)
     keys = {replace(task, start=start, repeat=repeat).key for start in ("cold", "warm") for repeat in (0, 1)}
     assert len(keys) == 4
     assert task.key in keys
-
-
-def test_what_goes_wrong_in_one_repeat_is_what_the_row_says() -> None:
-    times = dict.fromkeys(("setup_us", "update_us", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low",
-                           "solve_us_p99_high", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us",
-                           "solve_us_max"), np.nan)
-    good = {**times, "task": "t", "tier": "high", "repeat": 0, "status": "ok", "message": "", "solve_us_p50": 2.0, "samples": 5,
-            "preemptions": 0, "mutates_input": False, "repeatable": True}
-    lost = {**good, "repeat": 1, "status": "crashed", "message": "SIGSEGV", "solve_us_p50": np.nan, "samples": 0}
-    last = {**good, "repeat": 2, "solve_us_p50": 3.0}
-    (row,) = over_repeats([last, lost, good])
-    assert (row["status"], row["message"], row["repeats"], row["samples"]) == ("crashed", "SIGSEGV", 3, 10)
-    assert row["solve_us_p50"] == 2.5
-    assert row["solve_us_spread"] == pytest.approx(0.4)

@@ -12,8 +12,8 @@ import pytest
 from browser import WIDTHS, Browser
 from conftest import Race
 
-from bench.races.oneshot import figures, plot_data
-from bench.races.oneshot.verdict import verdict
+from bench.derived.summary import summary
+from bench.derived.verdict import verdict
 from bench.races.registry import kind_of
 from bench.report import charts, svg
 from bench.report.words import marked
@@ -76,7 +76,7 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
 def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(browser: Browser, page: Path,
                                                                                       wide_race: Race) -> None:
     browser.open(page)
-    table = figures.summary(wide_race.rows, wide_race.run.times())
+    table = summary(wide_race.found)
     for heading, values in (("solve, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
         known = values.notna().sum()
         click(browser, heading)
@@ -92,13 +92,14 @@ def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_th
 
 def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser, page: Path, wide_race: Race) -> None:
     browser.open(page)
-    table = figures.summary(wide_race.rows, wide_race.run.times())
+    table = summary(wide_race.found)
     assert len(column(browser, "lane")) == len(table)
     choose(browser, "lane", "direct")
     choose(browser, "tier", "high")
-    choose(browser, "scaling", "raw")
+    choose(browser, "scaling", "scaled")
     choose(browser, "problem set", "orders")
-    asked = table[(table.lane == "direct") & (table.tier == "high") & (table.scaling == "raw") & (table.problem_set == "orders")]
+    asked = table[(table.lane == "direct") & (table.tier == "high") & (table.scaling == "scaled") & (table.problem_set == "orders")]
+    assert len(asked) >= 3
     assert sorted(column(browser, "solver")) == sorted(asked.solver.map(marked))
     choose(browser, "status", "ok")
     assert sorted(column(browser, "solver")) == sorted(asked[asked.status == "ok"].solver.map(marked))
@@ -146,10 +147,10 @@ def test_the_page_is_one_small_file_with_its_data_beside_it(page: Path) -> None:
 
 def test_markdown_and_page_say_the_same_verdict_and_hold_the_same_rows(page: Path, wide_race: Race) -> None:
     text, markdown = page.read_text(encoding="utf-8"), page.with_suffix(".md").read_text(encoding="utf-8")
-    for sentence in verdict(wide_race.rows):
+    for sentence in verdict(wide_race.found):
         assert sentence in markdown
         assert sentence.replace("'", "&#39;") in text
-    assert text.count("<tr>") - text.count("<thead>") >= len(figures.summary(wide_race.rows, wide_race.run.times()))
+    assert text.count("<tr>") - text.count("<thead>") >= len(summary(wide_race.found))
 
 
 def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
@@ -196,30 +197,6 @@ def test_a_picture_of_an_experiment_in_the_run_is_on_its_page(browser: Browser, 
     browser.open(written(Run.open(folder)))
     assert browser.console() == []
     assert browser.run("return document.querySelector('img.picture').naturalWidth") == 40
-
-
-def rows_of(times: dict[str, list[float]], right: dict[str, list[bool]]) -> pd.DataFrame:
-    """A race of solvers in the lane direct on a few problems of one set."""
-    lines = [{"problem_set": "paper", "problem": f"p{i}", "d": 18, "solver": solver, "lane": "direct", "tier": "high",
-              "scaling": "scaled", "start": "cold", "settings": "{}", "status": "ok" if right[solver][i] else "missed",
-              "update_us": 0.0, "solve_us_p50": us} for solver, all_us in times.items() for i, us in enumerate(all_us)]
-    return pd.DataFrame(lines)
-
-
-def test_the_performance_profile_is_that_of_dolan_and_more() -> None:
-    profile = plot_data.performance_profile(rows_of({"a": [1.0, 2.0, 9.0], "b": [2.0, 1.0, 3.0], "c": [1.0, 1.0, 1.0]},
-                                                    {"a": [True] * 3, "b": [True] * 3, "c": [False] * 3}))
-    shares = {(line.solver, line.factor): line.share for line in profile.itertuples()}
-    assert shares["a", 1.0] == pytest.approx(1 / 3)
-    assert shares["b", 1.0] == pytest.approx(2 / 3)
-    assert shares["a", 2.0] == pytest.approx(2 / 3)
-    assert shares["a", 3.0] == shares["b", 3.0] == 1.0
-    assert "c" not in set(profile.solver)
-
-
-def test_only_what_no_other_beats_is_on_the_front() -> None:
-    table = pd.DataFrame({"view": "v", "time": [1.0, 2.0, 3.0, 2.0], "gap": [1e-3, 1e-6, 1e-3, 1e-6]})
-    assert plot_data.front(table, "time", "gap").tolist() == [True, True, False, True]
 
 
 def test_what_is_not_finite_is_null_in_a_plot() -> None:

@@ -24,8 +24,8 @@ from solvers.registry import from_file
 STATUS = {
     "segfaults": Status.CRASHED, "aborts": Status.CRASHED, "exits": Status.CRASHED, "hangs": Status.TIMED_OUT,
     "hoards": Status.OUT_OF_MEMORY, "raises": Status.ADAPTER_FAILED, "raises_in_setup": Status.ADAPTER_FAILED,
-    "raises_in_update": Status.ADAPTER_FAILED, "answers_nan": Status.MISSED, "lies": Status.MISSED,
-    "infeasible": Status.MISSED, "short": Status.MISSED, "nothing": Status.SOLVER_FAILED,
+    "raises_in_update": Status.ADAPTER_FAILED, "answers_nan": Status.MISSED, "lies": Status.OK,
+    "infeasible": Status.OK, "short": Status.MISSED, "nothing": Status.SOLVER_FAILED,
     "odd_duals": Status.ADAPTER_FAILED, "writes": Status.OK, "writes_later": Status.OK, "unrepeatable": Status.OK,
     "noisy": Status.OK, "unsupported": Status.UNSUPPORTED, "boasts": Status.OK, "miscounts": Status.OK,
     "answers_complex": Status.ADAPTER_FAILED, "prints_much": Status.OK, "starts_others": Status.OK, "forks": Status.OK,
@@ -34,8 +34,7 @@ SAID = {
     "segfaults": "SIGSEGV", "aborts": "SIGABRT, after printing 'about to fall'", "exits": "exit status 3",
     "hangs": "no answer within 4 s", "ignores_signals": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
-    "answers_nan": "says solved and returned NaN", "lies": "cost gap", "infeasible": "violation ",
-    "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
+    "answers_nan": "says solved and returned NaN", "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
     "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data",
     "answers_complex": "answers with complex numbers"}
 
@@ -51,6 +50,16 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
     assert SAID.get(name, "") in row.message
     assert (row.message == "") == (row.status == Status.OK)
     assert "\n" not in row.message
+
+
+@pytest.mark.parametrize(("name", "figure"), [("lies", "cost_gap"), ("infeasible", "violation")])
+def test_an_answer_that_is_wrong_is_measured_and_misses_every_tier(faulty_race: Race, name: str, figure: str) -> None:
+    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].to_dict("records")
+    assert row[figure] > 1e-2
+    found = faulty_race.found
+    assert (found.settings[(found.settings.solver == name) & (found.settings.scaling == "scaled")].setting == "").all()
+    (default,) = found.tiers[(found.tiers.solver == name) & (found.tiers.scaling == "scaled")].to_dict("records")
+    assert (default["tier"], default["right"], default["status"]) == (Tier.DEFAULT, False, Status.MISSED)
 
 
 @pytest.mark.parametrize("name", ["boasts", "miscounts"])
@@ -70,7 +79,7 @@ def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race:
     columns = ["task", "status", "message", "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap",
                "weight_error", "model_error_percent", "iterations", "mutates_input", "repeatable"]
     others = faulty_race.rows[faulty_race.rows.solver.isin(["daqp", "osqp"])]
-    assert len(others) == 4
+    assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and what they do unasked on raw
     clean = clean_race.rows[clean_race.rows.task.isin(others.task)]
     assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
 
@@ -163,7 +172,7 @@ def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
     with SolverChild(entry) as child:
         before = child.describe()
         assert before.absent == ""
-        task = Task("none", "none", "scaled", entry.name, entry.lane, (Tier.DEFAULT,))
+        task = Task("none", "none", "scaled", entry.name, entry.lane)
         lost = child.ask(OneShot(task, {"P": np.eye(2), "q": np.array([-1.0, 1.0]), "lb": np.zeros(2)}))
         assert lost.failure == Status.CRASHED
         assert child.describe() == before

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.problems import RaceProblem, find, make
+from bench.problems import RaceProblem, make
 from bench.problems.measured import FOLDER
 from bench.problems.measured.making import PROGRAMS
 from bench.problems.measured.making import make as made_from
 from bench.problems.measured.stored import read
-from bench.races.calibration import Found, tightest
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model import DataBasis, plants
 from piezo_model.recordings import write_table
@@ -82,13 +81,6 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     np.testing.assert_allclose(mean_P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(mean_q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
     assert sum(problem.c for problem in whole) / PROGRAMS == pytest.approx(reference.c)
-
-
-def test_a_recording_of_ones_own_is_asked_as_tightly_as_simulated_and_measured_actuators_need() -> None:
-    assert find("recorded").calibrated_on == ("paper", "measured")
-    assert tightest([Found(2, True), Found(5, True)]) == Found(5, True)
-    assert tightest([Found(6, False), Found(5, True)]) == Found(6, False)
-    assert tightest([Found(2, True), Found(None, False)]) == Found(None, False)
 
 
 def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> None:

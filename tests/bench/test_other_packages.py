@@ -36,7 +36,7 @@ def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]
 
 def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
-    call = piezobench(target, "race", "--solver", "tiny", "--set", "paper", "--limit", 1, "--tier", "high", "--budget", 0.001, "--scaling", "scaled",
+    call = piezobench(target, "race", "--solver", "tiny", "--set", "paper", "--limit", 1, "--budget", 0.001, "--scaling", "scaled",
                       "--out", tmp_path, "--name", "run")
     assert call.returncode == 0, call.stderr
     run = Run(tmp_path / "run")

@@ -10,8 +10,8 @@ from conftest import Race
 from faulty_solvers import MARKUP
 
 from bench import rendering
-from bench.races.oneshot import figures
-from bench.races.oneshot.verdict import verdict
+from bench.derived.summary import summary
+from bench.derived.verdict import verdict
 from bench.races.registry import kind_of
 from bench.store import Run
 from solvers import Status
@@ -38,15 +38,17 @@ def test_every_table_has_as_many_cells_in_each_line_as_headings(report: str) -> 
 def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: Race) -> None:
     shown = next(table for table in tables(report) if table[0][:3] == ["solver", "lane", "tier"])
     scaling = shown[0].index("scaling")
-    raced = faulty_race.rows.replace({"solver": {"null": "floor"}})
+    raced = faulty_race.found.tiers
     assert {(*line[:3], line[scaling]) for line in shown[2:]} == {
-        (rendering.markdown(row.solver), row.lane, row.tier, row.scaling) for row in raced.itertuples()}
+        *((rendering.markdown(row.solver), row.lane, row.tier, row.scaling) for row in raced.itertuples()),
+        *(("floor", "direct", "default", scaling) for scaling in ("scaled", "raw"))}
+    assert set(raced.solver) == set(faulty_race.rows.solver) - {"null"}
 
 
 def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_race: Race) -> None:
     said = {unescape(line[-1]) for line in tables(report)[-1][2:]}
     rows = faulty_race.rows[faulty_race.rows.solver != "null"]
-    first = rows[rows.message != ""].drop_duplicates(["solver", "lane", "tier", "scaling", "status"])
+    first = rows[rows.message != ""].drop_duplicates(["solver", "lane", "scaling", "status"])
     assert said == {" ".join(message.split()) for message in first.message}
     assert any(message.endswith("| g |") for message in said)
     assert "<script>" not in report
@@ -54,27 +56,28 @@ def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_
     assert "[e](f)" not in report
 
 
-def test_the_csv_holds_every_row_of_the_race(faulty_race: Race) -> None:
-    summary = pd.read_csv(faulty_race.run.path / "summary.csv")
-    assert summary.problems.sum() == len(faulty_race.rows)
-    assert summary.right.sum() == (faulty_race.rows.status == Status.OK).sum()
+def test_the_csv_holds_every_tier_of_the_race_and_the_floor(faulty_race: Race) -> None:
+    csv, tiers = pd.read_csv(faulty_race.run.path / "summary.csv"), faulty_race.found.tiers
+    assert csv.problems.sum() == len(tiers) + 2
+    assert csv.right.sum() == tiers.right.sum() == (tiers.status == Status.OK).sum()
     keys = ["scaling", "solver", "lane", "tier"]
-    raced = faulty_race.rows.replace({"solver": {"null": "floor"}})
-    assert set(summary[keys].itertuples(index=False)) == set(raced[keys].itertuples(index=False))
-    messages = {" ".join(str(message).split()) for message in summary.message.dropna()}
+    assert set(csv[keys].itertuples(index=False)) == {*tiers[keys].itertuples(index=False), ("scaled", "floor", "direct", "default"),
+                                                      ("raw", "floor", "direct", "default")}
+    messages = {" ".join(str(message).split()) for message in csv.message.dropna()}
     assert any("</script>" in message for message in messages)
 
 
 def test_right_answers_come_first_and_the_fastest_of_them_first(clean_race: Race) -> None:
-    for _, part in figures.summary(clean_race.rows, clean_race.run.times()).groupby("scaling"):
+    for _, part in summary(clean_race.found).groupby("scaling"):
         assert part.all_right.is_monotonic_decreasing
         assert part.total_us[part.all_right].is_monotonic_increasing
 
 
 def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
-    rows = clean_race.rows
-    asked = rows[(rows.tier == "high") & (rows.scaling == "scaled") & (rows.solver != "null")]
-    assert verdict(rows)[0].startswith(f"{(asked.status == Status.OK).sum()} of {len(asked)} solver lanes reach 1e-9 on the problem")
+    settings = clean_race.found.settings
+    asked = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
+    assert len(asked) == 3
+    assert verdict(clean_race.found)[0].startswith(f"{(asked.setting != '').sum()} of 3 solver lanes reach 1e-9 on the problem")
 
 
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
@@ -90,7 +93,7 @@ def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path:
     lost.to_parquet(run.path / "rows.parquet")
     faulty_race.run.times().to_parquet(run.path / "times.parquet")
     report, path = kind_of(run).write(run)
-    assert report.verdict == ["0 of 2 solver lanes reach 1e-9 on the problem."]
+    assert report.verdict == ["No solver reaches 1e-3 on the problem with one setting."]
     assert report.verdict[0] in path.read_text()
 
 

@@ -2,9 +2,11 @@
 
 import json
 import math
+import re
 import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from qpsolvers import Problem
 from piezo_model import OperatorState, SelfLearningCompensator, compensator_file, plants
 from piezo_model.deployment import Deployment
 from piezo_model.learning.events import Phase
+from piezo_model.learning.settings import LearningSettings
 from piezo_model.learning.solving import solved
 from piezo_model.model import HysteresisCreepModel, ModelError
 from solvers.kernel.box_active_set import BoxActiveSet
@@ -118,39 +121,59 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
             SelfLearningCompensator.load(path)
 
 
-@pytest.mark.parametrize(("setting", "value", "sentence"), [
-    ("rung", 99, "rung must be a whole number from -1 to 7, the rungs of accelerated_projection, not 99"),
-    ("rung", -2, "rung must be a whole number from -1 to 7"), ("rung", 0.5, "rung must be a whole number"), ("rung", "x", "rung must be"),
-    ("lane", "none", "'none' is not a valid Lane"),
-])
-def test_a_rung_or_lane_that_the_solver_does_not_have_is_refused_before_anything_runs(setting: str, value: object, sentence: str,
-                                                                                      tmp_path: Path) -> None:
+TO_THE_TIGHTEST = '{"tolerance": 0.001} to {"tolerance": 1e-13}'
+
+
+@pytest.mark.parametrize("setting", [99, 0.5, [], "x", '{"tolerance": 0.5}', '{"tolerance": 1e-6}'])  # that is written 1e-06
+def test_a_setting_that_the_solver_does_not_have_is_refused_before_anything_runs(setting: object, tmp_path: Path) -> None:
     learner, path = fresh("cyclic", "accelerated_projection"), tmp_path / "learner.json"
-    fields = {**learner.settings.to_dict(), "solver_options": {setting: value}}
-    compensator_file.write(path, fields, learner.memory())
-    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{sentence}[^\n]*$"):
+    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": {"setting": setting}}, learner.memory())
+    sentence = re.escape(f"accelerated_projection has no setting {setting!r}; its ladder goes from {TO_THE_TIGHTEST}")
+    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{sentence}$"):
         SelfLearningCompensator.load(path)
-    Deployment(model=learner.model, solver="accelerated_projection", lane="kernel", tier="high", settings={setting: value}, mode="cyclic",
-               x_limits=(10.0, 140.0)).save(tmp_path / "deployed.json")
-    with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}[^\n]*$"):
-        Deployment.load(tmp_path / "deployed.json")
+
+
+@pytest.mark.parametrize("setting", ['{"tolerance": 1e-13}', '{"tolerance": 0.001}', None])
+def test_a_setting_of_the_solvers_ladder_is_taken(setting: str | None) -> None:
+    LearningSettings(solver="accelerated_projection", solver_options={"setting": setting})
+
+
+def test_a_lane_that_the_solver_is_not_in_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    learner, path = fresh("cyclic", "accelerated_projection"), tmp_path / "learner.json"
+    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": {"lane": "none"}}, learner.memory())
+    with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*'none' is not a valid Lane[^\n]*$"):
+        SelfLearningCompensator.load(path)
+
+
+def deployed(learner: SelfLearningCompensator, path: Path, settings: dict[str, Any]) -> None:
+    Deployment(model=learner.model, solver=learner.settings.solver, lane="kernel", tier="high", settings=settings, mode="cyclic",
+               x_limits=(10.0, 140.0)).save(path)
+
+
+@pytest.mark.parametrize("settings", [{"tolerance": 0.5}, {"tolerance": {}}, {"setting": 99}, {"rung": 2}, {"lane": "none"}], ids=str)
+def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused(settings: dict[str, Any], tmp_path: Path) -> None:
+    deployed(fresh("cyclic", "accelerated_projection"), tmp_path / "deployed.json", settings)
+    sentence = re.escape(f"accelerated_projection has no setting {json.dumps(settings)!r}; its ladder goes from {TO_THE_TIGHTEST}")
+    for load in (Deployment.load, SelfLearningCompensator.load):
+        with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}$"):
+            load(tmp_path / "deployed.json")
 
 
 @pytest.mark.parametrize(("setting", "value"), [("steps", None), ("steps", 1e300), ("steps", 2**70), ("step_ratio", []), ("tolerance", {})])
 def test_settings_of_the_stepped_solver_that_are_no_numbers_it_can_use_are_refused(setting: str, value: object, tmp_path: Path) -> None:
     learner = fresh("cyclic", "projected_difference")
     compensator_file.write(tmp_path / "learner.json", {**learner.settings.to_dict(), "solver_options": {setting: value}}, learner.memory())
-    Deployment(model=learner.model, solver="projected_difference", lane="kernel", tier="high", settings={setting: value}, mode="cyclic",
-               x_limits=(10.0, 140.0)).save(tmp_path / "deployed.json")
-    for name in ("learner", "deployed"):
-        with pytest.raises(ModelError, match=rf"^[^\n]*{name}\.json: [^\n]*projected_difference: {setting} must be [^\n]*$"):
-            SelfLearningCompensator.load(tmp_path / f"{name}.json")
+    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*projected_difference: {setting} must be [^\n]*$"):
+        SelfLearningCompensator.load(tmp_path / "learner.json")
+    deployed(learner, tmp_path / "deployed.json", {setting: value})
+    with pytest.raises(ModelError, match=r"^[^\n]*deployed\.json: projected_difference has no setting [^\n]*$"):
+        SelfLearningCompensator.load(tmp_path / "deployed.json")
 
 
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
     structure = structure_for(sensor())
     model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    Deployment(model=model, solver="projected_difference", lane="kernel", tier="high", settings={"steps": 5}, mode="cyclic",
+    Deployment(model=model, solver="projected_difference", lane="kernel", tier="high", settings={"steps": 100}, mode="cyclic",
                x_limits=(10.0, 140.0)).save(tmp_path / "c.json")
     learner = SelfLearningCompensator.load(tmp_path / "c.json", build_s=1.0)
     chosen = learner.settings

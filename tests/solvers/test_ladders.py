@@ -16,11 +16,13 @@ from bench.problems.simulation import Experiment
 from solvers import Lane, Solver, Unsupported
 from solvers.backend import LibrarySolver
 from solvers.certificate import exact_cost_gap
+from solvers.protocol import setting_text
 from solvers.registry import Entry
 
 LIBRARIES = [entry for entry in solvers.entries() if entry.lane in (Lane.DIRECT, Lane.QPSOLVERS, Lane.CVXPY)
              and not entry.module.startswith("solvers.kernel")]
 DIRECT = [entry for entry in LIBRARIES if entry.lane is Lane.DIRECT]
+CODEGEN = [entry for entry in solvers.entries() if entry.lane is Lane.CODEGEN]
 OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL]
 SEED = 1000
 """Far from the seeds that are raced."""
@@ -50,7 +52,7 @@ def loaded(entry: Entry) -> type[Solver]:
 
 
 @cache
-def calibration() -> tuple[CertifiedForm, ...]:
+def two_problems() -> tuple[CertifiedForm, ...]:
     """Two problems of the set paper, scaled: the largest and a common ratio of |V*| to V* + c."""
     return tuple(Experiment(plant, drive, seed=SEED).problem("paper", f"{plant}-{drive}").forms["scaled"]
                  for plant, drive in (("bouc_wen", "staircase"), ("dense_prandtl_ishlinskii", "random_walk")))
@@ -79,6 +81,27 @@ def test_a_ladder_has_at_most_eight_rungs_each_tighter_than_the_one_below_it(ent
             assert all(upper[name] <= lower[name] for name in tolerances)
 
 
+@pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
+def test_every_setting_of_a_ladder_has_a_name_of_its_own_and_is_found_by_it_for_any_constant(entry: Entry) -> None:
+    cls = loaded(entry)
+    names = [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
+    assert len(set(names)) == len(names)
+    for c in (1e-4, 1.0, 2.5e6):
+        assert [cls.at(name, c) for name in names] == [dict(rung) for rung in cls.ladder(c)]
+        unasked = cls.at(setting_text(cls.always), c)
+        assert unasked == {} or setting_text(cls.always) in names
+    with pytest.raises(ValueError, match=r"has no setting \{\"no\": 1\} in its ladder"):
+        cls.at(setting_text({"no": 1}), 1.0)
+
+
+@pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
+def test_a_ladder_that_names_exponents_has_one_for_each_rung_from_loose_to_tight_and_those_of_wrappers_do(entry: Entry) -> None:
+    cls = loaded(entry)
+    assert len(cls.exponents) in (0, len(cls.ladder(1.0)))
+    assert list(cls.exponents) == sorted(cls.exponents)
+    assert cls.exponents or entry.lane not in (Lane.QPSOLVERS, Lane.CVXPY) or len(cls.ladder(1.0)) == 1
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")  # qpsolvers and cvxpy say in one, too, that a rung is too high
 @pytest.mark.parametrize("entry", named(LIBRARIES))
 def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -> None:
@@ -100,10 +123,10 @@ def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -
 
 
 @pytest.mark.parametrize("entry", named(DIRECT))
-def test_some_rung_reaches_each_accuracy_on_the_calibration_problems(entry: Entry) -> None:
+def test_some_rung_reaches_a_billionth_on_two_problems(entry: Entry) -> None:
     cls = loaded(entry)
     missed, why = MISSES.get(entry.name, (0.0, ""))
-    forms = calibration()
+    forms = two_problems()
     best = float("inf")
     for rungs in zip(*(reversed(cls.ladder(form.c)) for form in forms), strict=True):
         best = min(best, max(accuracy(cls(**rung), form) for form, rung in zip(forms, rungs, strict=True)))

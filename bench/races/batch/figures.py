@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.races.batch.race import SHARES
 from bench.derived.accuracy import least_good
+from bench.races.batch.race import SHARES
 from bench.report.words import joined, marked, number
 from solvers.registry import OURS
 

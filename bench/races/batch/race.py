@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.row import Row, who
@@ -29,7 +30,6 @@ from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, WARM_UP, Prog
 from bench.races.batch.worker import Batched, BatchRequest
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import chosen, field_of
-from bench.derived.accuracy import TOLERANCE
 from bench.races.metrics import relative_gap
 from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
 from bench.store import Run, Schema

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.accuracy import least_good, worst
+from bench.races.chosen_settings import tier_label
 from bench.report.words import apart, gap, joined, marked, number, settings_label
 from bench.rig.rig import RANGE_UM
 
@@ -32,13 +33,14 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row a stage, solver and settings; the nearest to the reference first, those that failed left out."""
     last = rows[(rows.window >= 0) & (rows.window == rows.window.max())]
     table = last.groupby(GROUP).agg(
-        status=("status", least_good), rms_percent=("rms_percent", root_mean_square), max_percent=("max_percent", "max"),
+        setting=("setting", "first"), basis=("basis", "first"), status=("status", least_good),
+        rms_percent=("rms_percent", root_mean_square), max_percent=("max_percent", "max"),
         straight_rms_percent=("straight_rms_percent", root_mean_square), hand_overs=("hand_overs", "min"),
         refused=("refused", "max"), learn_samples=("learn_samples", worst), stale_samples=("stale_samples", worst),
         cost_gap=("cost_gap", worst)).reset_index()
     table["rms_um"] = table.rms_percent / 100.0 * RANGE_UM
     table["max_um"] = table.max_percent / 100.0 * RANGE_UM
-    table["who"] = [f"{marked(line.solver)}, {settings_label(line.settings) or line.tier}" for line in table.itertuples()]
+    table["who"] = [f"{marked(line.solver)}, {settings_label(line.settings) or tier_label(line.tier, line.basis)}" for line in table.itertuples()]
     return table.sort_values(["problem", "rms_percent"], ascending=[False, True], ignore_index=True)
 
 

@@ -4,4 +4,5 @@ from bench.races.kind import Kind
 from bench.races.loop import race, report
 from bench.races.loop.race import LOOP, LoopSettings
 
-KIND = Kind("loop", "Closed-loop race", "learning in the loop with a stage", LOOP, LoopSettings, race.race, report.report)
+KIND = Kind("loop", "Closed-loop race", "learning in the loop with a stage", LOOP, LoopSettings, race.race, report.report,
+            entries=race.check)

@@ -9,8 +9,8 @@ of the paper's cycle length, the time to learn, and how exact and how old the we
     staleness     from the last sample that was learned from to the decision
 
 The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its tiers, with the
-rungs that the set `paper` of other seeds takes for them, and its answer is taken over as soon as it is there. Both for a stage that
-stays as it is and for one whose actuators drift.
+settings of `chosen_settings`, and its answer is taken over as soon as it is there. Both for a stage that stays as it is and for one whose
+actuators drift.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
 from bench.passed.row import Row, who
-from bench.passed.task import Setting, Task
+from bench.passed.task import Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
-from bench.races.chosen_settings import Choice, choices, table_of
+from bench.races.chosen_settings import EACH, Choice, choices, table_of, unasked
 from bench.races.field import entries_of, field_of
 from bench.races.loop.worker import Decision, Driven, LoopRequest
 from bench.races.settings import TierSettings, fixed, settings_of
@@ -91,6 +91,7 @@ class LoopSettings(TierSettings):
 
 def check(settings: LoopSettings) -> list[Entry]:
     """The entries that are asked for, each solver in the fastest of the lanes only: a lane changes the time and no answer."""
+    table_of(settings.settings_run)
     chosen: dict[tuple[str, Path | None], Entry] = {}
     for entry in entries_of(settings):
         chosen.setdefault((entry.name, entry.path), entry)
@@ -108,7 +109,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
         field = field_of(run, line_up.children.values())
         tasks = list(tasks_of(settings, field))
         for done, (task, choice) in enumerate(tasks):
-            progress(f"{task.solver} ({', '.join(choice.tiers)}) on the {task.problem} stage", done, len(tasks))
+            progress(f"{task.solver} ({', '.join(choice.basis)}) on the {task.problem} stage", done, len(tasks))
             if not run.is_done(task):
                 solver = task.solver, task.lane
                 outcome = line_up.children[solver].ask(LoopRequest(task, settings.rig(task), files[solver]))
@@ -123,7 +124,7 @@ def tasks_of(settings: LoopSettings, field: Sequence[Described]) -> Iterator[tup
             for solver in field:
                 if solver.name == PAPER:
                     for steps in settings.learn_steps:
-                        choice = Choice(Setting(), settings.tiers[:1], "each")
+                        choice = Choice(unasked(solver), {settings.tiers[0]: EACH})
                         yield Task(KIND, problem, "scaled", PAPER, solver.lane, choice.setting, {"steps": steps}, repeat), choice
                 else:
                     for choice in choices(solver, settings.tiers, table, name):
@@ -133,10 +134,10 @@ def tasks_of(settings: LoopSettings, field: Sequence[Described]) -> Iterator[tup
 def rows_of(settings: LoopSettings, task: Task, choice: Choice, outcome: Outcome) -> list[Row]:
     """One row an axis and window; one in all where the solver did not get through."""
     rig = settings.rig(task)
-    shared = {**who(task, rig.structures[0].d), "basis": choice.basis}
+    shared = who(task, rig.structures[0].d)
     if not isinstance(outcome, Driven):
-        rows = [LOOP.row(**shared, status=outcome.failure, message=outcome.message, window=-1, hand_overs=0, refused=0, faults=0)]
-        return [{**row, "tier": str(tier)} for tier in choice.tiers for row in rows]
+        row = LOOP.row(**shared, status=outcome.failure, message=outcome.message, window=-1, hand_overs=0, refused=0, faults=0)
+        return [{**row, "tier": str(tier), "basis": basis} for tier, basis in choice.basis.items()]
     error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
     straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
     rows = []
@@ -153,7 +154,7 @@ def rows_of(settings: LoopSettings, task: Task, choice: Choice, outcome: Outcome
                          "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
                          "refused": len(seen) - len(taken), "faults": outcome.faults,
                          **(taken[-1] if taken else dict.fromkeys(OF_A_DECISION, NAN))})
-    return [{**row, "tier": str(tier)} for tier in choice.tiers for row in rows]
+    return [{**row, "tier": str(tier), "basis": basis} for tier, basis in choice.basis.items() for row in rows]
 
 
 def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:

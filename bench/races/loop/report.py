@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from bench.races.chosen_settings import definition
 from bench.races.loop import charts, figures
-from bench.races.loop.race import LOOP
+from bench.races.loop.race import LOOP, LoopSettings
+from bench.races.settings import settings_of
 from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, number
 from bench.store import Run
@@ -33,7 +35,8 @@ def report(run: Run) -> Report:
               f"{1e3 * line.max_um:.0f}", _samples(line.learn_samples), _samples(line.stale_samples), str(line.hand_overs), str(line.refused),
               line.status] for _, line in table.iterrows()]
     return Report(
-        figures.verdict(table), ranking(table), table, notes=list(figures.notes(table)), definitions=DEFINITIONS,
+        figures.verdict(table), ranking(table), table, notes=list(figures.notes(table)),
+        definitions=(*DEFINITIONS, definition(settings_of(run, LoopSettings).settings_run)),
         tables=[Table("Every learner on each stage, last window", headings, every, 3, ("stage", "lane", "status")), _by_window(rows, table),
                 what_went_wrong(rows.rename(columns={"problem": "stage"}), (*WHO, "status", "message"), WHO)],
         figures=[Figure.of("loop", "Does the stage notice its solver?",

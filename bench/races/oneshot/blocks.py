@@ -13,12 +13,12 @@ from time import perf_counter_ns
 
 import numpy as np
 
+from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
 from bench.passed.task import Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
-from bench.derived.accuracy import TOLERANCE
 from bench.races.metrics import relative_gap
 from bench.races.oneshot.worker import Answered, Block, End, Forget, OneShot
 from bench.timing.clock import LONG_NS, Effort

@@ -8,6 +8,7 @@ import pandas as pd
 
 from bench.derived import pictures
 from bench.derived import summary as summaries
+from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import ranking, short_table, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
@@ -27,6 +28,7 @@ HEADINGS = {
     "solve_us_max": "longest solve, µs", "interleaved_us_p50": "solve in turns, µs"}
 """Who, how right and how fast come first, for a screen without the room for all."""
 WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
+BESIDE = ("lane", "timed", "unknowns", "problems", "ours", "µs", "other", "other, µs", "ratio")
 WRAPPERS = ("solver", "lane", "settings", "problems", "µs", "direct, µs", "ratio")
 DEFINITIONS = (
     "lane: how the solver is called. kernel: compiled, without Python; direct: the library's own object; qpsolvers and cvxpy: through "
@@ -65,11 +67,13 @@ def report(run: Run) -> Report:
     where = _where(found, settings, drift)
     return Report(
         verdict(found, settings["machine"]["core"], drift), short_table(table, note), summary, terminal=short_table(table, note, terminal=True),
-        notes=[*below_rounding(costs), *notes(found, summary), *_hosts(found)],
+        notes=[*below_rounding(costs), *notes(found, summary), *_hosts(found), *_models(run)],
         definitions=[*DEFINITIONS, *_of_repeats(run)], tables=[
             Table("Every solver at every tier", [*HEADINGS.values()],
                   [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()], 3,
                   ("problem set", "scaling", "lane", "tier", "start", "status"), where),
+            Table("Ours beside the best of the others", BESIDE, _beside(found), 2, ("lane", "timed"), "Median µs of update and solve to 1e-9, by "
+                  f"lane and number of unknowns; a ratio below 1 is in our favour. {where}"),
             Table("Time by size", *_sizes(pictures.time_by_size(found)), 2, (), "Median µs of update and solve by number of unknowns, where every "
                   f"answer of that size was right to 1e-9: our exact solvers, and the five fastest others each in its fastest lane. {where}"),
             Table("What a wrapper costs", WRAPPERS, _wrappers(found), 3, ("lane",), "Median µs of update and solve through a package, over that of "
@@ -106,12 +110,26 @@ def _where(found: Measurements, settings: RunFile, drift: float) -> str:
 
 def _hosts(found: Measurements) -> list[str]:
     others = sorted(set(found.every.host) - {found.host})
-    return [f"Times are those of {found.host}, where most was measured; accuracy is judged on what {', '.join(others)} measured, too."] if others else []
+    return [f"Times are those of {found.host}, where most was measured; accuracy is judged by what {', '.join(others)} measured, too."
+            ] if others else []
+
+
+def _models(run: Run) -> list[str]:
+    """What the model of a recording is worth that is kept beside its problems."""
+    return [f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} % of the "
+            "range (RMS) on the last fifth; deploy takes it." if "error_percent" in note else
+            f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
+            for note in run.settings.get("models", {}).values()]
+
+
+def _beside(found: Measurements) -> list[list[str]]:
+    return [[row["lane"], row["timed"], str(row["d"]), str(row["problems"]), row["ours"], number(row["ours_us"]), row["other"],
+             number(row["other_us"]), f"{row['ratio']:.2f}"] for row in like_with_like(found).to_dict("records")]
 
 
 def _wrappers(found: Measurements) -> list[list[str]]:
-    return [[row.solver, row.lane, settings_label(row.settings), str(row.problems), number(row.us), number(row.direct_us), number(row.ratio)]
-            for row in wrapper_share(found).itertuples()]
+    return [[row["solver"], row["lane"], settings_label(row["settings"]), str(row["problems"]),
+             *(number(row[name]) for name in ("us", "direct_us", "ratio"))] for row in wrapper_share(found).to_dict("records")]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:

@@ -1,13 +1,14 @@
 """The second pass, after all settings were measured on all problems: turns, starts from the optimum before, and more calls of the fastest.
 
-Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked. Solvers that take turns must
-sit in one place, so a problem is never divided between workers.
+Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked. The run notes which when the pass
+begins, since it measures some of the rows again from which that follows, and a resumed race has to go on as it began. Solvers that take
+turns must sit in one place, so a problem is never divided between workers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pandas as pd
 
 from bench.derived.measurements import at_tiers
 from bench.derived.tier_settings import tier_settings
-from bench.passed.task import Setting, Task
+from bench.passed.task import Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.line_up import LineUp
@@ -29,10 +30,10 @@ from bench.races.oneshot.turns import take_turns
 from bench.races.oneshot.unit import Tell, Unit, interruptions, measure
 from bench.races.oneshot.worker import Forget
 from bench.races.run_problems import watched_folders
-from bench.store import Run
+from bench.store import Planned, Run
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
-from solvers import Lane, Status, Tier
+from solvers import Status, Tier
 from solvers.registry import Described
 
 LONGEST_US = 1000.0
@@ -84,7 +85,7 @@ class SecondPass:
             for task in self.longer:
                 tell(task)
                 if run.task(task)[0][0]["samples"] < self.calls:
-                    measure(run, self.problem, task, FreshData(form, self.calls), line_up, Effort(1.0, self.calls, self.calls), look_closer=False)
+                    measure(run, self.problem, task, FreshData(form, self.calls), line_up, Effort(1.0, 1, self.calls), look_closer=False)
             for task in self.warm:
                 tell(task)
                 if not run.is_done(task):
@@ -92,7 +93,7 @@ class SecondPass:
             rows = [(task, run.task(task)[0][0]) for task in (*self.tasks, *self.warm)]
             if self.settings.rounds:
                 self._take_turns(run, line_up, [task for task, row in rows if row["update_us"] + row["solve_us_p50"] <= LONGEST_US])
-            notes |= interruptions([row for _, row in rows])
+            notes |= interruptions([row for task, row in rows if task in (*self.longer, *self.warm)])
 
     def _take_turns(self, run: Run, line_up: LineUp, tasks: Sequence[Task]) -> None:
         """Rounds, whose figures are added to the tasks on disk."""
@@ -109,45 +110,42 @@ class SecondPass:
 
 def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described], units: Sequence[Unit]) -> list[SecondPass]:
     """The second pass over every problem, by what the first has found."""
-    rows = pd.DataFrame(run.rows_so_far())
-    rows = rows[rows.start == "cold"]
-    chosen = derived_settings(rows[rows.solver != null_solver.ENTRY.name])
-    near = near_fastest(rows, chosen)
+    if "second_pass" not in run.settings:
+        rows = pd.DataFrame(run.rows_so_far())
+        run.note(second_pass=planned(rows[rows.solver != null_solver.ENTRY.name]))
+    plan = run.settings["second_pass"]
+    chosen = {(each["scaling"], each["solver"], each["lane"]): each["setting"] for each in plan}
+    near = {(each["scaling"], each["solver"], each["lane"]) for each in plan if each["longer"]}
     calls = math.ceil(ENOUGH / max(1, len({unit.problem.name for unit in units}) * settings.repeats))
     warm_startable = {(solver.name, str(solver.lane)) for solver in field if solver.warm_start}
     found = []
     for unit in units:
-        def is_chosen(task: Task, unit: Unit = unit) -> bool:
-            return task.solver == null_solver.ENTRY.name or chosen.get((unit.scaling, task.solver, str(task.lane))) == task.setting.text
-
-        def answers(task: Task) -> bool:
-            return run.task(task)[0][0]["status"] in (Status.OK, Status.SOLVER_FAILED) or task.solver == null_solver.ENTRY.name
-
-        tasks = tuple(task for task in unit.tasks if is_chosen(task) and answers(task))
+        floor, *tasks = unit.tasks
+        tasks = [task for task in tasks if chosen.get((unit.scaling, task.solver, str(task.lane))) == task.setting.text
+                 and run.task(task)[0][0]["status"] == Status.OK]
         follows = unit.problem.forms[unit.scaling].warm_start is not None
-        found.append(SecondPass(
-            unit.run, settings, unit.problem, unit.scaling, unit.repeat, tasks,
-            tuple(replace(task, start="warm") for task in tasks if follows and (task.solver, str(task.lane)) in warm_startable),
-            tuple(task for task in tasks if task.solver == null_solver.ENTRY.name or (unit.scaling, task.solver, str(task.lane)) in near), calls))
+        warm = [replace(task, start="warm") for task in tasks if follows and (task.solver, str(task.lane)) in warm_startable]
+        longer = [task for task in tasks if (unit.scaling, task.solver, str(task.lane)) in near]
+        found.append(SecondPass(unit.run, settings, unit.problem, unit.scaling, unit.repeat, (floor, *tasks), tuple(warm), (floor, *longer), calls))
     return found
 
 
-def derived_settings(rows: pd.DataFrame) -> dict[Who, str]:
+def planned(rows: pd.DataFrame) -> list[Planned]:
     """The setting of each solver lane in each scaling: that of the first of PREFERRED that it reaches."""
-    found: dict[Who, str] = {}
     tiers = tier_settings(rows)
+    near = near_fastest(at_tiers(rows, tiers))
+    found: dict[Who, str] = {}
     for tier in PREFERRED[:-1]:
-        for line in tiers[(tiers.tier == tier) & (tiers.setting != "")].itertuples():
-            found.setdefault((str(line.scaling), str(line.solver), str(line.lane)), str(line.setting))
-    for line in rows[rows.is_default].itertuples():
-        found.setdefault((str(line.scaling), str(line.solver), str(line.lane)), str(line.setting))
-    return found
+        for line in tiers[(tiers.tier == tier) & (tiers.setting != "")].to_dict("records"):
+            found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
+    for line in rows[rows.is_default].to_dict("records"):
+        found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
+    return [{"scaling": who[0], "solver": who[1], "lane": who[2], "setting": setting, "longer": who in near} for who, setting in found.items()]
 
 
-def near_fastest(rows: pd.DataFrame, chosen: Mapping[Who, str]) -> set[Who]:
+def near_fastest(rows: pd.DataFrame) -> set[Who]:
     """The solver lanes between which a decision may have to be made, wrappers left out."""
-    rows = at_tiers(rows, tier_settings(rows))
     rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in WRAPPERS])]
     us = (rows.update_us + rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median()
     best = us.groupby(level=["scaling", "lane"]).transform("min")
-    return {(str(scaling), str(solver), str(lane)) for scaling, solver, lane in us.index[us <= NEAR * best]} & chosen.keys()
+    return set(us.index[us <= NEAR * best])

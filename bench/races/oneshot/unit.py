@@ -5,7 +5,7 @@ come last and say that it is done.
 
 The settings of a solver follow each other from loose to tight, and a crash, a timeout or an answer that takes longer than 0.1 s ends its
 ladder on this problem. At one of them, which is drawn here where no solver can know it, is looked whether the solver answers from memory
-or works while nobody times it.
+or works while nobody times it; where that one has no answer, another that has is measured again for it.
 """
 
 from __future__ import annotations
@@ -65,19 +65,21 @@ class Unit:
         if run.has_notes(self.name):
             return
         line_up.begin(self.repeat)
-        fresh = FreshData(self.problem.forms[self.scaling], self.settings.effort.most)
+        ladders = [list(ladder) for _, ladder in groupby(self.tasks, key=lambda task: (task.solver, task.lane))]
+        # Each setting of a solver has data of its own: what was kept of the answers at another one is of no use to it.
+        fresh = [FreshData(self.problem.forms[self.scaling], self.settings.effort.most) for _ in range(max(map(len, ladders)))]
         with watched(run, self.name, line_up.sentinel) as notes:
-            rows = [row for _, ladder in groupby(self.tasks, key=lambda task: (task.solver, task.lane))
-                    for row in _ladder(self, run, fresh, line_up, list(ladder), tell)]
+            rows = [row for ladder in ladders for row in _ladder(self, run, fresh, line_up, ladder, tell)]
             notes |= interruptions(rows)
 
 
-def _ladder(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tasks: Sequence[Task], tell: Tell) -> list[Row]:
+def _ladder(unit: Unit, run: Run, fresh: Sequence[FreshData], line_up: LineUp, tasks: Sequence[Task], tell: Tell) -> list[Row]:
     """The settings of one solver lane."""
     rows: list[Row] = []
     end: Row | None = None
-    drawn = secrets.choice(tasks)
-    for task in tasks:
+    left = [task for task in tasks if not run.is_done(task)]
+    drawn, looked = secrets.choice(left or tasks), not left
+    for task, data in zip(tasks, fresh, strict=False):
         tell(task)
         if run.is_done(task):
             rows += run.task(task)[0]
@@ -85,9 +87,15 @@ def _ladder(unit: Unit, run: Run, fresh: FreshData, line_up: LineUp, tasks: Sequ
             rows.append(not_run(unit.problem, task, end))
             run.save(task, rows[-1], {})
         else:
-            rows.append(measure(run, unit.problem, task, fresh, line_up, unit.settings.effort, look_closer=task is drawn))
+            rows.append(measure(run, unit.problem, task, data, line_up, unit.settings.effort, look_closer=task is drawn))
+            looked |= task is drawn and rows[-1]["samples"] > 0
         if end is None and task.setting.rung >= 0 and ends_ladder(rows[-1]):
             end = rows[-1]
+    answered = [i for i, row in enumerate(rows) if row["samples"]]
+    if answered and not looked:
+        i = secrets.choice(answered)
+        unseen = FreshData(unit.problem.forms[unit.scaling], unit.settings.effort.most)
+        rows[i] = measure(run, unit.problem, tasks[i], unseen, line_up, unit.settings.effort, look_closer=True)
     return rows
 
 

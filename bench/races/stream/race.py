@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.row import Row, who
@@ -27,10 +28,9 @@ from bench.problems.simulation import Experiment
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races import null_solver
-from bench.races.chosen_settings import Choice, choices, table_of
+from bench.races.chosen_settings import DEFAULT, EACH, Choice, choices, table_of
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
-from bench.derived.accuracy import TOLERANCE
 from bench.races.settings import Positive, TierSettings, fixed, option
 from bench.races.settings import settings_of as settings_of_run
 from bench.races.stream.staleness import Judge
@@ -40,8 +40,9 @@ from bench.store import Run, Schema
 from bench.timing import cores, latency_histogram
 from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, runs
+from piezo_model.json_file import decoded
 from solvers import Lane, Status, Tier
-from solvers.registry import Described
+from solvers.registry import Described, Entry
 
 KIND = "stream"
 FLOOR_EVERY = 10
@@ -80,10 +81,16 @@ class StreamSettings(TierSettings):
         return Experiment(self.plant, self.drive, drift_per_s=self.drift_per_s, seed=self.seed)
 
 
+def check(settings: StreamSettings) -> list[Entry]:
+    """The entries that are asked for; RaceError or RunError unless there is all that is asked for."""
+    table_of(settings.settings_run)
+    return checked(settings)
+
+
 def race(run: Run, progress: Progress, workers: Workers) -> None:
     """Do whatever is not done yet."""
     settings = settings_of_run(run, StreamSettings)
-    chosen = checked(settings)
+    chosen = check(settings)
     stream = _stream(run, settings, progress)
     schedule_s = settings.samples * PERIOD_NS * 1e-9
     limits = replace(settings.limits, time_limit_s=settings.time_limit_s + 2.0 * schedule_s)
@@ -117,7 +124,7 @@ def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: Strea
 
     def of(solver: Described) -> Sequence[Choice]:
         if "steps" in solver.ladder[0]:
-            return [Choice(setting, settings.tiers[:1], "each") for setting in settings_of(solver) if setting.rung >= 0]
+            return [Choice(setting, {settings.tiers[0]: EACH}) for setting in settings_of(solver) if setting.rung >= 0]
         return choices(solver, settings.tiers, table, name)
 
     chance, floors = random.Random(settings.seed), 0
@@ -126,7 +133,7 @@ def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: Strea
         chance.shuffle(tasks)
         for i, each in enumerate(tasks):
             if i % FLOOR_EVERY == 0:
-                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(Setting(), (Tier.DEFAULT,), ""), floors)
+                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(Setting(), {Tier.DEFAULT: DEFAULT}), floors)
                 floors += 1
             yield each
 
@@ -165,15 +172,15 @@ def rows_of(task: Task, choice: Choice, outcome: Outcome, judge: Judge, in_loop:
 
     ``in_loop`` is how many samples its compiled loop was asked for; 0 on the schedule.
     """
-    steps = {name: count for name, count in outcome.asked.items() if name == "steps"}
-    row = STREAM.row(**who(task, judge.stream.d, steps), basis=choice.basis, status=outcome.failure, message=outcome.message,
+    steps = {name: count for name, count in decoded(task.setting.text, dict[str, Any]).items() if name == "steps"}
+    row = STREAM.row(**who(task, judge.stream.d, steps), status=outcome.failure, message=outcome.message,
                      paced=not in_loop, mutates_input=outcome.mutated,
                      **dict.fromkeys(("solves", "missed", "stalls", "unanswered", "exact_instants"), 0))
     if not isinstance(outcome, Streamed):
-        return [{**row, "tier": str(tier)} for tier in choice.tiers]
+        return [{**row, "tier": str(tier), "basis": basis} for tier, basis in choice.basis.items()]
     row |= _paced(outcome, judge) if outcome.timeline else _unpaced(outcome, in_loop)
     row |= _worth(outcome, judge)
-    return [{**row, "tier": str(tier), "status": str(_status(row, tier))} for tier in choice.tiers]
+    return [{**row, "tier": str(tier), "basis": basis, "status": str(_status(row, tier))} for tier, basis in choice.basis.items()]
 
 
 def _status(row: Row, tier: Tier) -> Status:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from bench.races.chosen_settings import definition, tier_label
 from bench.races.settings import settings_of
 from bench.races.stream import charts, figures, plot_data
 from bench.races.stream.race import STREAM, StreamSettings
@@ -43,6 +44,7 @@ def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
         "with each call longer than the period what would have waited behind it on a schedule.",
         f"A lane whose answers are late at each of the first {settings['give_up']} samples is stopped there. Every lane runs in a fresh process "
         "after an untimed warm-up on the same rows, garbage collection off, one thread, one core.",
+        definition(settings.get("settings_run", "")),
         OURS_NOTE)
 
 
@@ -91,7 +93,7 @@ def ranking(table: pd.DataFrame) -> Table:
     """Who keeps the schedule, the paper's method first and then the floor."""
     paper = (table.solver == "projected_difference") & (table.settings == json.dumps({"steps": 1}))
     tail = max((q for q in QUANTILES if table[figures.column("response", q)].notna().any()), default=QUANTILES[0])
-    rows = [[marked(line.solver), line.lane, settings_label(str(line.settings)) or line.tier, _schedule(line),
+    rows = [[marked(line.solver), line.lane, settings_label(str(line.settings)) or tier_label(line.tier, line.basis), _schedule(line),
              *(number(line[figures.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
              _percent(line.missed / line.samples if line.samples else math.nan), gap(line.gap_mean), gap(line.gap_max)]
             for _, line in pd.concat([table[paper], table[~paper]]).iterrows()]
@@ -103,13 +105,17 @@ def ranking(table: pd.DataFrame) -> Table:
 
 
 def _schedule(line: pd.Series) -> str:
-    return "loop" if not line.paced else "floor" if line.is_floor else "kept" if line.keeps_up else str(line.status)
+    if not line.paced or line.is_floor:
+        return "floor" if line.paced else "loop"
+    if line.keeps_up:
+        return "kept"
+    return str(line.status) if line.machine_keeps or line.status in figures.FAILURES else "unknown"
 
 
 def _table(title: str, headings: Sequence[str], lines: Iterable[pd.Series], cells: Callable[[pd.Series], Sequence[str]],
            ) -> Table:
     """A table of solver lanes."""
-    rows = [[marked(line.solver), line.lane, line.tier, settings_label(str(line.settings)), *cells(line)] for line in lines]
+    rows = [[marked(line.solver), line.lane, tier_label(line.tier, line.basis), settings_label(str(line.settings)), *cells(line)] for line in lines]
     return Table(title, (*NAMES, *headings), rows, len(NAMES))
 
 

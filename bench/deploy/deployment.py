@@ -1,0 +1,23 @@
+"""The file of a decision: solver, setting and model, from which a compensator starts."""
+
+from __future__ import annotations
+
+from bench.deploy.actuator_model import Found
+from bench.deploy.decision import Decision
+from bench.races.stream.race import KIND as STREAM_KIND
+from piezo_model.deployment import Deployment
+from piezo_model.model import HysteresisCreepModel
+from solvers import Lane
+
+CONTINUOUS = "recursive_active_set"
+"""The solver that follows every sample."""
+
+
+def deployment(decision: Decision, found: Found) -> Deployment[HysteresisCreepModel]:
+    """The file's content."""
+    evidence = decision.evidence() | found.evidence()
+    s, chosen = found.model.structure, decision.chosen
+    continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
+    return Deployment(model=found.model, solver=chosen.solver, lane=Lane(chosen.lane),
+                      tier=chosen.tier, settings=chosen.settings, mode="continuous" if continuous else "cyclic",
+                      x_limits=(s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence=evidence)

@@ -1,0 +1,154 @@
+"""What is asked of a solver, and who is asked.
+
+A candidate is a solver lane at one setting for all problems: the loosest at which cost gap and violation, of first and timed answers alike,
+are within the accuracy ten times over on every problem, else three times, else once. Who has none, and who was caught cheating anywhere in
+the run, does not qualify.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.derived.accuracy import TOLERANCE
+from bench.derived.answer_times import Microseconds
+from bench.derived.tier_settings import choice
+from bench.derived.tier_settings import margin as margin_of
+from bench.report.words import marked, settings_label
+from bench.timing.percentiles import Percentile, percentile
+from bench.timing.schedule import PERIOD_US
+from piezo_model.json_file import decoded
+from piezo_model.learning.solving import require_setting
+from solvers import Lane, Tier, find
+
+QUANTILES = (0.999, 0.99, 0.5)
+"""From the finest; the first that all who qualify have calls enough for decides."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What is asked for."""
+
+    accuracy: float = 1e-9
+    """Largest relative cost gap and violation."""
+    deadline_us: float = PERIOD_US
+    lanes: tuple[Lane, ...] = (Lane.KERNEL, Lane.DIRECT)
+    """Lanes that a controller can have."""
+    misses: int = 0
+    """Deadlines that may be missed beyond the floor."""
+
+    @property
+    def sentence(self) -> str:
+        """The rule in words."""
+        return (f"cost gap and violation of at most {self.accuracy:g} on every problem, by first and timed answers, at most {self.misses} "
+                f"deadlines of {self.deadline_us:g} µs missed beyond those that the machine itself misses, then the lowest p99.9; "
+                f"lanes {', '.join(self.lanes)}.")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A setting of a solver lane that was chosen by a table of errors."""
+
+    setting: str
+    """As of ``solvers.protocol.setting_text``."""
+    margin: float
+    """How many times over it is right everywhere; 0 where none is, and this is the one that is right most often."""
+    worst: float
+    """The largest relative cost gap or violation."""
+    problems: int
+    right: int
+
+    @classmethod
+    def of(cls, distances: NDArray[np.float64], settings: list[str], accuracy: float) -> Choice:
+        """By the distances from the optimum (problems, settings from loose to tight)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors = np.nan_to_num(distances / accuracy, nan=math.inf, posinf=math.inf)
+        counts, found = (errors <= 1.0).sum(axis=0), choice(errors)
+        at = int(counts.size - 1 - np.argmax(counts[::-1])) if found is None else found  # of those that are right as often, the tightest
+        return cls(settings[at], 0.0 if found is None else margin_of(errors[:, at]), float(distances[:, at].max()), len(errors), int(counts[at]))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One solver lane at one setting, and how it stands to the rule."""
+
+    solver: str
+    lane: str
+    chosen: Choice
+    cheat: str
+    """As what it was caught, "" if it was not."""
+    samples: int
+    missed: int
+    explained: int
+    """Missed deadlines that the floor explains at most."""
+    time_us: float
+    """Median as the report of the race has it."""
+    tail: tuple[Percentile, ...]
+    """For QUANTILES, each with value or reason."""
+
+    @classmethod
+    def of(cls, who: tuple[str, str], chosen: Choice, cheat: str, calls: Microseconds, explained: int, deadline_us: float, tail: Microseconds,
+           time_us: float) -> Candidate:
+        """Deadlines are told from all calls, percentiles from ``tail``."""
+        return cls(*who, chosen, cheat, calls.size, int(np.count_nonzero(calls > deadline_us)), explained, time_us,
+                   tuple(percentile(tail, q) for q in QUANTILES))
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the solver's ladder has for a problem whose constant is 1."""
+        return decoded(self.chosen.setting, dict[str, Any])
+
+    @property
+    def tier(self) -> Tier:
+        """The most exact that it reaches on every problem."""
+        return next((tier for tier in (Tier.EXACT, Tier.HIGH, Tier.MID, Tier.LOW) if self.chosen.worst <= TOLERANCE[tier]), Tier.DEFAULT)
+
+    @property
+    def beyond_floor(self) -> int:
+        """Deadlines missed beyond those that the floor explains."""
+        return max(0, self.missed - self.explained)
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        label = settings_label(self.chosen.setting)
+        return f"{marked(self.solver)} ({self.lane}{label and f', {label}'})"
+
+    def failing(self, rule: Rule) -> str:
+        """Why it does not qualify; "" if it does. The number of its calls is no reason."""
+        it = self.chosen
+        if self.cheat:
+            return f"was caught cheating ({self.cheat})"
+        if not it.margin:
+            return f"has a cost gap or violation above {rule.accuracy:g} on {it.problems - it.right} of {it.problems} problems at its best setting"
+        if not self.samples:
+            return "has no times"
+        if self.beyond_floor > rule.misses:
+            return f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine itself explains"
+        try:
+            find(self.solver, self.lane)
+        except KeyError:
+            return "comes from a solver file of your own, and a compensator can start only solvers that are installed with piezobench"
+        try:
+            require_setting(it.setting, self.solver, self.lane)
+        except ValueError:
+            return "was raced at a setting that its ladder no longer has, so race it again"
+        return ""
+
+    def time(self, by: int) -> float:
+        """What decides, µs: the percentile of that index, or the median."""
+        return self.time_us if by == len(QUANTILES) - 1 else self.tail[by].value or math.nan
+
+    def figures(self) -> dict[str, Any]:
+        """Figures as JSON can hold them, in the units of the report."""
+        it = self.chosen
+        return {"solver": self.solver, "lane": self.lane, "settings": self.settings, "tier": str(self.tier), "margin": it.margin,
+                "worst_gap_or_violation": it.worst if math.isfinite(it.worst) else None, "problems": it.problems, "right": it.right,
+                "samples": self.samples, "missed": self.missed, "missed_beyond_floor": self.beyond_floor,
+                "median_us": None if math.isnan(self.time_us) else self.time_us,
+                "median_periods": None if math.isnan(self.time_us) else self.time_us / PERIOD_US,
+                **{f"{each.name}_us": each.value for each in self.tail[:-1]}}

@@ -1,0 +1,44 @@
+"""Our solvers beside the best of the others, in the same lane, at the same accuracy, on the same problems.
+
+    ratio = median over the problems of a size of ours / that of the others' fastest
+
+at the settings that stand for 1e-9, from a cold start, for each number of unknowns; ours is the one that is fastest in the lane on all of
+them. *Hot* calls follow each other, and *in turns* each finds the caches that the other solvers left.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from bench.derived import answer_times
+from bench.derived.answer_times import HOT, IN_TURNS
+from bench.derived.measurements import Measurements
+from bench.report.words import marked
+from solvers import Tier
+from solvers.registry import OURS
+
+WAYS = {"hot": HOT, "in turns": IN_TURNS}
+COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
+
+
+def like_with_like(found: Measurements) -> pd.DataFrame:
+    """One row a lane, way of timing and number of unknowns d: COLUMNS; none where one of the two does not reach 1e-9."""
+    rows = found.tiers[(found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)]
+    lines = []
+    for timed, way in WAYS.items():
+        calls = answer_times.by_task(found.times, (way,))
+        us = rows.task.map(lambda task, calls=calls: float(np.median(np.concatenate(calls[task]))) if task in calls else np.nan)
+        known = rows.assign(us=us)[us.notna()]
+        for lane, part in known.groupby("lane"):
+            ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
+            if ours.empty or others.empty:
+                continue
+            best = ours.groupby("solver").us.median().idxmin()
+            for d, size in others.groupby("d"):
+                mine = ours[(ours.solver == best) & (ours.d == d)]
+                medians = size.groupby("solver").us.median()
+                if len(mine):
+                    lines.append((lane, timed, d, len(mine), marked(str(best)), float(mine.us.median()), str(medians.idxmin()), float(medians.min()),
+                                  float(mine.us.median() / medians.min())))
+    return pd.DataFrame(lines, columns=COLUMNS)

@@ -1,0 +1,61 @@
+"""Tables of measurements by hand, in the schema of the one-shot race: a test says what matters to it, and the rest is ordinary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from bench.derived.accuracy import right
+from bench.derived.measurements import Measurements
+from bench.passed.row import Row
+from bench.races.metrics import Judgement
+from bench.races.oneshot.rows import ONESHOT
+from bench.store import TIMES
+from bench.timing.schedule import PERIOD_US
+from solvers import Tier
+
+ORDINARY: Row = {"problem_set": "paper", "problem": "p1", "d": 18, "solver": "daqp", "lane": "direct", "setting": "s0", "rung": 0,
+                 "scaling": "scaled", "start": "cold", "host": "here", "settings": "{}", "status": "ok", "cost_gap": 0.0, "violation": 0.0,
+                 "update_us": 0.0, "solve_us_p50": 1.0, "repeatable": True}
+
+
+def row(**known: Any) -> Row:
+    """A measurement: the right answer of a library in a microsecond, but for what is known."""
+    found = ONESHOT.row(**{**ORDINARY, **known})
+    of_all_repeats = [str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")]
+    periods = (found["update_us"] + found["solve_us_p50"]) / PERIOD_US
+    return {**found, "task": "-".join(of_all_repeats), "periods": periods, **known}
+
+
+def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
+    """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting that failed.
+
+    A number that is known by rung is a list.
+    """
+    found = []
+    for problem, by_rung in gaps.items():
+        for rung, gap in enumerate(by_rung):
+            here = {name: value[rung] if isinstance(value, list) else value for name, value in known.items()}
+            status = "solver_failed" if np.isnan(gap) else "ok"
+            found.append(row(**{"problem": problem, "setting": f"s{rung}", "rung": rung, "cost_gap": gap, "status": status, **here}))
+    return found
+
+
+def table(rows: Iterable[Row]) -> pd.DataFrame:
+    """The rows as a run hands them out."""
+    return pa.Table.from_pylist(list(rows), ONESHOT.arrow).to_pandas()
+
+
+def is_right(found: Judgement, tier: Tier) -> bool:
+    """Whether an answer that was judged is as exact as a tier asks."""
+    return bool(right(table([row(**asdict(found))]), tier).item())
+
+
+def measured(rows: Iterable[Row], times: Iterable[Mapping[str, Any]] = ()) -> Measurements:
+    """A run of these rows and raw times."""
+    return Measurements(table(rows), pa.Table.from_pylist([dict(line) for line in times], TIMES).to_pandas())

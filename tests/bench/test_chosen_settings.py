@@ -1,0 +1,161 @@
+"""Which setting a solver has in a stream or a loop, by tables that are written by hand, by a run and by the one that is shipped."""
+
+import shutil
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command_line import CommandLine
+from conftest import Race
+from measured_rows import ladder, row, table
+
+from bench.derived.tier_settings import tier_settings
+from bench.passed import columns
+from bench.passed.race_error import RaceError
+from bench.passed.task import settings_of, tightest
+from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
+from bench.races.oneshot.rows import ONESHOT
+from bench.races.registry import kinds
+from bench.store import Run
+from solvers import Lane, Tier
+from solvers.protocol import setting_text
+from solvers.registry import Described, describe, find, from_file
+
+REFERENCE = Path(__file__).parents[2] / "results" / "reference"
+TIERS = (Tier.DEFAULT, Tier.LOW, Tier.HIGH, Tier.EXACT)
+RUNGS = ({"eps": 1e-4}, {"eps": 1e-8}, {"eps": 1e-12})
+
+
+def solver(**known: object) -> Described:
+    """A solver of three settings, from loose to tight, that does something else unasked."""
+    return replace(Described("daqp", Lane.DIRECT, "", "", "", True, RUNGS), **known)  # type: ignore[arg-type]
+
+
+def measured(gaps: list[float], **known: object) -> pd.DataFrame:
+    """The settings for each tier where the solver's settings have these gaps on a problem."""
+    return tier_settings(table(ladder({"p1": gaps}, setting=[setting_text(rung) for rung in RUNGS], **known)))
+
+
+def chosen(found: pd.DataFrame, solver: Described, tiers: tuple[Tier, ...] = TIERS) -> dict[Tier, tuple[int, str]]:
+    return {tier: (choice.setting.rung, basis) for choice in choices(solver, tiers, found, "run") for tier, basis in choice.basis.items()}
+
+
+# By a table.
+
+
+def test_each_tier_has_the_setting_that_stands_for_it_and_what_is_not_reached_the_tightest() -> None:
+    assert chosen(measured([1e-5, 5e-11, 1e-11]), solver()) == {
+        Tier.DEFAULT: (-1, "default"), Tier.LOW: (0, "run"), Tier.HIGH: (1, "run"), Tier.EXACT: (2, "not reached")}
+
+
+def test_a_setting_that_stands_for_several_tiers_is_raced_once_and_each_keeps_its_grounds() -> None:
+    found = choices(solver(unasked=RUNGS[2]), TIERS, measured([1e-2, 1e-2, 5e-11]), "run")
+    assert [(choice.setting.rung, choice.basis) for choice in found] == [
+        (2, {Tier.DEFAULT: "default", Tier.LOW: "run", Tier.HIGH: "run", Tier.EXACT: "not reached"})]
+
+
+@pytest.mark.parametrize("known", [{"solver": "osqp"}, {"lane": "qpsolvers"}, {"scaling": "raw"}], ids=str)
+def test_what_the_table_does_not_know_in_scaled_data_and_this_lane_has_its_tightest_setting_untested(known: dict[str, str]) -> None:
+    tiers = (Tier.LOW, Tier.HIGH)
+    assert chosen(measured([0.0, 0.0, 0.0], **known), solver(), tiers) == dict.fromkeys(tiers, (2, "untested"))
+
+
+def test_where_a_ladder_has_changed_what_it_no_longer_has_is_untested_and_the_rest_is_kept() -> None:
+    changed = solver(ladder=({"eps": 1e-3}, {"eps": 1e-8}, {"eps": 1e-14}))
+    assert chosen(measured([1e-5, 5e-11, 1e-16]), changed) == {
+        Tier.DEFAULT: (-1, "default"), Tier.LOW: (2, "untested"), Tier.HIGH: (1, "run"), Tier.EXACT: (2, "untested")}
+
+
+def test_a_tier_that_was_not_judged_is_untested_and_not_called_out_of_reach() -> None:
+    assert chosen(measured([0.0, 0.0, 0.0]), solver(), (Tier.STAGE,)) == {Tier.STAGE: (2, "untested")}  # no problem says what its noise is
+    assert chosen(measured([0.0, 0.0, 0.0], noise_um=0.01, stage_excess=[1.0, 1e-4, 0.0]), solver(), (Tier.STAGE,)) == {Tier.STAGE: (1, "run")}
+
+
+def test_a_file_of_ones_own_has_its_tightest_setting_untested(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text('from solvers.direct.osqp import Osqp as Theirs\n\n\nclass Mine(Theirs):\n    name = "mine"\n')
+    mine = describe(from_file(tmp_path / "mine.py"))
+    (choice,) = choices(mine, (Tier.LOW, Tier.HIGH), table_of("")[0], "reference")
+    assert (choice.setting, set(choice.basis.values())) == (tightest(mine), {"untested"})
+    assert choice.setting.text == setting_text({**mine.unasked, **find("osqp", "direct").load().ladder(1.0)[-1]})
+
+
+# By a run.
+
+
+def test_the_settings_of_a_run_are_those_that_follow_from_its_rows(clean_race: Race) -> None:
+    found, name = table_of(str(clean_race.run.path))
+    assert name == "clean"
+    pd.testing.assert_frame_equal(found, tier_settings(clean_race.rows))
+    osqp = describe(find("osqp", "direct"))
+    (choice,) = choices(osqp, (Tier.HIGH,), found, name)
+    assert choice.basis == {Tier.HIGH: "clean"}
+    there = found[(found.solver == "osqp") & (found.tier == "high") & (found.scaling == "scaled")]
+    assert [choice.setting.text] == there.setting.tolist()
+    (other,) = choices(describe(find("piqp", "direct")), (Tier.HIGH,), found, name)
+    assert other.basis == {Tier.HIGH: "untested"}  # which that run did not race
+
+
+def test_a_run_that_has_no_settings_to_give_is_refused_in_a_sentence_before_anything_is_made(piezobench: CommandLine, clean_race: Race,
+                                                                                              tmp_path: Path) -> None:
+    shutil.copytree(clean_race.run.path, tmp_path / "unfinished")
+    (tmp_path / "unfinished" / "rows.parquet").unlink()
+    kinds()["stream"].start(tmp_path, kinds()["stream"].settings(), "stream")
+    (tmp_path / "file").write_text("")
+    for run, said in (("unfinished", "has no rows.parquet: the run was not finished, so resume it"), ("file", "is not a run folder"),
+                      ("stream", "settings are taken from a one-shot race, and this is one of the kind 'stream'"),
+                      ("missing", "is not a run folder: it has no run.json")):
+        for kind in ("stream", "loop"):
+            call = piezobench("race", "--race", kind, "--settings", run, "--solver", "daqp", "--out", "results", folder=tmp_path)
+            assert f"{tmp_path / run}" in call.refusal
+            assert said in call.refusal
+            assert not (tmp_path / "results").exists()
+
+
+def test_a_run_without_scaled_data_is_refused(clean_race: Race, tmp_path: Path) -> None:
+    shutil.copytree(clean_race.run.path, tmp_path / "raw")
+    clean_race.rows[clean_race.rows.scaling == "raw"].to_parquet(tmp_path / "raw" / "rows.parquet")
+    with pytest.raises(RaceError, match=r"raw: settings are taken from a race in scaled data, and this one has none$"):
+        table_of(str(tmp_path / "raw"))
+
+
+def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
+    call = piezobench("race", "--race", "stream", "--samples", 200, "--lane", "direct", "--solver", "osqp", "--solver", "piqp", "--tier", "low",
+                      "--settings", clean_race.run.path, "--out", tmp_path, "--name", "stream")
+    assert call.status == 0, call.stderr
+    rows = Run.open(tmp_path / "stream").rows(kinds()["stream"].schema).set_index("solver")
+    found = table_of(str(clean_race.run.path))[0].set_index(["scaling", "solver", "lane", "tier"]).setting
+    assert (rows.basis["osqp"], rows.setting["osqp"]) == ("clean", found["scaled", "osqp", "direct", "low"])
+    assert (rows.basis["piqp"], rows.setting["piqp"]) == ("untested", tightest(describe(find("piqp", "direct"))).text)
+    assert "low, untested" in call.stdout
+
+
+# What is shipped.
+
+
+def test_what_is_shipped_are_the_rows_of_the_reference_run() -> None:
+    shipped = columns.read(Path(str(files("bench.races") / SHIPPED)), ACCURACY)
+    pd.testing.assert_frame_equal(shipped, accuracy(Run.open(REFERENCE).rows(ONESHOT)))
+
+
+def test_what_is_shipped_says_of_each_of_our_exact_solvers_that_it_reaches_every_tier() -> None:
+    found, name = table_of("")
+    assert name == "reference"
+    for entry in ("box_active_set", "recursive_active_set"):
+        known = describe(find(entry, "kernel"))
+        assert chosen(found, known, (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)) == dict.fromkeys(
+            (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE), (settings_of(known)[-1].rung, "run"))
+
+
+def test_what_is_written_to_be_shipped_gives_the_settings_of_the_run(clean_race: Race, tmp_path: Path) -> None:
+    ship(clean_race.run.path, tmp_path / SHIPPED)
+    written = columns.read(tmp_path / SHIPPED, ACCURACY)
+    assert set(written.scaling) == {"scaled"}
+    whole = tier_settings(clean_race.rows)
+    pd.testing.assert_frame_equal(tier_settings(written), whole[whole.scaling == "scaled"].reset_index(drop=True))
+
+
+def test_only_cold_answers_on_scaled_data_are_shipped() -> None:
+    rows = table([row(), row(start="warm"), row(scaling="raw"), row(problem="p2")])
+    assert accuracy(rows)[["problem", "scaling", "start"]].to_numpy().tolist() == [["p1", "scaled", "cold"], ["p2", "scaled", "cold"]]

@@ -1,0 +1,127 @@
+"""What a run holds: one row for all repeats, times of the host with most rows, and the rows of the settings that stand for tiers."""
+
+import numpy as np
+import pytest
+from measured_rows import ladder, measured, row, table
+
+from bench.derived.measurements import at_tiers, over_repeats, scaling_of
+from bench.derived.tier_settings import tier_settings
+from solvers import Tier
+
+NAN = float("nan")
+
+
+def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() -> None:
+    rows = table([
+        row(repeat=0, solve_us_p50=2.0, setup_us=9.0, solve_us_max=5.0, samples=5, preemptions=1, cost_gap=1e-9, timed_gap=1e-8, mutates_input=True),
+        row(repeat=1, solve_us_p50=4.0, setup_us=1.0, solve_us_max=80.0, samples=6, preemptions=0, cost_gap=1e-7, timed_gap=1e-9),
+        row(repeat=2, solve_us_p50=3.0, setup_us=2.0, solve_us_max=4.0, samples=7, preemptions=2, cost_gap=1e-8, timed_gap=1e-9, repeatable=False)])
+    merged = over_repeats(rows)
+    (one,) = merged.to_dict("records")
+    assert (one["repeats"], one["samples"], one["preemptions"], one["repeat"]) == (3, 18, 3, 0)
+    assert (one["solve_us_p50"], one["setup_us"], one["solve_us_max"]) == (3.0, 2.0, 80.0)
+    assert (one["cost_gap"], one["timed_gap"]) == (1e-7, 1e-8)
+    assert one["solve_us_spread"] == pytest.approx((4.0 - 2.0) / 3.0)
+    assert one["mutates_input"]
+    assert not one["repeatable"]
+    assert merged.columns.tolist() == [*rows.columns, "repeats", "solve_us_spread"]
+
+
+def test_what_goes_wrong_in_one_repeat_is_what_the_row_says() -> None:
+    lost = row(repeat=1, status="crashed", message="SIGSEGV", cost_gap=NAN, solve_us_p50=NAN)
+    later = row(repeat=2, status="missed", message="another", solve_us_p50=3.0)
+    for order in ([later, lost, row(solve_us_p50=2.0)], [row(solve_us_p50=2.0), lost, later]):
+        (one,) = over_repeats(table(order)).to_dict("records")
+        assert (one["status"], one["message"], one["repeats"]) == ("crashed", "SIGSEGV", 3)
+        assert (one["solve_us_p50"], one["solve_us_spread"]) == (2.5, pytest.approx(0.4))
+
+
+def test_without_repeats_rows_stay_as_they_are_and_have_no_spread() -> None:
+    rows = table([row(), row(problem="p2", solve_us_p50=7.0)])
+    merged = over_repeats(rows)
+    assert merged.solve_us_p50.tolist() == [1.0, 7.0]
+    assert (merged.repeats == 1).all()
+    assert merged.solve_us_spread.isna().all()
+
+
+def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_all() -> None:
+    found = measured([*ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12]}, host="here", solve_us_p50=1.0),
+                      *ladder({"p1": [1e-5, 1e-12]}, host="there", solve_us_p50=50.0), row(solver="null", host="there")])
+    assert found.host == "here"
+    assert set(found.rows.host) == {"here"}
+    assert (found.field.solve_us_p50 == 1.0).all()
+    assert found.settings.set_index("tier").setting[Tier.MID] == "s1"
+
+
+def test_the_floor_is_a_row_and_none_of_the_field_and_has_no_setting() -> None:
+    found = measured([row(), row(solver="null", status="solver_failed", solve_us_p50=0.1)])
+    assert set(found.rows.solver) == {"daqp", "null"}
+    assert set(found.field.solver) == set(found.settings.solver) == set(found.tiers.solver) == {"daqp"}
+
+
+def test_problems_are_counted_by_set_and_name() -> None:
+    assert measured([row(), row(setting="s1", rung=1), row(problem="p2"), row(problem_set="orders")]).problems == 3
+
+
+@pytest.mark.parametrize(("scalings", "told"), [
+    (["scaled", "scaled", "raw"], "scaled"), (["raw", "raw", "scaled"], "raw"), (["raw", "scaled"], "scaled"), (["raw"], "raw"), ([], "scaled")])
+def test_the_scaling_of_the_first_screen_is_that_in_which_most_was_measured(scalings: list[str], told: str) -> None:
+    assert scaling_of(table([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)])) == told
+
+
+def test_a_tier_has_the_rows_of_its_setting_once_and_the_default_is_judged_like_low() -> None:
+    found = measured([*ladder({"p1": [1e-5, 1e-12], "p2": [1e-8, 1e-12]}), row(setting="d", rung=-1, is_default=True, cost_gap=1e-4),
+                      row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=2e-3)])
+    by_tier = {tier: part.sort_values("problem") for tier, part in found.tiers.groupby("tier")}
+    assert set(by_tier) == {Tier.DEFAULT, Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT}
+    assert {tier: part.setting.tolist() for tier, part in by_tier.items() if tier != Tier.DEFAULT} == {
+        Tier.LOW: ["s0", "s0"], Tier.MID: ["s1", "s1"], Tier.HIGH: ["s1", "s1"], Tier.EXACT: ["s1", "s1"]}
+    assert by_tier[Tier.DEFAULT].right.tolist() == [True, False]
+    assert by_tier[Tier.DEFAULT].status.tolist() == ["ok", "missed"]
+    assert by_tier[Tier.MID].right.all()
+
+
+def test_a_default_that_is_in_the_ladder_stands_for_its_tiers_and_for_itself() -> None:
+    found = measured(ladder({"p1": [1e-14]}, is_default=True))
+    assert sorted(found.tiers.tier) == sorted([Tier.DEFAULT, Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT])
+    assert (found.tiers.setting == "s0").all()
+
+
+def test_a_tier_that_is_not_reached_has_rows_of_the_furthest_setting_only_where_they_are_asked_for() -> None:
+    rows = table(ladder({"p1": [1e-5, 1e-12], "p2": [1e-5, 1e-5]}))
+    settings = tier_settings(rows)
+    assert Tier.HIGH not in set(at_tiers(rows, settings).tier)
+    furthest = at_tiers(rows, settings, "furthest")
+    part = furthest[furthest.tier == Tier.HIGH].sort_values("problem")
+    assert (part.setting.tolist(), part.right.tolist(), part.status.tolist()) == (["s1", "s1"], [True, False], ["ok", "missed"])
+
+
+def test_the_stage_has_rows_only_of_problems_whose_noise_is_known() -> None:
+    found = measured([row(noise_um=0.01, stage_excess=0.0, cost_gap=0.5), row(problem="p2", noise_um=0.0)])
+    assert found.tiers[found.tiers.tier == Tier.STAGE].problem.tolist() == ["p1"]
+
+
+def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselves() -> None:
+    found = measured([*ladder({"p1": [1e-12]}), *ladder({"p1": [1e-8]}, start="warm")])
+    high = found.tiers[found.tiers.tier == Tier.HIGH].set_index("start")
+    assert high.right.to_dict() == {"cold": True, "warm": False}
+
+
+def test_a_cheat_at_one_setting_is_right_at_no_other_not_even_unasked_or_elsewhere_caught() -> None:
+    rows = [*ladder({"p1": [1e-14, 1e-14], "p2": [1e-14, 1e-14]}), row(setting="d", rung=-1, is_default=True),
+            row(problem="p2", setting="d", rung=-1, is_default=True), row(problem="p2", setting="s1", rung=1, host="there", status="cached")]
+    found = measured(rows)
+    assert (found.settings.setting == "").all()
+    default = found.tiers.set_index("problem")
+    assert set(found.tiers.tier) == {Tier.DEFAULT}
+    assert default.right.to_dict() == {"p1": True, "p2": False}
+    assert default.status.to_dict() == {"p1": "ok", "p2": "cached"}
+
+
+def test_a_setting_that_was_not_run_stays_so_in_every_table() -> None:
+    rows = ladder({"p1": [1e-5, 1e-12], "p2": [1e-5, NAN]})
+    rows[3]["status"] = "not_run"
+    found = measured(rows)
+    furthest = at_tiers(found.field, found.settings, "furthest")
+    assert furthest[(furthest.tier == Tier.HIGH) & (furthest.problem == "p2")].status.tolist() == ["not_run"]
+    assert not np.isnan(found.settings.set_index("tier").right[Tier.HIGH])

@@ -1,0 +1,184 @@
+"""What a one-shot race measures: every setting of a ladder on scaled data, the default on raw data, and where a ladder ends."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import faulty_solvers
+import numpy as np
+import pytest
+from command_line import CommandLine
+from conftest import Race
+
+from bench.passed.task import settings_of
+from bench.problems.protocol import RaceProblem
+from bench.races.oneshot.rows import ONESHOT
+from bench.races.oneshot.settings import OneshotSettings
+from bench.races.oneshot.tasks import EXPONENT, MOST_OF_CVXPY, measured, spread, tasks_of
+from bench.store import Run
+from solvers import Lane, find
+from solvers.registry import Described, describe
+
+LADDER = """
+    @classmethod
+    def ladder(cls, c):
+        return tuple({"k": k} for k in (2, 4, 6, 8, 10))
+"""
+ENDS = {"crashes": "os._exit(3)", "hangs": "time.sleep(1000)", "lingers": "time.sleep(0.11)", "goes_on": "time.sleep(0.02)", "fails": "1 / 0"}
+"""What a solver does at its third setting and at those behind it."""
+STATUS = {"crashes": "crashed", "hangs": "timed_out", "lingers": "ok", "goes_on": "ok", "fails": "adapter_failed"}
+
+
+def with_ladder(folder: Path, name: str) -> Path:
+    """A solver of five settings that writes down which of them it is asked for."""
+    note = "open(__file__ + '.asked', 'a').write(str(self.settings.get('k', 0)) + ' ')"
+    path = faulty_solvers.written(folder, name, "solve(self)", f"{note}; self.settings.get('k', 0) >= 6 and {ENDS[name]}")
+    path.write_text(path.read_text() + LADDER)
+    return path
+
+
+def asked(folder: Path, name: str) -> set[int]:
+    """The settings that it was asked for."""
+    return set(map(int, (folder / f"{name}.py.asked").read_text().split()))
+
+
+WORDS = ("race", "--set", "paper", "--limit", 1, "--scaling", "scaled", "--budget", 0.002, "--lane", "direct", "--solver", "daqp", "--rounds", 0,
+         "--time-limit", 2)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A race of solvers whose ladders end."""
+
+    folder: Path
+    race: Race
+
+
+@pytest.fixture(scope="module")
+def ended(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Ended:
+    folder = tmp_path_factory.mktemp("ended")
+    files = [word for name in ENDS for word in ("--solver", with_ladder(folder, name))]
+    call = piezobench(*WORDS, *files, "--out", folder, "--name", "run")
+    assert call.status == 0, call.stderr
+    run = Run.open(folder / "run")
+    return Ended(folder, Race(run, run.rows(ONESHOT), call))
+
+
+def names(race: Race) -> list[tuple[str, str, str, str, str]]:
+    """Which rows there are."""
+    return [*race.rows[["scaling", "solver", "lane", "setting", "start"]].itertuples(index=False, name=None)]
+
+
+def test_every_setting_is_measured_on_scaled_data_and_only_what_a_library_does_unasked_on_raw(clean_race: Race) -> None:
+    expected = {("scaled", "null", "direct", "{}", "cold"), ("raw", "null", "direct", "{}", "cold")}
+    for name in ("daqp", "osqp", "clarabel"):
+        for setting in settings_of(describe(find(name, "direct"))):
+            expected |= {("scaled", name, "direct", setting.text, "cold")}
+            expected |= {("raw", name, "direct", setting.text, "cold")} if setting.is_default else set()
+    assert sorted(names(clean_race)) == sorted(expected)
+    rows = clean_race.rows
+    assert rows[rows.solver != "null"].groupby(["scaling", "solver"]).is_default.sum().eq(1).all()
+    assert rows.solve_us_p50.notna().all()
+
+
+def test_a_setting_says_in_each_row_what_its_ladder_has_for_the_constant_one_and_what_it_was_there(clean_race: Race) -> None:
+    row = clean_race.rows[(clean_race.rows.solver == "clarabel") & (clean_race.rows.rung == 2) & (clean_race.rows.scaling == "scaled")].iloc[0]
+    c = clean_race.run.problem("paper", row.problem).forms["scaled"].unit
+    named, given = json.loads(row.setting), json.loads(row.settings)
+    assert named["tol_gap_abs"] == 1e-8
+    assert given["tol_gap_abs"] == pytest.approx(c * 1e-8)
+    assert c != 1.0
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_a_second_end_a_ladder_and_nothing_else_does(ended: Ended, name: str) -> None:
+    rows = ended.race.rows[ended.race.rows.solver == name].sort_values("rung")
+    assert rows.rung.tolist() == [-1, 0, 1, 2, 3, 4]
+    goes_on = name in ("goes_on", "fails")
+    assert rows.status.tolist() == ["ok", "ok", "ok", STATUS[name], *[STATUS[name] if goes_on else "not_run"] * 2]
+    assert asked(ended.folder, name) == ({0, 2, 4, 6, 8, 10} if goes_on else {0, 2, 4, 6})
+    behind = rows[rows.status == "not_run"]
+    assert behind[["cost_gap", "solve_us_p50"]].isna().all(axis=None)
+    why = "a looser setting took longer than 0.1 s on this problem" if name == "lingers" else f"a looser setting ended with {STATUS[name]} on this"
+    assert all(why in message for message in behind.message)
+
+
+def test_settings_that_were_not_run_stand_for_no_tier_and_are_no_failure_of_the_report(ended: Ended) -> None:
+    settings = ended.race.found.settings.set_index(["solver", "tier"])
+    assert settings.setting["crashes", "high"] == '{"k": 2}'
+    report = (ended.race.run.path / "report.md").read_text()
+    assert "exit status 3" in report
+    assert "a looser setting" not in report
+
+
+def test_a_race_killed_in_the_middle_of_a_ladder_that_ended_learns_so_from_its_rows_and_ends_with_the_same_rows(
+        piezobench: CommandLine, tmp_path: Path, ended: Ended) -> None:
+    files = [word for name in ("crashes", "goes_on") for word in ("--solver", with_ladder(tmp_path, name))]
+    run = Run(tmp_path / "run")
+    piezobench.start(*WORDS, *files, "--out", tmp_path, "--name", "run").kill_once(
+        lambda: len(list((run.path / "tasks").glob("crashes-*.npz"))) >= 4)
+    for path in (run.path / "tasks").glob("crashes-*.npz"):
+        with np.load(path) as data:
+            status = json.loads(str(data["row"]))["status"]
+        if status == "not_run":  # as if it had been killed just before
+            path.unlink()
+    assert len(list((run.path / "tasks").glob("crashes-*.npz"))) == 4
+    (tmp_path / "crashes.py.asked").write_text("")
+    done = piezobench("resume", run.path)
+    assert done.status == 0, done.stderr
+    assert asked(tmp_path, "crashes").isdisjoint({6, 8, 10})
+    resumed = Race(run, run.rows(ONESHOT), done)
+    both = [name for name in names(ended.race) if name[1] in ("crashes", "goes_on", "daqp", "null")]
+    assert names(resumed) == both
+    for name in ("crashes", "goes_on"):
+        old, new = (race.rows[race.rows.solver == name].status.tolist() for race in (ended.race, resumed))
+        assert old == new
+
+
+def test_wrappers_are_measured_at_what_they_do_unasked_and_at_the_setting_nearest_to_1e_8(wide_race: Race) -> None:
+    rows = wide_race.rows[wide_race.rows.lane == "qpsolvers"]
+    assert set(rows.solver) >= {"daqp", "osqp"}
+    for (name, scaling), part in rows.groupby(["solver", "scaling"]):
+        exponents = find(name, "qpsolvers").load().exponents
+        nearest = min(range(len(exponents)), key=lambda rung, k=exponents: abs(k[rung] - 8.0))  # type: ignore[misc]
+        assert set(part.rung) == ({-1, nearest} if scaling == "scaled" else {-1})
+        assert set(part.problem) == set(wide_race.rows.problem)
+    assert set(rows[(rows.solver == "osqp") & (rows.scaling == "scaled")].rung) == {-1, 2}
+
+
+def described(name: str, lane: str, count: int = 8) -> Described:
+    """A solver with a ladder, one exponent a rung."""
+    ladder = tuple({"eps": 10.0 ** -(2 * i + 1)} for i in range(count))
+    return Described(name, Lane(lane), "", "", "", False, ladder, {}, tuple(2.0 * i + 1 for i in range(count)))
+
+
+def test_of_two_settings_as_near_the_looser_is_taken_and_a_wrapper_without_exponents_is_measured_at_all() -> None:
+    assert EXPONENT == 8.0
+    assert [setting.rung for setting in measured(described("a", "qpsolvers"))] == [-1, 3]
+    assert [setting.rung for setting in measured(described("a", "direct"))] == [-1, *range(8)]
+    without = Described("a", Lane.QPSOLVERS, "", "", "", False, ({"eps": 1e-2}, {"eps": 1e-8}))
+    assert [setting.rung for setting in measured(without)] == [-1, 0, 1]
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 7, 18])
+def test_cvxpy_is_measured_on_at_most_five_problems_evenly_spread_and_all_others_on_every_one(count: int) -> None:
+    problems = [RaceProblem("paper", f"p{i}", {}) for i in range(count)]
+    field = [described("a", "cvxpy"), described("a", "qpsolvers"), described("b", "direct")]
+    tasks = [task for i in range(count) for task in tasks_of(OneshotSettings(), field, problems, i, "scaled")]
+    by_lane = {lane: [task.problem for task in tasks if task.lane == lane and task.setting.is_default] for lane in Lane}
+    assert len(by_lane[Lane.CVXPY]) == len(set(by_lane[Lane.CVXPY])) == min(count, MOST_OF_CVXPY)
+    assert by_lane[Lane.CVXPY] == [f"p{i}" for i in sorted(spread(count, MOST_OF_CVXPY))]
+    assert by_lane[Lane.QPSOLVERS] == by_lane[Lane.DIRECT] == [problem.name for problem in problems]
+    raw = list(tasks_of(OneshotSettings(), field, problems, 0, "raw"))
+    assert all(task.setting.is_default for task in raw)
+    assert len(raw) == 3
+
+
+def test_where_raw_data_are_raced_alone_every_setting_is_measured_on_them() -> None:
+    tasks = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], [RaceProblem("paper", "p", {})], 0, "raw")
+    assert [task.setting.rung for task in tasks] == [-1, *range(8)]
+
+
+def test_a_default_that_is_a_rung_of_the_ladder_is_measured_once() -> None:
+    ours = describe(find("box_active_set", "kernel"))
+    assert [(setting.text, setting.rung, setting.is_default) for setting in settings_of(ours)] == [("{}", 0, True)]

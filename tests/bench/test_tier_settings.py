@@ -1,0 +1,125 @@
+"""Which setting stands for a tier: the loosest that meets it ten times over on every problem, else three times, else once."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from measured_rows import ladder, row, table
+
+from bench.derived.tier_settings import FEWEST, TARGETS, choice, left_out, margin, tier_settings
+from bench.passed.row import Row
+from solvers import Tier
+
+NAN = float("nan")
+
+
+def settings(rows: list[Row]) -> pd.DataFrame:
+    """The settings of a solver lane by tier."""
+    return tier_settings(table(rows)).set_index("tier")
+
+
+@pytest.mark.parametrize(("gaps", "setting", "times"), [
+    ({"p1": [3e-7, 8e-8, 1e-9], "p2": [1e-9, 9e-8, 1e-9]}, "s1", 10.0),
+    ({"p1": [9e-7, 3e-7, 2e-7], "p2": [1e-9, 1e-9, 1e-9]}, "s1", 3.0),
+    ({"p1": [9e-7, 8e-7, 7e-7], "p2": [1e-9, 1e-9, 1e-9]}, "s0", 1.0),
+    ({"p1": [2e-6, 8e-7, 2e-6], "p2": [1e-9, 1e-9, 1e-9]}, "s1", 1.0)])
+def test_the_loosest_that_meets_a_tier_ten_times_over_on_every_problem_is_taken_else_three_times_else_once(
+        gaps: dict[str, list[float]], setting: str, times: float) -> None:
+    found = settings(ladder(gaps)).loc[Tier.MID]
+    assert (found.setting, found.rung, found.margin, found.problems, found.right) == (setting, int(setting[1]), times, 2, 2)
+    assert found.furthest == setting
+
+
+def test_where_no_setting_is_right_on_every_problem_a_tier_is_not_reached_and_the_furthest_is_named_apart() -> None:
+    found = settings(ladder({"p1": [1e-5, 1e-8, 1e-8], "p2": [1e-5, 1e-5, 1e-8], "p3": [1e-8, 1e-8, 1e-5]})).loc[Tier.MID]
+    assert (found.setting, found.rung, found.problems, found.right, found.furthest) == ("", -1, 3, 2, "s1")
+    assert np.isnan([found.margin, found.left_out]).all()
+
+
+def test_a_tighter_setting_that_is_right_counts_for_looser_tiers() -> None:
+    found = settings(ladder({"p1": [NAN, 1e-14], "p2": [0.1, 1e-14]}))
+    assert found.setting[[Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT]].tolist() == ["s1"] * 4
+    assert (found.margin == 10.0).all()
+
+
+def test_each_solver_lane_and_scaling_has_a_setting_of_its_own_and_tiers_that_do_not_apply_have_no_row() -> None:
+    found = tier_settings(table([*ladder({"p1": [1e-12]}), *ladder({"p1": [1e-1]}, solver="osqp"), *ladder({"p1": [1e-12]}, lane="qpsolvers"),
+                                 *ladder({"p1": [1e-1]}, scaling="raw")]))
+    assert set(zip(found.solver, found.lane, found.scaling, strict=True)) == {
+        ("daqp", "direct", "scaled"), ("osqp", "direct", "scaled"), ("daqp", "qpsolvers", "scaled"), ("daqp", "direct", "raw")}
+    assert set(found.tier) == set(TARGETS) - {Tier.STAGE}
+    assert found[(found.tier == Tier.HIGH) & (found.setting != "")].solver.tolist() == ["daqp", "daqp"]
+
+
+def test_the_stage_is_judged_on_the_problems_whose_noise_is_known() -> None:
+    rows = [*ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001]), *ladder({"p3": [0.5, 0.5]}, noise_um=0.0)]
+    found = settings(rows)
+    assert (found.setting[Tier.STAGE], found.margin[Tier.STAGE], found.problems[Tier.STAGE]) == ("s1", 10.0, 2)
+    assert (found.setting[Tier.LOW], found.problems[Tier.LOW]) == ("", 3)
+
+
+def test_a_setting_that_was_not_run_or_is_not_there_on_one_problem_is_not_right_there() -> None:
+    rows = ladder({"p1": [1e-5, 1e-12, 1e-12], "p2": [1e-5, 1e-12, 1e-12]})
+    rows[2]["status"] = "not_run"
+    del rows[4]
+    found = settings(rows).loc[Tier.HIGH]
+    assert (found.setting, found.right, found.problems) == ("", 1, 2)
+
+
+def test_a_problem_of_the_same_name_in_another_set_is_another_problem() -> None:
+    rows = [*ladder({"p1": [1e-12]}), *ladder({"p1": [1.0]}, problem_set="orders")]
+    assert settings(rows).loc[Tier.LOW, ["setting", "problems", "right"]].tolist() == ["", 2, 1]
+
+
+@pytest.mark.parametrize("other", [{"repeat": 1}, {"host": "there"}])
+def test_a_setting_is_judged_by_all_its_repeats_on_all_hosts(other: dict[str, object]) -> None:
+    rows = [*ladder({"p1": [1e-8, 1e-11]}), *ladder({"p1": [1e-5, 1e-11]}, **other)]
+    found = settings(rows)
+    assert found.setting[Tier.MID] == "s1"
+    assert settings(rows[:2]).setting[Tier.MID] == "s0"
+    assert (found.problems == 1).all()
+
+
+def test_the_default_that_is_not_in_the_ladder_stands_for_no_tier_and_one_that_is_does() -> None:
+    unasked = row(setting="d", rung=-1, is_default=True)
+    assert settings([unasked, *ladder({"p1": [0.5, 1e-8]})]).setting[Tier.MID] == "s1"
+    assert tier_settings(table([unasked])).empty
+    assert settings(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False])).setting[Tier.MID] == "s0"
+
+
+def test_warm_starts_choose_nothing() -> None:
+    assert settings([*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")]).setting[Tier.MID] == "s1"
+
+
+@pytest.mark.parametrize("where", [{"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {}])
+def test_a_solver_that_was_caught_at_whatever_setting_reaches_no_tier(where: dict[str, object]) -> None:
+    rows = [*ladder({"p1": [1e-14, 1e-14, 1e-14], "p2": [1e-14, 1e-14, 1e-14]}), row(**{"setting": "s2", "rung": 2, **where, "status": "cached"})]
+    found = settings(rows)
+    assert (found.setting == "").all()
+    assert (found.right == 1).all()
+
+
+def test_the_share_that_stays_right_leaves_out_each_problem_in_turn() -> None:
+    rows = ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12], "p3": [1e-8, 1e-12], "p4": [1e-5, 1e-12]})
+    found = settings(rows)
+    assert found.setting[Tier.MID] == "s1"
+    assert found.left_out[Tier.MID] == 0.75  # without p4 the others choose s0, which misses it
+    assert found.left_out[Tier.HIGH] == 1.0
+
+
+def test_the_share_is_empty_below_three_problems_and_where_a_tier_is_not_reached() -> None:
+    assert FEWEST == 3
+    assert settings(ladder({"p1": [1e-12], "p2": [1e-12]})).left_out.isna().all()
+    three = settings(ladder({"p1": [1e-10], "p2": [1e-10], "p3": [1e-10]}))
+    assert three.left_out[Tier.HIGH] == 1.0
+    assert np.isnan(three.left_out[Tier.EXACT])
+
+
+def test_a_choice_that_the_others_cannot_make_is_not_right() -> None:
+    errors = np.array([[2.0, 0.5], [0.5, 0.5], [0.5, 2.0]])
+    assert choice(errors) is None
+    assert left_out(errors) == 0.0  # without the first s0, without the last s1, and without the middle one none
+    assert margin(np.array([0.3, 0.05])) == 3.0
+
+
+def test_no_rows_give_no_settings() -> None:
+    assert tier_settings(table([])).empty
