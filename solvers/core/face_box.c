@@ -95,34 +95,33 @@ FACE(box_dual_from)
     return finish_integer(a, status);
 }
 
+typedef struct {
+    Box s;
+    int warm;
+} TimedBox;
+
+static int update(void *solver, const double *P, const double *q) { return take_data(&((TimedBox *)solver)->s, P, q); }
+
+static int solve(void *solver, const double *start, double *x)
+{
+    TimedBox *const t = solver;
+    int status = start != NULL ? box_start(&t->s, start) : OK;
+    if (status == OK) {
+        status = box_solve(&t->s, t->warm || start != NULL);
+    }
+    if (status == OK || status == CAPPED) {
+        memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+    }
+    return status;
+}
+
 FACE(time_box)
 {
-    Box s = take_box(a);
-    const double *const P = take_array(a, s.d, s.d);
-    const double *const q = take_array(a, VECTOR, s.d);
-    const int warm = (int)take_integer(a, 0, 1);
-    const double *const x = take_optional(a, VECTOR, s.d);
-    int64_t *const update_ns = take_integers(a, ANY_LENGTH);
-    const Py_ssize_t runs = taken_length(a);
-    int64_t *const solve_ns = take_integers(a, runs);
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < runs; ++k) {
-        const int64_t begin = monotonic_ns();
-        int64_t between;
-        status = take_data(&s, P, q);
-        between = monotonic_ns();
-        if (x != NULL && status == OK) {
-            status = box_start(&s, x);
-        }
-        status = status == OK ? box_solve(&s, warm || x != NULL) : status;
-        solve_ns[k] = monotonic_ns() - between;
-        update_ns[k] = between - begin;
-    }
-    return finish_integer(a, status);
+    TimedBox t;
+    t.s = take_box(a);
+    t.warm = (int)take_integer(a, 0, 1);
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_timed(a, &solver);
 }
 
 /* Rows (xi, x) into P and q, and a solve after each, warm from the last active set; timed without the first. */
@@ -148,8 +147,8 @@ FACE(box_follow)
         begin = monotonic_ns();
         status = take_data(&s, P, q);
         status = status == OK ? box_solve(&s, 1) : status;
-        nanoseconds[k] = monotonic_ns() - begin;
         memcpy(answers + k * s.d, s.answer, (size_t)s.d * sizeof(double));
+        nanoseconds[k] = monotonic_ns() - begin;
     }
     return finish_integer(a, status);
 }

@@ -62,7 +62,7 @@ FACE(descent_answer)
     return finish_integer(a, 0);
 }
 
-/* Both methods: steps of one run, or of runs from the same start again and again, each timed. */
+/* Both methods: steps of one run, or timed runs, each with new data. */
 typedef int64_t (*Method)(Descent *s, int64_t steps, real tolerance);
 
 static PyObject *steps_of(Method method, Arguments *a)
@@ -78,25 +78,42 @@ static PyObject *steps_of(Method method, Arguments *a)
     return finish_integer(a, taken);
 }
 
+typedef struct {
+    Descent s;
+    double ratio;
+    int scaled;
+    int64_t steps;
+    double tolerance;
+    Method method;
+} TimedDescent;
+
+static int update(void *solver, const double *P, const double *q)
+{
+    TimedDescent *const t = solver;
+    return descent_take(&t->s, P, q, t->ratio, t->scaled);
+}
+
+static int solve(void *solver, const double *start, double *x)
+{
+    TimedDescent *const t = solver;
+    descent_start(&t->s, start);
+    t->method(&t->s, t->steps, t->tolerance);
+    descent_answer(&t->s);
+    memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+    return OK;
+}
+
 static PyObject *time_of(Method method, Arguments *a)
 {
-    Descent s = take_descent(a);
-    const double *const x = take_optional(a, VECTOR, s.d);
-    const int64_t steps = take_integer(a, 0, INT64_MAX);
-    const double tolerance = take_number(a);
-    int64_t *const nanoseconds = take_integers(a, ANY_LENGTH);
-    const Py_ssize_t runs = taken_length(a);
-    if (good(a)) {
-        begin_long_if(a, 1);
-        for (Py_ssize_t k = 0; k < runs; ++k) {
-            int64_t begin;
-            descent_start(&s, x);
-            begin = monotonic_ns();
-            method(&s, steps, tolerance);
-            nanoseconds[k] = monotonic_ns() - begin;
-        }
-    }
-    return finish_integer(a, 0);
+    TimedDescent t;
+    t.s = take_descent(a);
+    t.ratio = take_number(a);
+    t.scaled = (int)take_integer(a, 0, 1);
+    t.steps = take_integer(a, 0, INT64_MAX);
+    t.tolerance = take_number(a);
+    t.method = method;
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_timed(a, &solver);
 }
 
 FACE(projected_steps) { return steps_of(projected_steps, a); }
@@ -129,8 +146,8 @@ FACE(projected_follow)
         begin = monotonic_ns();
         status = descent_take(&s, P, q, ratio, 0);
         projected_steps(&s, steps, -1);
-        nanoseconds[k] = monotonic_ns() - begin;
         memcpy(answers + k * s.d, s.w, (size_t)s.d * sizeof(double));
+        nanoseconds[k] = monotonic_ns() - begin;
     }
     return finish_integer(a, status);
 }
