@@ -31,7 +31,7 @@ class Lane(StrEnum):
     """Through what a solve is called, which is part of what the user pays."""
 
     KERNEL = "kernel"
-    """Compiled, no Python call per solve."""
+    """Compiled, no Python call per solve: ours, and libraries by their C functions."""
     DIRECT = "direct"
     """The library's own persistent object."""
     QPSOLVERS = "qpsolvers"

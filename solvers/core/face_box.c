@@ -175,30 +175,6 @@ FACE(absorb)
     return finish_integer(a, 0);
 }
 
-/* DAQP's sense of each row l <= R x <= u at x, as in `cold` unless that is 0: 1 at the upper side, 3 at the lower one. The first rows of
- * R are those of the identity. */
-FACE(touched)
-{
-    enum { AT_UPPER = 1, AT_LOWER = 3 };
-    const double *const R = take_array(a, ANY_LENGTH, ANY_LENGTH);
-    const Py_ssize_t rows = taken_length(a);
-    const int d = good(a) ? (int)a->views[0].shape[1] : 0;
-    const double *const l = take_array(a, VECTOR, rows);
-    const double *const u = take_array(a, VECTOR, rows);
-    const double *const x = take_array(a, VECTOR, d);
-    const double tolerance = take_number(a);
-    const int *const cold = take_ints(a, rows);
-    int *const sense = take_ints(a, rows);
-    for (Py_ssize_t i = 0; good(a) && i < rows; ++i) {
-        double value = i < d ? x[i] : 0;
-        for (int j = 0; i >= d && j < d; ++j) {
-            value += R[i * d + j] * x[j];
-        }
-        sense[i] = cold[i] != 0 ? cold[i] : value <= l[i] + tolerance ? AT_LOWER : value >= u[i] - tolerance ? AT_UPPER : 0;
-    }
-    return finish_integer(a, 0);
-}
-
 /* Steps that wait for the clock: what they take longer than they last is the machine's. */
 FACE(time_nothing)
 {
