@@ -27,5 +27,14 @@ def time_calls(loop: Callable[..., tuple[int, int]], P: Matrix, q: Matrix, warm_
     return status, (updates[:made], solves[:made], answers[:made])
 
 
+def follow_rows(loop: Callable[..., int], P: Matrix, q: Vector, rows: Matrix, forgetting: float) -> tuple[int, Matrix, Nanoseconds]:
+    """Run a function of the core that follows rows, which come into P (d, d) and q (d,); the last status, answers, and what was timed.
+
+    Parameters are those of :meth:`solvers.protocol.Solver.time_rows`.
+    """
+    answers, nanoseconds = np.full((len(rows), q.size), np.nan), np.zeros(len(rows), dtype=np.int64)
+    return loop(P, q, _contiguous(rows), forgetting, answers, nanoseconds), answers, nanoseconds
+
+
 def _contiguous(data: Any) -> Matrix:
     return np.ascontiguousarray(data, dtype=np.float64)

@@ -124,33 +124,14 @@ FACE(time_box)
     return finish_timed(a, &solver);
 }
 
-/* Rows (xi, x) into P and q, and a solve after each, warm from the last active set; timed without the first. */
+/* Warm from the last active set. */
 FACE(box_follow)
 {
-    Box s = take_box(a);
-    double *const P = take_output(a, s.d, s.d);
-    double *const q = take_output(a, VECTOR, s.d);
-    const double *const rows = take_array(a, ANY_LENGTH, s.d + 1);
-    const Py_ssize_t length = taken_length(a);
-    const double forgetting = take_number(a);
-    double *const answers = take_output(a, length, s.d);
-    int64_t *const nanoseconds = take_integers(a, length);
-    double c = 0;
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < length && status == OK; ++k) {
-        int64_t begin;
-        absorb(P, q, &c, s.d, rows + k * (s.d + 1), forgetting);
-        begin = monotonic_ns();
-        status = take_data(&s, P, q);
-        status = status == OK ? box_solve(&s, 1) : status;
-        memcpy(answers + k * s.d, s.answer, (size_t)s.d * sizeof(double));
-        nanoseconds[k] = monotonic_ns() - begin;
-    }
-    return finish_integer(a, status);
+    TimedBox t;
+    t.s = take_box(a);
+    t.warm = 1;
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_followed(a, &solver, NULL);
 }
 
 FACE(absorb)

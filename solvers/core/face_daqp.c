@@ -225,7 +225,7 @@ static int solve(void *solver, const double *start, double *x)
     return OK;
 }
 
-FACE(time_daqp)
+static TimedDaqp take_timed(Arguments *a)
 {
     TimedDaqp t;
     t.s = take_state(a, DAQP_KIND);
@@ -235,6 +235,12 @@ FACE(time_daqp)
     if (good(a) && (t.rows.rows != t.s->problem.m || t.rows.d != t.s->d)) {
         refuse(a, "the rows are not those of the problem set up");
     }
+    return t;
+}
+
+FACE(time_daqp)
+{
+    TimedDaqp t = take_timed(a);
     if (!good(a)) {
         return finish(a, NULL);
     }
@@ -244,4 +250,16 @@ FACE(time_daqp)
     t.s->problem.H = H; /* the data of the loop go when it ends */
     t.s->problem.f = f;
     return found;
+}
+
+/* P and q are H and f of the problem set up. */
+FACE(daqp_follow)
+{
+    TimedDaqp t = take_timed(a);
+    double *const last = take_output(a, VECTOR, t.rows.d);
+    if (!good(a)) {
+        return finish(a, NULL);
+    }
+    const TimedSolver solver = {&t, t.s->d, update, solve};
+    return finish_followed(a, &solver, last);
 }

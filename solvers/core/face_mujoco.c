@@ -39,7 +39,7 @@ static int solve(void *solver, const double *start, double *x)
     return OK;
 }
 
-FACE(time_mujoco)
+static TimedMujoco take_timed(Arguments *a)
 {
     TimedMujoco t = {0};
     t.box_qp = (BoxQP *)(intptr_t)take_integer(a, 1, INT64_MAX);
@@ -48,6 +48,20 @@ FACE(time_mujoco)
     t.upper = take_array(a, VECTOR, t.d);
     t.factor = take_output(a, t.d, t.d + 7);
     t.free = take_ints(a, 1);
+    return t;
+}
+
+FACE(time_mujoco)
+{
+    TimedMujoco t = take_timed(a);
     const TimedSolver solver = {&t, t.d, update, solve};
     return finish_timed(a, &solver);
+}
+
+FACE(mujoco_follow)
+{
+    TimedMujoco t = take_timed(a);
+    double *const last = take_output(a, VECTOR, t.d);
+    const TimedSolver solver = {&t, t.d, update, solve};
+    return finish_followed(a, &solver, last);
 }

@@ -16,10 +16,10 @@
     F(box_solve_factorised, 2, "state, warm", "solve without the inverse; a status.") \
     F(box_dual_from, 2, "state, sides", "solve by the dual method alone; a status.") \
     F(time_box, 2 + TIMED_COUNT, "state, warm, " TIMED, "time updates and solves; a status, and how many.") \
-    F(box_follow, 7, "state, P, q, rows, forgetting, answers, nanoseconds", "solve after each row; a status.") \
+    F(box_follow, 1 + FOLLOWED_COUNT, "state, " FOLLOWED, "time a solve after each row; a status.") \
     F(box_many_bytes, 1, "d", "size of the room that box_many needs.") \
     F(box_many, 10, "P, q, lb, ub, x, statuses, room, first, last, lanes", "programs one by one or in lanes; how many one by one.") \
-    F(projected_follow, 9, "state, P, q, rows, forgetting, ratio, steps, answers, nanoseconds", "a status.") \
+    F(projected_follow, 3 + FOLLOWED_COUNT, "state, ratio, steps, " FOLLOWED, "as box_follow.") \
     F(swept_bytes, 1, "d", "size of the state of the solver that takes rows.") \
     F(swept_places, 1, "state", "where its vectors begin, in numbers.") \
     F(swept_setup, 6, "state, lb, ub, forgetting, row_weight, proximal", "make a block a state; a status.") \
@@ -39,6 +39,8 @@
     F(daqp_solve, 1, "state", "solve; exit flag, iterations and seconds.") \
     F(daqp_result, 1, "state", "the same of the last solve.") \
     F(time_daqp, 7 + TIMED_COUNT, "state, R, l, u, tolerance, cold, sense, " TIMED, "as time_box.") \
+    F(daqp_follow, 8 + FOLLOWED_COUNT, "state, R, l, u, tolerance, cold, sense, last, " FOLLOWED, "as box_follow.") \
+    F(mujoco_follow, 6 + FOLLOWED_COUNT, "address, lower, upper, factor, free, last, " FOLLOWED, "as box_follow.") \
     F(time_mujoco, 5 + TIMED_COUNT, "address, lower, upper, factor, free, " TIMED, "as time_box.") \
     F(time_nothing, 2, "lasting, nanoseconds", "time steps that wait so many nanoseconds and do nothing else.") \
     F(descent_bytes, 1, "d", "size of the state of a gradient method.") \

@@ -36,7 +36,7 @@ from qpsolvers import Problem, Solution
 from solvers.core import CAPPED, OK, REASONS, block, face
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
-from solvers.timed_calls import time_calls
+from solvers.timed_calls import follow_rows, time_calls
 
 COUNTS = ("exchanges", "systems", "dual_steps", "proximal_steps", "fallbacks")
 """What the head of the state counts, in its order (BoxHead in box.h)."""
@@ -134,9 +134,7 @@ class BoxActiveSet(Ours, Solver):
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
-        rows = np.ascontiguousarray(rows, dtype=np.float64)
-        answers, nanoseconds = np.empty((rows.shape[0], self._answer.size)), np.empty(rows.shape[0], dtype=np.int64)
-        self._status = face.box_follow(self.state, *self._data(), rows, forgetting, answers, nanoseconds)
+        self._status, answers, nanoseconds = follow_rows(partial(face.box_follow, self.state), *self._data(), rows, forgetting)
         _accept(self._status)
         return answers, nanoseconds
 

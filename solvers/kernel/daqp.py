@@ -18,12 +18,13 @@ from typing import Any
 
 import daqp
 import numpy as np
+from qpsolvers import Problem
 
 from solvers.core import block, face
 from solvers.direct import daqp as direct
 from solvers.kernel._library import addresses
-from solvers.protocol import Lane, Matrix, Timings, Vector
-from solvers.timed_calls import time_calls
+from solvers.protocol import Lane, Matrix, Nanoseconds, Timings, Vector
+from solvers.timed_calls import follow_rows, time_calls
 
 DEFAULTS, *FUNCTIONS = addresses("daqp", "0.11.0", Path(daqp.__file__), (
     "daqp_default_settings", "setup_daqp_main", "daqp_update_ldp", "daqp_solve", "free_daqp_workspace", "free_daqp_ldp"))
@@ -89,13 +90,31 @@ class Daqp(direct.Daqp):
     lane = Lane.KERNEL
     model = Model
 
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        super().setup(problem)
+        self._last, self._flag = np.zeros(self.program.d), 0
+
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:  # noqa: D102
         p = self.program
-        loop = partial(face.time_daqp, self._model.state, p.R, p.l, p.u, self._primal_tol, self._cold, self._sense)
-        flag, timings = time_calls(loop, P, q, warm_start, most_ns)
+        flag, timings = time_calls(partial(face.time_daqp, *self._problem()), P, q, warm_start, most_ns)
         last = timings[0].size - 1
         p.take(P[last], q[last])
         self._demand(flag)
         self._is_cold = False
         self._x, _, self._flag, self._info = self._model.result()
         return timings
+
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows one after the other; timed are the new P and q and the solve from the last answer found."""
+        p = self.program
+        if self._flag > 0:
+            self._last[:] = self._x
+        flag, answers, nanoseconds = follow_rows(partial(face.daqp_follow, *self._problem(), self._last), p.P, p.q, rows, forgetting)
+        self._demand(flag)
+        self._is_cold = False
+        self._x, _, self._flag, self._info = self._model.result()
+        return answers, nanoseconds
+
+    def _problem(self) -> tuple[Any, ...]:
+        p = self.program
+        return self._model.state, p.R, p.l, p.u, self._primal_tol, self._cold, self._sense

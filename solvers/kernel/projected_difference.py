@@ -9,6 +9,7 @@ proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from numbers import Real
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -20,7 +21,7 @@ from solvers.core import OK, REASONS, face
 from solvers.descent import Descent
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box_solution, dense, only_box
-from solvers.timed_calls import Timings
+from solvers.timed_calls import Timings, follow_rows
 
 MOST_STEPS = 2**53
 
@@ -131,10 +132,8 @@ class ProjectedDifference(Ours, Solver):
         """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but the data."""
         if self._scaled or self._tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        rows = np.ascontiguousarray(rows, dtype=np.float64)
-        answers, nanoseconds = np.empty((rows.shape[0], self._q.size)), np.empty(rows.shape[0], dtype=np.int64)
-        status = face.projected_follow(self._descent.state, self._P, self._q, rows, forgetting, self._ratio, self._steps,
-                                       answers, nanoseconds)
+        loop = partial(face.projected_follow, self._descent.state, self._ratio, self._steps)
+        status, answers, nanoseconds = follow_rows(loop, self._P, self._q, rows, forgetting)
         if status != OK:
             raise ValueError(f"{self.name}: {REASONS[status]}")
         return answers, nanoseconds

@@ -14,6 +14,7 @@ from qpsolvers import Problem
 import solvers
 from bench.problems import find
 from solvers import Lane, Solver, Unsupported
+from solvers.forgetting import absorb
 from solvers.protocol import Matrix
 from solvers.registry import describe
 
@@ -85,6 +86,26 @@ def test_on_the_problems_of_the_paper_every_rung_answers_as_in_the_direct_lane(n
                 for k, answer in enumerate(answers):
                     direct.update(P[0], (q * less)[k])
                     np.testing.assert_array_equal(answer, direct.solve())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_are_followed_as_by_the_direct_lane_from_the_answer_before(name: str) -> None:
+    rng, d, forgetting = np.random.default_rng(5), 7, 0.9
+    problem = Problem(np.eye(d), -np.ones(d), lb=np.full(d, -0.3), ub=np.full(d, 0.4))
+    compiled, direct = both(name, **tightest(name))
+    for solver in (compiled, direct):
+        solver.setup(problem)
+        previous = solver.solve(np.full(d, 0.1)).copy()
+    rows, (P, q, c) = rng.normal(size=(60, d + 1)), (problem.P.copy(), problem.q.copy(), np.zeros(1))
+    parts = [compiled.time_rows(rows[:25], forgetting), compiled.time_rows(rows[25:], forgetting)]
+    answers, nanoseconds = (np.concatenate(part) for part in zip(*parts, strict=True))
+    assert (nanoseconds > 0).all()
+    for k, answer in enumerate(answers):
+        absorb(P, q, c, rows, k, k + 1, forgetting)
+        direct.update(P, q)
+        previous = direct.solve(previous).copy()
+        np.testing.assert_array_equal(answer, previous)
+    np.testing.assert_array_equal(compiled.solution().x, answers[-1])
 
 
 @pytest.mark.parametrize("name", NAMES)
