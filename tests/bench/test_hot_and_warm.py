@@ -50,7 +50,7 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
     assert (both.status == Status.OK).all()
-    assert len(both) == 2 * 2 * (1 + 2)  # problems, starts, lanes
+    assert len(both) == 2 * 2 * (2 + 2)  # problems, starts, lanes
 
 
 def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
