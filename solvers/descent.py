@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from solvers.core import NOT_FINITE, OK, REASONS, block, face
-from solvers.protocol import Matrix, Vector
+from solvers.protocol import Matrix, Timings, Vector
+from solvers.timed_calls import time_calls
 
 
 class Descent:
@@ -64,10 +66,17 @@ class Descent:
         """Begin at the projection of x (d,), of 0 for None."""
         face.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
 
-    def run(self, steps: int, threshold: float = -1.0) -> int:
-        """Take plain steps; returns how many. It ends where one moves w by ``threshold`` or less (2-norm), looked at every 16."""
-        taken: int = face.projected_steps(self.state, steps, threshold)
+    def run(self, steps: int, tolerance: float = -1.0) -> int:
+        """Take plain steps; returns how many. It ends where one moves w by ``tolerance`` η |D q| or less (2-norms), looked at every 16."""
+        taken: int = face.projected_steps(self.state, steps, tolerance)
         return taken
+
+    def time(self, loop: Callable[..., tuple[int, int]], steps: int, tolerance: float, ratio: float, scaled: bool, P: Matrix, q: Matrix,
+             start: Vector | None, most_ns: float) -> Timings:
+        """Time ``take`` and a run from ``start`` for each of P (n, d, d) and q (n, d), see :meth:`solvers.protocol.Solver.time_kernel`."""
+        status, timings = time_calls(partial(loop, self.state, ratio, int(scaled), steps, tolerance), P, q, start, most_ns)
+        self._accept(status)
+        return timings
 
     def answer(self) -> Vector:
         """x (d,) where it stands, at a bound to the last bit where w is at it."""

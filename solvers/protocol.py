@@ -25,13 +25,14 @@ from qpsolvers import Problem, Solution
 from solvers.arrays import Matrix as Matrix
 from solvers.arrays import Nanoseconds as Nanoseconds
 from solvers.arrays import Vector as Vector
+from solvers.timed_calls import Timings as Timings
 
 
 class Lane(StrEnum):
     """Through what a solve is called, which is part of what the user pays."""
 
     KERNEL = "kernel"
-    """Compiled, no Python call per solve."""
+    """Compiled, no Python call per solve: ours, and libraries by their C functions."""
     DIRECT = "direct"
     """The library's own persistent object."""
     QPSOLVERS = "qpsolvers"
@@ -226,11 +227,18 @@ class Solver(Entrant):
         """
         raise Unsupported(f"{self.name} has no compiled loop over rows")
 
-    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Update and solve ``count`` times inside compiled code and return the nanoseconds of each, shape (count,).
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), which it has not seen before.
 
-        Every solve starts from ``warm_start`` (d,) where one is given, and ``solution`` is that of the last. Only solvers of the
-        kernel lane have it. None stands for updates that are not compiled; they are timed from Python.
+        Every solve starts from ``warm_start`` (d,) where one is given. After the call at which ``most_ns`` are spent no other begins.
+        ``solution`` is that of the last. Only solvers of the lanes kernel and codegen have it.
+
+        Returns
+        -------
+        updates, solves : array (m,)
+            Nanoseconds of each of the m ≤ n calls; the answer is copied within those of its solve.
+        answers : array (m, d)
+            NaN where a library found none.
         """
         raise Unsupported(f"{self.name} has no compiled loop to time")
 

@@ -58,6 +58,11 @@ class Entry:
         """Whether it is timed from inside compiled code, by ``time_kernel``; only what belongs to this package may say how long it took."""
         return self.lane in (Lane.KERNEL, Lane.CODEGEN) and self.path is None and not self.of_package
 
+    @property
+    def comes_last(self) -> bool:
+        """Whether its other lanes are preferred where none is named: a library is called by its own interface unless it is asked for otherwise."""
+        return self.lane is Lane.KERNEL and self.name not in OURS
+
     def load(self) -> type[Solver]:
         """Import the solver's class; raises ImportError where its library is not installed."""
         if self.of_package:
@@ -163,7 +168,7 @@ def _own_entries() -> Iterator[Entry]:
         if lane in FOLDERS:
             for file in sorted((here / lane).glob("[a-z]*.py")):
                 yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
-                if lane is Lane.KERNEL:  # what is compiled can be called from Python too, at the price of the call
+                if lane is Lane.KERNEL and file.stem in OURS:  # ours is called from Python, too, at the price of the call
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
         elif importlib.util.find_spec(lane.value) is not None:
             module = f"solvers.{lane}_lane"
@@ -197,10 +202,15 @@ def add_file(path: str | Path) -> Entry:
 
 
 def find(name: str, lane: Lane | str | None = None) -> Entry:
-    """The entry of that name, in the given lane or in the fastest one that has it (the order of :class:`Lane`)."""
+    """The entry of that name, in the given lane or in the fastest one of those preferred (the order of :class:`Lane`)."""
+    last = None
     for entry in entries():
         if entry.name == name and lane in (None, entry.lane):
-            return entry
+            if lane is not None or not entry.comes_last:
+                return entry
+            last = entry
+    if last is not None:
+        return last
     where = "" if lane is None else f" in the lane {Lane(lane).value!r}"
     raise KeyError(f"there is no solver {name!r}{where}; known are {', '.join(sorted({e.name for e in entries()}))}")
 

@@ -92,20 +92,9 @@ def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None
 
 
 def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timed:
-    """The same timed inside compiled code, which takes the data once more for that; updates that are not compiled are timed here."""
-    keywords = {} if start is None else {"warm_start": start}
-    updates, solves, answers, left_ns = [], [], np.full(q.shape, np.nan), most_ns
+    """The same timed inside compiled code, into which the data go as they are."""
     with no_garbage_collection():
-        for k in range(len(q)):
-            taken = time_call(lambda k=k: solver.update(P=P[k], q=q[k]))  # type: ignore[misc]
-            compiled, solved = solver.time_kernel(1, **keywords)
-            updates.append(taken if compiled is None else int(compiled[0]))
-            solves.append(int(solved[0]))
-            _keep(answers[k], np.asarray(solver.solution().x))
-            left_ns -= updates[-1] + solves[-1]
-            if left_ns < 0:
-                break
-    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[:len(solves)])
+        return Timed(*solver.time_kernel(P, q, start, most_ns))
 
 
 def _keep(row: Vector, x: Vector) -> None:

@@ -19,6 +19,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 HERE = Path(__file__).parent
+CORE = HERE.parent / "core"
+TIMED = (HERE / "timed_loop.c", CORE / "clock.c")
+"""The C that times what is built."""
 
 _found = shutil.which("gcc") or shutil.which("clang")
 if _found is None:
@@ -79,8 +82,7 @@ def run(command: Iterable[str | Path], folder: Path) -> None:
 
 
 def _compile(sources: Sources, folder: Path, target: Path) -> None:
-    run([COMPILER, *FLAGS, *_LINK, f"-I{folder}", f"-I{HERE}", *sources.options, *sources.files, HERE / "timed_loop.c",
-         "-o", target, "-lm"], folder)
+    run([COMPILER, *FLAGS, *_LINK, f"-I{folder}", f"-I{HERE}", *sources.options, *sources.files, *TIMED, "-o", target, "-lm"], folder)
 
 
 def _cache() -> Path:

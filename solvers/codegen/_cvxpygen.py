@@ -95,10 +95,16 @@ int embedded_solve(const double *start)
     return !(FOUND);
 }
 
-void embedded_answer(double *x, double *z)
+void embedded_answer(double *x)
 {
     for (int i = 0; i < D; ++i) {
         x[i] = CPG_Result.prim->x[i];
+    }
+}
+
+void embedded_multipliers(double *z)
+{
+    for (int i = 0; i < D; ++i) {
         z[i] = 0;
     }
     for (int k = 0; k < BELOW; ++k) {

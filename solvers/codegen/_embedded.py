@@ -1,9 +1,9 @@
-"""Solvers that are C of fixed dimensions, called through the five functions of ``embedded.h``.
+"""Solvers that are C of fixed dimensions, called through the functions of ``embedded.h``.
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 
 Timed inside C, as in the lane kernel: ``update`` brings P and q into the solver's memory, ``solve`` is the call that its
-users make; copying the answer out is in neither. ``setup`` generates and builds on the first problem of a shape (some
+users make, and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some
 seconds, see :mod:`solvers.codegen._build`) and loads on all others.
 """
 
@@ -22,12 +22,12 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.codegen._build import HERE, Sources, built_with, library
+from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
+from solvers.core import OK
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, only_box
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Unsupported, Vector, only_box
 from solvers.rows import Program
-
-CORE = HERE.parent / "core"
+from solvers.timed_calls import time_calls
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Embedded(Solver):
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
         self._found, self._x, self._z = False, np.empty(p.d), np.empty(p.d)
         self._library = library(self._key(shape), lambda folder: self._write(shape, folder))
-        self._library.embedded_status.restype = ctypes.c_char_p
+        self._library.embedded_status.restype, self._library.embedded_time.restype = ctypes.c_char_p, ctypes.c_int64
         self._library.embedded_setup(_address(lb), _address(ub), _address(self._values()))
         self.update(p.P, p.q)
 
@@ -110,19 +110,25 @@ class Embedded(Solver):
     def solve(self, warm_start: Vector | None = None) -> Vector:
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         self._found = self._library.embedded_solve(None if start is None else _address(start)) == 0
-        self._library.embedded_answer(_address(self._x), _address(self._z))
+        self._library.embedded_answer(_address(self._x))
         return self._x if self._found else self.program.no_answer()
 
-    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside C, each timed."""
-        p, updates, solves = self.program, np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self._found = self._library.embedded_time(count, _address(p.P), _address(p.q), None if start is None else _address(start),
-                                                  _address(updates), _address(solves)) == 0
-        self._library.embedded_answer(_address(self._x), _address(self._z))
-        return updates, solves
+        _, timings = time_calls(self._loop, P, q, warm_start, most_ns)
+        last = timings[0].size - 1
+        self.program.take(P[last], q[last])
+        self._x[:] = timings[2][last]
+        self._found = bool(np.isfinite(self._x).all())
+        return timings
+
+    def _loop(self, P: Matrix, q: Matrix, start: Vector | None, most_ns: int, updates: Nanoseconds, solves: Nanoseconds,
+              answers: Matrix) -> tuple[int, int]:
+        return OK, self._library.embedded_time(ctypes.c_int64(len(q)), _address(P), _address(q), None if start is None else _address(start),
+                                               ctypes.c_int64(most_ns), _address(updates), _address(solves), _address(answers))
 
     def solution(self) -> Solution:
+        self._library.embedded_multipliers(_address(self._z))
         status = self._library.embedded_status().decode()
         return self.program.solution(self._x, self._z, self._found, status=status, reported_us=None,
                                      iterations=int(self._library.embedded_iterations()))
@@ -135,7 +141,7 @@ class Embedded(Solver):
         """What the built library depends on: all texts that it is made of and the version that makes it."""
         files = {Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")}
         files |= set(CORE.glob("*.[ch]")) if issubclass(type(self), OurOwn) else set()
-        files |= {HERE / "embedded.h", HERE / "timed_loop.c", *HERE.glob(f"{self.name}.c")}
+        files |= {HERE / "embedded.h", CORE / "timed_calls.h", *TIMED, *HERE.glob(f"{self.name}.c")}
         texts = [path.read_bytes() for path in sorted(files)]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
         words = self.name, importlib.metadata.version(self.distribution), repr(astuple(shape)), repr(settings)

@@ -1,4 +1,4 @@
-/* solvers/core/box.h in static memory, with the five functions of embedded.h. */
+/* solvers/core/box.h in static memory, with the functions of embedded.h. */
 #include "box.h"
 #include "embedded.h"
 
@@ -30,10 +30,11 @@ int embedded_solve(const double *start)
     return status == OK || status == UNBOUNDED ? (status = box_solve(&solver, start != NULL)) : status;
 }
 
-void embedded_answer(double *x, double *z)
+void embedded_answer(double *x) { memcpy(x, solver.answer, D * sizeof(double)); }
+
+void embedded_multipliers(double *z)
 {
     for (int i = 0; i < D; ++i) {
-        x[i] = solver.answer[i];
         z[i] = solver.side[i] == FREE ? 0 : -solver.g[i] / solver.scale[i];
     }
 }

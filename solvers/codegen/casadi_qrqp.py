@@ -74,11 +74,9 @@ int embedded_solve(const double *start)
     return status;
 }
 
-void embedded_answer(double *x, double *z)
-{
-    memcpy(x, answer, sizeof answer);
-    memcpy(z, multipliers, sizeof multipliers);
-}
+void embedded_answer(double *x) { memcpy(x, answer, sizeof answer); }
+
+void embedded_multipliers(double *z) { memcpy(z, multipliers, sizeof multipliers); }
 
 const char *embedded_status(void) { return status == 0 ? "solved" : status == 4 ? "no search direction" : "not solved"; }
 

@@ -16,8 +16,10 @@ void embedded_setup(const double *lb, const double *ub, const double *settings);
 void embedded_update(const double *P, const double *q);
 /* Solve, from `start` (D) or cold where that is NULL; 0 where the solver itself says solved. */
 int embedded_solve(const double *start);
-/* Copy the last answer x (D) and the multipliers z (D) of the bounds, P x + q + z = 0. */
-void embedded_answer(double *x, double *z);
+/* Copy the last answer x (D). */
+void embedded_answer(double *x);
+/* Copy its multipliers z (D) of the bounds, P x + q + z = 0. */
+void embedded_multipliers(double *z);
 /* The last solve in the solver's own words. */
 const char *embedded_status(void);
 int embedded_iterations(void);

@@ -1,4 +1,4 @@
-/* solvers/core/descent.h in static memory, with the five functions of embedded.h. */
+/* solvers/core/descent.h in static memory, with the functions of embedded.h. */
 #include "descent.h"
 #include "embedded.h"
 #include "product.h"
@@ -32,12 +32,14 @@ int embedded_solve(const double *start)
     return status;
 }
 
-void embedded_answer(double *x, double *z)
+void embedded_answer(double *x) { memcpy(x, solver.answer, D * sizeof(double)); }
+
+void embedded_multipliers(double *z)
 {
+    const double *const x = solver.answer;
     affine(solver.columns, solver.ld, D, solver.w, solver.shift, solver.next); /* -eta (P x + q) */
     for (int i = 0; i < D; ++i) {
         const double downhill = solver.next[i] / solver.head->eta, lower = solver.lb[i], upper = solver.ub[i];
-        x[i] = solver.answer[i];
         z[i] = (x[i] <= lower && (downhill < 0 || lower >= upper)) || (x[i] >= upper && downhill > 0) ? downhill : 0;
     }
 }

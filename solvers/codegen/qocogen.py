@@ -68,10 +68,16 @@ int embedded_solve(const double *start)
     return work.sol.status != QOCO_CUSTOM_SOLVED;
 }
 
-void embedded_answer(double *x, double *z)
+void embedded_answer(double *x)
 {
     for (int i = 0; i < D; ++i) {
         x[i] = work.sol.x[i];
+    }
+}
+
+void embedded_multipliers(double *z)
+{
+    for (int i = 0; i < D; ++i) {
         z[i] = 0;
     }
     for (int k = 0; k < BELOW; ++k) {

@@ -171,21 +171,30 @@ void descent_answer(Descent *s)
     }
 }
 
-/* Where threshold >= 0, it ends at a step, of every sixteenth, that moves w by no more than that (2-norm). */
-int64_t projected_steps(Descent *s, int64_t steps, real threshold)
+/* Where tolerance >= 0, it ends at a step, of every sixteenth, whose projected gradient, (w(k) - w(k+1))/eta, is no longer than that
+ * times |q| (2-norms). */
+int64_t projected_steps(Descent *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
+    real threshold = 0;
     int64_t k = 0;
     int done = 0;
+    if (tolerance >= 0) {
+        vec8 square = zeros();
+        for (int j = 0; j < ld; j += LANES) {
+            square = plus_product(square, load(s->shift + j), load(s->shift + j));
+        }
+        threshold = tolerance * tolerance * sum8(square);
+    }
     while (k < steps && !done) {
-        const int look = threshold >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1;
+        const int look = tolerance >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1;
         affine(s->columns, ld, d, s->w, s->carry, s->next);
         ++k;
         if (look) {
             for (int j = 0; j < ld; j += LANES) {
                 store(s->next + j, clip(load(s->next + j), load(s->lower + j), load(s->upper + j)));
             }
-            done = distance_squared(s->next, s->w, ld) <= threshold * threshold;
+            done = distance_squared(s->next, s->w, ld) <= threshold;
         }
         go_to_next(s);
     }

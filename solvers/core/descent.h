@@ -40,7 +40,7 @@ CORE_API int descent_take(Descent *s, const real *P, const real *q, real ratio, 
 /* Begin at the projection of x (d), of 0 for NULL. */
 CORE_API void descent_start(Descent *s, const real *x);
 /* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */
-CORE_API int64_t projected_steps(Descent *s, int64_t steps, real threshold);
+CORE_API int64_t projected_steps(Descent *s, int64_t steps, real tolerance);
 CORE_API int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance);
 /* x (d) for w, at a bound to the last bit where w is at it; in s->answer. */
 CORE_API void descent_answer(Descent *s);

@@ -95,63 +95,43 @@ FACE(box_dual_from)
     return finish_integer(a, status);
 }
 
-FACE(time_box)
+typedef struct {
+    Box s;
+    int warm;
+} TimedBox;
+
+static int update(void *solver, const double *P, const double *q) { return take_data(&((TimedBox *)solver)->s, P, q); }
+
+static int solve(void *solver, const double *start, double *x)
 {
-    Box s = take_box(a);
-    const double *const P = take_array(a, s.d, s.d);
-    const double *const q = take_array(a, VECTOR, s.d);
-    const int warm = (int)take_integer(a, 0, 1);
-    const double *const x = take_optional(a, VECTOR, s.d);
-    int64_t *const update_ns = take_integers(a, ANY_LENGTH);
-    const Py_ssize_t runs = taken_length(a);
-    int64_t *const solve_ns = take_integers(a, runs);
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
+    TimedBox *const t = solver;
+    int status = start != NULL ? box_start(&t->s, start) : OK;
+    if (status == OK) {
+        status = box_solve(&t->s, t->warm || start != NULL);
     }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < runs; ++k) {
-        const int64_t begin = monotonic_ns();
-        int64_t between;
-        status = take_data(&s, P, q);
-        between = monotonic_ns();
-        if (x != NULL && status == OK) {
-            status = box_start(&s, x);
-        }
-        status = status == OK ? box_solve(&s, warm || x != NULL) : status;
-        solve_ns[k] = monotonic_ns() - between;
-        update_ns[k] = between - begin;
+    if (status == OK || status == CAPPED) {
+        memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
     }
-    return finish_integer(a, status);
+    return status;
 }
 
-/* Rows (xi, x) into P and q, and a solve after each, warm from the last active set; timed without the first. */
+FACE(time_box)
+{
+    TimedBox t;
+    t.s = take_box(a);
+    t.warm = (int)take_integer(a, 0, 1);
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_timed(a, &solver);
+}
+
+/* Warm from the last active set. */
 FACE(box_follow)
 {
-    Box s = take_box(a);
-    double *const P = take_output(a, s.d, s.d);
-    double *const q = take_output(a, VECTOR, s.d);
-    const double *const rows = take_array(a, ANY_LENGTH, s.d + 1);
-    const Py_ssize_t length = taken_length(a);
-    const double forgetting = take_number(a);
-    double *const answers = take_output(a, length, s.d);
-    int64_t *const nanoseconds = take_integers(a, length);
-    double c = 0;
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < length && status == OK; ++k) {
-        int64_t begin;
-        absorb(P, q, &c, s.d, rows + k * (s.d + 1), forgetting);
-        begin = monotonic_ns();
-        status = take_data(&s, P, q);
-        status = status == OK ? box_solve(&s, 1) : status;
-        nanoseconds[k] = monotonic_ns() - begin;
-        memcpy(answers + k * s.d, s.answer, (size_t)s.d * sizeof(double));
-    }
-    return finish_integer(a, status);
+    TimedBox t;
+    t.s = take_box(a);
+    t.warm = 1;
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_followed(a, &solver, NULL);
 }
 
 FACE(absorb)
@@ -172,30 +152,6 @@ FACE(absorb)
     begin_long_if(a, length > 10);
     for (Py_ssize_t k = 0; k < length; ++k) {
         absorb(P, q, c, d, rows + k * (d + 1), forgetting);
-    }
-    return finish_integer(a, 0);
-}
-
-/* DAQP's sense of each row l <= R x <= u at x, as in `cold` unless that is 0: 1 at the upper side, 3 at the lower one. The first rows of
- * R are those of the identity. */
-FACE(touched)
-{
-    enum { AT_UPPER = 1, AT_LOWER = 3 };
-    const double *const R = take_array(a, ANY_LENGTH, ANY_LENGTH);
-    const Py_ssize_t rows = taken_length(a);
-    const int d = good(a) ? (int)a->views[0].shape[1] : 0;
-    const double *const l = take_array(a, VECTOR, rows);
-    const double *const u = take_array(a, VECTOR, rows);
-    const double *const x = take_array(a, VECTOR, d);
-    const double tolerance = take_number(a);
-    const int *const cold = take_ints(a, rows);
-    int *const sense = take_ints(a, rows);
-    for (Py_ssize_t i = 0; good(a) && i < rows; ++i) {
-        double value = i < d ? x[i] : 0;
-        for (int j = 0; i >= d && j < d; ++j) {
-            value += R[i * d + j] * x[j];
-        }
-        sense[i] = cold[i] != 0 ? cold[i] : value <= l[i] + tolerance ? AT_LOWER : value >= u[i] - tolerance ? AT_UPPER : 0;
     }
     return finish_integer(a, 0);
 }

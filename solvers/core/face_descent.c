@@ -2,7 +2,6 @@
 #include "clock.h"
 #include "descent.h"
 #include "face_solvers.h"
-#include "forgetting.h"
 
 TAKE_STATE(descent, Descent, DESCENT_KIND)
 
@@ -62,7 +61,7 @@ FACE(descent_answer)
     return finish_integer(a, 0);
 }
 
-/* Both methods: steps of one run, or of runs from the same start again and again, each timed. */
+/* Both methods: steps of one run, or timed runs, each with new data. */
 typedef int64_t (*Method)(Descent *s, int64_t steps, real tolerance);
 
 static PyObject *steps_of(Method method, Arguments *a)
@@ -78,25 +77,42 @@ static PyObject *steps_of(Method method, Arguments *a)
     return finish_integer(a, taken);
 }
 
+typedef struct {
+    Descent s;
+    double ratio;
+    int scaled;
+    int64_t steps;
+    double tolerance;
+    Method method;
+} TimedDescent;
+
+static int update(void *solver, const double *P, const double *q)
+{
+    TimedDescent *const t = solver;
+    return descent_take(&t->s, P, q, t->ratio, t->scaled);
+}
+
+static int solve(void *solver, const double *start, double *x)
+{
+    TimedDescent *const t = solver;
+    descent_start(&t->s, start);
+    t->method(&t->s, t->steps, t->tolerance);
+    descent_answer(&t->s);
+    memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+    return OK;
+}
+
 static PyObject *time_of(Method method, Arguments *a)
 {
-    Descent s = take_descent(a);
-    const double *const x = take_optional(a, VECTOR, s.d);
-    const int64_t steps = take_integer(a, 0, INT64_MAX);
-    const double tolerance = take_number(a);
-    int64_t *const nanoseconds = take_integers(a, ANY_LENGTH);
-    const Py_ssize_t runs = taken_length(a);
-    if (good(a)) {
-        begin_long_if(a, 1);
-        for (Py_ssize_t k = 0; k < runs; ++k) {
-            int64_t begin;
-            descent_start(&s, x);
-            begin = monotonic_ns();
-            method(&s, steps, tolerance);
-            nanoseconds[k] = monotonic_ns() - begin;
-        }
-    }
-    return finish_integer(a, 0);
+    TimedDescent t;
+    t.s = take_descent(a);
+    t.ratio = take_number(a);
+    t.scaled = (int)take_integer(a, 0, 1);
+    t.steps = take_integer(a, 0, INT64_MAX);
+    t.tolerance = take_number(a);
+    t.method = method;
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_timed(a, &solver);
 }
 
 FACE(projected_steps) { return steps_of(projected_steps, a); }
@@ -104,33 +120,25 @@ FACE(accelerated_steps) { return steps_of(accelerated_steps, a); }
 FACE(time_projected) { return time_of(projected_steps, a); }
 FACE(time_accelerated) { return time_of(accelerated_steps, a); }
 
-/* Rows (xi, x) into P and q, and `steps` steps after each from where the last ones ended; timed is all but the row. */
+static int solve_on(void *solver, const double *start, double *x)
+{
+    TimedDescent *const t = solver;
+    (void)start;
+    t->method(&t->s, t->steps, t->tolerance);
+    memcpy(x, t->s.w, (size_t)t->s.d * sizeof(double));
+    return OK;
+}
+
+/* So many steps after each row from where the last ones ended. */
 FACE(projected_follow)
 {
-    Descent s = take_descent(a);
-    double *const P = take_output(a, s.d, s.d);
-    double *const q = take_output(a, VECTOR, s.d);
-    const double *const rows = take_array(a, ANY_LENGTH, s.d + 1);
-    const Py_ssize_t length = taken_length(a);
-    const double forgetting = take_number(a);
-    const double ratio = take_number(a);
-    const int64_t steps = take_integer(a, 0, INT64_MAX);
-    double *const answers = take_output(a, length, s.d);
-    int64_t *const nanoseconds = take_integers(a, length);
-    double c = 0;
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < length && status == OK; ++k) {
-        int64_t begin;
-        absorb(P, q, &c, s.d, rows + k * (s.d + 1), forgetting);
-        begin = monotonic_ns();
-        status = descent_take(&s, P, q, ratio, 0);
-        projected_steps(&s, steps, -1);
-        nanoseconds[k] = monotonic_ns() - begin;
-        memcpy(answers + k * s.d, s.w, (size_t)s.d * sizeof(double));
-    }
-    return finish_integer(a, status);
+    TimedDescent t;
+    t.s = take_descent(a);
+    t.ratio = take_number(a);
+    t.scaled = 0;
+    t.steps = take_integer(a, 0, INT64_MAX);
+    t.tolerance = -1;
+    t.method = projected_steps;
+    const TimedSolver solver = {&t, t.s.d, update, solve_on};
+    return finish_followed(a, &solver, NULL);
 }

@@ -3,6 +3,7 @@
 #define CORE_FACE_SOLVERS_H
 
 #include "face.h"
+#include "face_timed.h"
 
 #define FACES(F) \
     F(processor_level, 0, "", "level of the x86-64 instruction set here, 2 to 4; 0 on other processors.") \
@@ -14,11 +15,11 @@
     F(box_solve, 2, "state, warm", "solve; a status.") \
     F(box_solve_factorised, 2, "state, warm", "solve without the inverse; a status.") \
     F(box_dual_from, 2, "state, sides", "solve by the dual method alone; a status.") \
-    F(time_box, 7, "state, P, q, warm, x, updates, solves", "time both again and again; a status.") \
-    F(box_follow, 7, "state, P, q, rows, forgetting, answers, nanoseconds", "solve after each row; a status.") \
+    F(time_box, 2 + TIMED_COUNT, "state, warm, " TIMED, "time updates and solves; a status, and how many.") \
+    F(box_follow, 1 + FOLLOWED_COUNT, "state, " FOLLOWED, "time a solve after each row; a status.") \
     F(box_many_bytes, 1, "d", "size of the room that box_many needs.") \
     F(box_many, 10, "P, q, lb, ub, x, statuses, room, first, last, lanes", "programs one by one or in lanes; how many one by one.") \
-    F(projected_follow, 9, "state, P, q, rows, forgetting, ratio, steps, answers, nanoseconds", "a status.") \
+    F(projected_follow, 3 + FOLLOWED_COUNT, "state, ratio, steps, " FOLLOWED, "as box_follow.") \
     F(swept_bytes, 1, "d", "size of the state of the solver that takes rows.") \
     F(swept_places, 1, "state", "where its vectors begin, in numbers.") \
     F(swept_setup, 6, "state, lb, ub, forgetting, row_weight, proximal", "make a block a state; a status.") \
@@ -28,9 +29,19 @@
     F(swept_recover, 1, "state", "begin anew from the data so far; a status.") \
     F(swept_refresh, 1, "state", "make the swept matrix anew; a status.") \
     F(swept_error, 1, "state", "largest violation of the optimality conditions.") \
-    F(time_swept, 4, "state, P, q, nanoseconds", "time starts; a status.") \
+    F(time_swept, 1 + TIMED_COUNT, "state, " TIMED, "time starts from new data; a status, and how many.") \
     F(absorb, 5, "P, q, c, rows, forgetting", "take rows into P, q and c.") \
-    F(touched, 7, "R, l, u, x, tolerance, cold, sense", "which rows x touches, as DAQP has it: 1 above, 3 below.") \
+    F(touched, 7, "R, l, u, tolerance, x, cold, sense", "which rows x touches, as DAQP has it: 1 above, 3 below.") \
+    F(daqp_bytes, 0, "", "size of the state of DAQP.") \
+    F(daqp_setup, 10, "state, addresses, f, H, A, upper, lower, sense, x, lam", "make a block a state; the library's exit flag.") \
+    F(daqp_free, 1, "state", "let go what the library allocated.") \
+    F(daqp_update, 3, "state, mask, sense", "tell the library what of its arrays is new, 1 for H, 4 for f; its exit flag.") \
+    F(daqp_solve, 1, "state", "solve; exit flag, iterations and seconds.") \
+    F(daqp_result, 1, "state", "the same of the last solve.") \
+    F(time_daqp, 7 + TIMED_COUNT, "state, R, l, u, tolerance, cold, sense, " TIMED, "as time_box.") \
+    F(daqp_follow, 8 + FOLLOWED_COUNT, "state, R, l, u, tolerance, cold, sense, last, " FOLLOWED, "as box_follow.") \
+    F(mujoco_follow, 6 + FOLLOWED_COUNT, "address, lower, upper, factor, free, last, " FOLLOWED, "as box_follow.") \
+    F(time_mujoco, 5 + TIMED_COUNT, "address, lower, upper, factor, free, " TIMED, "as time_box.") \
     F(time_nothing, 2, "lasting, nanoseconds", "time steps that wait so many nanoseconds and do nothing else.") \
     F(descent_bytes, 1, "d", "size of the state of a gradient method.") \
     F(descent_places, 1, "state", "where its vectors begin, in numbers.") \
@@ -38,10 +49,10 @@
     F(descent_take, 5, "state, P, q, ratio, scaled", "new data, None for what stays; a status.") \
     F(descent_start, 2, "state, x", "begin at x, at 0 for None.") \
     F(descent_answer, 1, "state", "write the answer.") \
-    F(projected_steps, 3, "state, steps, threshold", "how many were taken.") \
+    F(projected_steps, 3, "state, steps, tolerance", "how many were taken.") \
     F(accelerated_steps, 3, "state, steps, tolerance", "how many were taken.") \
-    F(time_projected, 5, "state, x, steps, threshold, nanoseconds", "time runs from x.") \
-    F(time_accelerated, 5, "state, x, steps, tolerance, nanoseconds", "time runs from x.")
+    F(time_projected, 5 + TIMED_COUNT, "state, ratio, scaled, steps, tolerance, " TIMED, "as time_box.") \
+    F(time_accelerated, 5 + TIMED_COUNT, "state, ratio, scaled, steps, tolerance, " TIMED, "as time_box.")
 FACES(DECLARE_FACE)
 
 #endif

@@ -92,8 +92,8 @@ FACE(swept_take_rows)
             status = swept_recover(&s);
         }
         swept_answer(&s);
-        nanoseconds[k] = monotonic_ns() - start;
         memcpy(answers + k * s.d, s.answer, (size_t)s.d * sizeof(double));
+        nanoseconds[k] = monotonic_ns() - start;
     }
     return finish_integer(a, status);
 }
@@ -118,22 +118,34 @@ FACE(swept_error)
     return finish_number(a, good(a) ? swept_error(&s) : 0);
 }
 
+/* It starts anew from P and q, which includes finding the optimum, so that all of it is the solve. */
+typedef struct {
+    Swept s;
+    const double *P, *q;
+} TimedSwept;
+
+static int update(void *solver, const double *P, const double *q)
+{
+    TimedSwept *const t = solver;
+    t->P = P;
+    t->q = q;
+    return OK;
+}
+
+static int solve(void *solver, const double *start, double *x)
+{
+    TimedSwept *const t = solver;
+    const int status = begin(&t->s, t->P, t->q);
+    (void)start;
+    if (status == OK || status == CAPPED) {
+        memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+    }
+    return status;
+}
+
 FACE(time_swept)
 {
-    Swept s = take_swept(a);
-    const double *const P = take_array(a, s.d, s.d);
-    const double *const q = take_array(a, VECTOR, s.d);
-    int64_t *const nanoseconds = take_integers(a, ANY_LENGTH);
-    const Py_ssize_t runs = taken_length(a);
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < runs; ++k) {
-        const int64_t start = monotonic_ns();
-        status = begin(&s, P, q);
-        nanoseconds[k] = monotonic_ns() - start;
-    }
-    return finish_integer(a, status);
+    TimedSwept t = {take_swept(a), NULL, NULL};
+    const TimedSolver solver = {&t, t.s.d, update, solve};
+    return finish_timed(a, &solver);
 }

@@ -12,6 +12,8 @@ the library on its own would go on from the last active set and so answer the sa
 
 from __future__ import annotations
 
+from typing import Any, ClassVar
+
 import daqp
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +35,14 @@ class Daqp(LibrarySolver):
     name = "daqp"
     library = known.DAQP
     warm_startable = True
+    model: ClassVar[type[Any]] = daqp.Model
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
         free = np.isinf(p.l) & np.isinf(p.u)
         self._cold: Sense = np.where(p.l == p.u, EQUAL, np.where(free, IGNORED, 0)).astype(np.intc)
         self._sense = self._cold.copy()
-        self._model = daqp.Model()
+        self._model = self.model()
         if unknown := self.settings.keys() - self._model.settings.keys():
             raise ValueError(f"daqp has no setting {', '.join(sorted(unknown))}")
         self._model.settings = self.settings
@@ -61,7 +64,7 @@ class Daqp(LibrarySolver):
         p = self.program
         if warm_start is not None:
             x = np.ascontiguousarray(warm_start, dtype=np.float64)
-            face.touched(p.R, p.l, p.u, x, self._primal_tol, self._cold, self._sense)
+            face.touched(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
             self._model.update(sense=self._sense)
         elif not self._is_cold:
             self._model.update(sense=self._cold)

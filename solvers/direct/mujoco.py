@@ -41,4 +41,9 @@ class Mujoco(BoxMinimiser):
         p, x = self.program, self._x
         x[:] = 0.0 if start is None else start
         free = _functions.mju_boxQP(x, self._factor, None, p.P, p.q, self.lb, self.ub)
-        return Outcome(x, free >= 0, f"{free} variables free" if free >= 0 else "P is not positive definite")
+        return outcome(x, free)
+
+
+def outcome(x: Vector, free: int) -> Outcome:
+    """What the library says by the number of free variables that it returns."""
+    return Outcome(x, free >= 0, f"{free} variables free" if free >= 0 else "P is not positive definite")

@@ -1,1 +1,1 @@
-"""Compiled solvers of our own: no Python call inside a solve."""
+"""Compiled solvers, ours and by the C functions of libraries: no Python call inside a solve."""

@@ -19,7 +19,7 @@ from qpsolvers import Problem, Solution
 from solvers.core import face
 from solvers.descent import Descent
 from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
+from solvers.protocol import Lane, Matrix, Solver, Timings, Vector, box_solution, dense, only_box
 
 
 class AcceleratedProjection(Ours, Solver):
@@ -67,6 +67,7 @@ class AcceleratedProjection(Ours, Solver):
         """
         self._lb, self._ub = only_box(problem, self.name)
         self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
+        self._scaled = bool(self.settings.get("diagonal_scaling", True))
         self._P, self._q = dense(problem)
         self._method = Descent(self._lb, self._ub, self.name)
         self.update(self._P, self._q)
@@ -77,8 +78,7 @@ class AcceleratedProjection(Ours, Solver):
             np.copyto(self._P, P)
         if q is not None:
             np.copyto(self._q, q)
-        scaled = bool(self.settings.get("diagonal_scaling", True))
-        self._method.take(None if P is None else self._P, None if q is None else self._q, 0.5, scaled)
+        self._method.take(None if P is None else self._P, None if q is None else self._q, 0.5, self._scaled)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is ``warm_start``, or 0, clipped."""
@@ -86,12 +86,12 @@ class AcceleratedProjection(Ours, Solver):
         face.accelerated_steps(self._method.state, self._steps, self._tolerance)
         return self._method.answer()
 
-    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are timed from Python."""
-        nanoseconds = np.empty(count, dtype=np.int64)
-        start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
-        face.time_accelerated(self._method.state, start, self._steps, self._tolerance, nanoseconds)
-        return None, nanoseconds
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
+        timings = self._method.time(face.time_accelerated, self._steps, self._tolerance, 0.5, self._scaled, P, q, warm_start, most_ns)
+        last = timings[0].size - 1
+        self._P[:], self._q[:] = P[last], q[last]
+        return timings
 
     def solution(self) -> Solution:
         """Return the last iterate; found says whether it met the tolerance within the steps."""

@@ -27,6 +27,7 @@ J. J. Júdice, L. N. Vicente, Math. Comp. 63 (1994) 625; P. E. Gill, G. H. Golub
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,7 +35,8 @@ from qpsolvers import Problem, Solution
 
 from solvers.core import CAPPED, OK, REASONS, block, face
 from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
+from solvers.timed_calls import follow_rows, time_calls
 
 COUNTS = ("exchanges", "systems", "dual_steps", "proximal_steps", "fallbacks")
 """What the head of the state counts, in its order (BoxHead in box.h)."""
@@ -124,18 +126,15 @@ class BoxActiveSet(Ours, Solver):
             _accept(self._status)
         return self._answer
 
-    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Take P and q anew and solve from cold (warm with that setting) or from ``warm_start``, each timed."""
-        updates, solves = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-        self._status = face.time_box(self.state, *self._data(), self._warm, self._like(warm_start, 1), updates, solves)
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        """Take each P and q and solve from cold (warm with that setting) or from ``warm_start``, timed."""
+        self._status, timings = time_calls(partial(face.time_box, self.state, self._warm), P, q, warm_start, most_ns)
         _accept(self._status)
-        return updates, solves
+        return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
-        rows = np.ascontiguousarray(rows, dtype=np.float64)
-        answers, nanoseconds = np.empty((rows.shape[0], self._answer.size)), np.empty(rows.shape[0], dtype=np.int64)
-        self._status = face.box_follow(self.state, *self._data(), rows, forgetting, answers, nanoseconds)
+        self._status, answers, nanoseconds = follow_rows(partial(face.box_follow, self.state), *self._data(), rows, forgetting)
         _accept(self._status)
         return answers, nanoseconds
 

@@ -9,6 +9,7 @@ proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from numbers import Real
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -20,6 +21,7 @@ from solvers.core import OK, REASONS, face
 from solvers.descent import Descent
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box_solution, dense, only_box
+from solvers.timed_calls import Timings, follow_rows
 
 MOST_STEPS = 2**53
 
@@ -83,7 +85,9 @@ class ProjectedDifference(Ours, Solver):
                 raise ValueError(f"{self.name}: {name} must be a number, and it is {value!r}")
         if not 0 <= numbers["steps"] <= MOST_STEPS:
             raise ValueError(f"{self.name}: steps must be from 0 to {MOST_STEPS}, and it is {numbers['steps']}")
-        self._steps, self._ratio, self._tolerance = int(numbers["steps"]), float(numbers["step_ratio"]), numbers["tolerance"]
+        self._steps, self._ratio = int(numbers["steps"]), float(numbers["step_ratio"])
+        self._tolerance = -1.0 if numbers["tolerance"] is None else float(numbers["tolerance"])
+        self._scaled = bool(settings.get("diagonal_scaling", False))
         if not 0 < self._ratio < (np.inf if settings.get("allow_divergence", False) else 1):
             raise ValueError(f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
                              f"{self._ratio}; allow_divergence=True permits more")
@@ -93,15 +97,11 @@ class ProjectedDifference(Ours, Solver):
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Take new P (a new step follows from it) or q; raises ValueError as ``setup`` does."""
-        scaling = bool(self.settings.get("diagonal_scaling", False))
         if P is not None:
             np.copyto(self._P, P)
         if q is not None:
             np.copyto(self._q, q)
-        self._descent.take(None if P is None else self._P, None if q is None else self._q, self._ratio, scaling)
-        self._threshold = -1.0
-        if self._tolerance is not None:
-            self._threshold = float(self._tolerance) * self._descent.eta * float(np.linalg.norm(self._q * self._descent.D))
+        self._descent.take(None if P is None else self._P, None if q is None else self._q, self._ratio, self._scaled)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is the projection of ``warm_start``, or of 0."""
@@ -115,27 +115,25 @@ class ProjectedDifference(Ours, Solver):
 
     def advance(self, steps: int) -> None:
         """Take so many steps from where the recursion stands."""
-        self._descent.run(steps, self._threshold)
+        self._descent.run(steps, self._tolerance)
 
     def answer(self) -> Vector:
         """Return the iterate (d,) where the recursion stands."""
         return self._descent.answer()
 
-    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Run the steps from 0 or ``warm_start``, each time from there, timed; updates are not compiled."""
-        nanoseconds = np.empty(count, dtype=np.int64)
-        start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
-        face.time_projected(self._descent.state, start, self._steps, self._threshold, nanoseconds)
-        return None, nanoseconds
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
+        timings = self._descent.time(face.time_projected, self._steps, self._tolerance, self._ratio, self._scaled, P, q, warm_start, most_ns)
+        last = timings[0].size - 1
+        self._P[:], self._q[:] = P[last], q[last]
+        return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but the data."""
-        if self.settings.get("diagonal_scaling", False) or self._tolerance is not None:
+        if self._scaled or self._tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        rows = np.ascontiguousarray(rows, dtype=np.float64)
-        answers, nanoseconds = np.empty((rows.shape[0], self._q.size)), np.empty(rows.shape[0], dtype=np.int64)
-        status = face.projected_follow(self._descent.state, self._P, self._q, rows, forgetting, self._ratio, self._steps,
-                                       answers, nanoseconds)
+        loop = partial(face.projected_follow, self._descent.state, self._ratio, self._steps)
+        status, answers, nanoseconds = follow_rows(loop, self._P, self._q, rows, forgetting)
         if status != OK:
             raise ValueError(f"{self.name}: {REASONS[status]}")
         return answers, nanoseconds

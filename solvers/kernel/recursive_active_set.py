@@ -12,6 +12,7 @@ help, the cold exact solver is asked (``swept_refresh.c``). An error is left for
 
 from __future__ import annotations
 
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +20,8 @@ from qpsolvers import Problem, Solution
 
 from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face
 from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Vector, box_solution, dense, only_box
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
+from solvers.timed_calls import time_calls
 
 LARGEST = 1e100
 """LARGEST_ENTRY of swept.h: size from which a number of a row is refused."""
@@ -144,12 +146,13 @@ class RecursiveActiveSet(Ours, Solver):
             raise ValueError(f"{self.name}: was set up with forgetting {self._forgetting}, not {forgetting}")
         return self.append_many(rows)
 
-    def time_kernel(self, count: int, warm_start: Vector | None = None) -> tuple[Nanoseconds | None, Nanoseconds]:
-        """Start anew from P and q, which includes finding the optimum, timed as solves; there is no update apart."""
-        nanoseconds = np.empty(count, dtype=np.int64)
-        self._accept(face.time_swept(self.state, self._P, self._q, nanoseconds))
-        self._capped = False
-        return np.zeros(count, dtype=np.int64), nanoseconds
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        """Start anew from each P and q, which includes finding the optimum, timed as solves; there is no update apart."""
+        status, timings = time_calls(partial(face.time_swept, self.state), P, q, warm_start, most_ns)
+        self._accept(status)
+        last = timings[0].size - 1
+        self._P, self._q, self._capped = np.array(P[last]), np.array(q[last]), status == CAPPED
+        return timings
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the minimiser (d,) of the data so far; a start is of no use to a method that is always at the optimum."""

@@ -2,7 +2,9 @@
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import cheating_solvers
 import numpy as np
@@ -15,11 +17,14 @@ from programs import that_load
 from qpsolvers import Problem
 
 import solvers
+from bench.passed.outcome import Outcome
 from bench.passed.task import Task, settings_of
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm
 from bench.races.anytime import figures as anytime_figures
 from bench.races.anytime.figures import FITS, PAPER
-from bench.races.anytime.race import ANYTIME, BUDGETS, LIMITS, AnytimeSettings
-from bench.races.anytime.worker import AnytimeRequest, Curve
+from bench.races.anytime.race import ANYTIME, BUDGETS, LIMITS, AnytimeSettings, Curve, curve_of, point_of
+from bench.races.anytime.worker import PointRequest
 from bench.races.registry import kinds
 from bench.report.words import marked
 from bench.store import Run
@@ -136,7 +141,8 @@ def curve(hard: Problem, name: str, limits: tuple[int, ...], longest_s: float, r
     setting = next(each for each in settings_of(solver) if (each.is_default if rung is None else each.rung == rung))
     task = Task("set", "hard", "scaled", entry.name, entry.lane, setting)
     fields = {"P": hard.P, "q": hard.q, "lb": hard.lb, "ub": hard.ub}
-    outcome = AnytimeRequest(task, fields, 1.0, Effort(0.0, 1, 1), limits, longest_s, False).answer(entry.load(), True)
+    outcome = curve_of(lambda limit: PointRequest(task, fields, 1.0, Effort(0.0, 1, 1), limit, hard.P[None], 0.9 * hard.q[None], False)
+                       .answer(entry.load(), True), limits, longest_s)
     assert isinstance(outcome, Curve), outcome.message
     return outcome
 
@@ -164,6 +170,22 @@ def test_a_curve_is_that_of_the_solvers_tightest_setting(raced: Raced) -> None:
         points = raced.points(entry.name, entry.lane)
         tightest = setting_text({**entry.load().always, **entry.load().ladder(1.0)[-1]}) if len(points) else ""
         assert (points.setting == tightest).all()
+
+
+def test_every_limit_is_timed_on_data_that_no_other_call_has_seen(hard: Problem) -> None:
+    form, entry = CertifiedForm(hard, 1.0, np.eye(12), certify(hard, np.zeros(12))), solvers.find("osqp", "direct")
+    task, asked = Task("set", "hard", "scaled", entry.name, entry.lane), []
+
+    def ask(request: PointRequest) -> Outcome:
+        asked.append(request)
+        return request.answer(entry.load(), True)
+
+    child = SimpleNamespace(ask=ask, entry=entry)
+    curve_of(partial(point_of, child, task, form, FreshData(form, 1), Effort(0.001, 1, 7)), LIMITS[:3], 3600.0)
+    assert len(asked) == 3
+    seen = {q.tobytes() for request in asked for q in request.q}
+    assert len(seen) == 21
+    assert hard.q.tobytes() not in seen
 
 
 def test_a_solver_without_a_limit_has_one_point(raced: Raced) -> None:

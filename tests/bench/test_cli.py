@@ -309,7 +309,7 @@ def test_race_refuses_what_it_cannot_race(piezobench: CommandLine, tmp_path: Pat
 
 def test_race_refuses_a_solver_in_a_lane_that_it_is_not_in(piezobench: CommandLine, tmp_path: Path) -> None:
     assert "no solver of those asked for is in the lane kernel" in refused(piezobench, tmp_path, "race", "--lane", "kernel",
-                                                                          "--solver", "daqp")
+                                                                          "--solver", "quadprog")
 
 
 @pytest.mark.parametrize("verb", ["report", "resume"])

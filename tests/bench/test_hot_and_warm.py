@@ -50,7 +50,7 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
     assert (both.status == Status.OK).all()
-    assert len(both) == 2 * 2 * (3 + 2) + 2 * 2 * (1 + 2)  # repeats, problems, settings of either; and warm, repeats, problems, lanes
+    assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)  # repeats, problems, settings in the lanes of either, then warm lanes
 
 
 def test_a_warm_start_has_the_setting_that_stands_for_a_billionth_else_for_a_millionth_else_what_the_library_does_unasked(

@@ -112,8 +112,8 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
 def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_each_round(streamed: Streamed) -> None:
     counts = streamed.rows.groupby(["solver", "lane"]).repeat.nunique()
     assert (counts.drop(index=[("null", "direct")]) == 2).all()
-    assert len(counts) == 3 + 4 + 7 + 1  # kernel, direct, the user's, and the machine
-    assert counts["null", "direct"] == 4  # fourteen tasks a round, and one look before every ten
+    assert len(counts) == 4 + 4 + 7 + 1  # kernel, direct, the user's, and the machine
+    assert counts["null", "direct"] == 4  # fifteen tasks a round, and one look before every ten
 
 
 def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -> None:
@@ -184,7 +184,7 @@ def test_histograms_hold_the_raw_times(streamed: Streamed) -> None:
     assert loop.response_histogram == latency_histogram.recorded(streamed.ns(loop, "service"), PERIOD_NS)
 
 
-@pytest.mark.parametrize("solver", ["box_active_set", "recursive_active_set"])
+@pytest.mark.parametrize("solver", ["box_active_set", "recursive_active_set", "daqp"])
 def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_paced(streamed: Streamed, solver: str) -> None:
     row = streamed.row(solver, "kernel")
     assert not row.paced

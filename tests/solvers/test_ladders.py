@@ -13,17 +13,16 @@ from qpsolvers import Problem
 import solvers
 from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import Experiment
-from solvers import Lane, Solver, Unsupported
+from solvers import Lane, Solver, Unsupported, registry
 from solvers.backend import LibrarySolver
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import setting_text
 from solvers.registry import Entry
 
-LIBRARIES = [entry for entry in solvers.entries() if entry.lane in (Lane.DIRECT, Lane.QPSOLVERS, Lane.CVXPY)
-             and not entry.module.startswith("solvers.kernel")]
+LIBRARIES = [entry for entry in solvers.entries() if entry.lane is not Lane.CODEGEN and entry.name not in registry.OURS]
 DIRECT = [entry for entry in LIBRARIES if entry.lane is Lane.DIRECT]
 CODEGEN = [entry for entry in solvers.entries() if entry.lane is Lane.CODEGEN]
-OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL]
+OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.name in registry.OURS]
 SEED = 1000
 """Far from the seeds that are raced."""
 

@@ -355,9 +355,11 @@ def test_the_solution_after_the_compiled_loop_is_that_of_its_last_start_and_not_
     s = recursive(A @ A.T, rng.normal(size=6), np.zeros(6), np.full(6, np.inf), most_exchanges=1)
     while s.solution().extras["status"] == "solved":
         s.append(10 * rng.normal(size=6), 10 * rng.normal())
-    s.time_kernel(2)
+    P, q = np.stack([A @ A.T, A @ A.T + np.eye(6)]), rng.normal(size=(2, 6))
+    *_, answers = s.time_kernel(P, q)
     assert s.solution().extras["status"] == "solved"
     assert s.solution().found
+    assert (s.solution().x == answers[1]).all()
 
 
 @pytest.mark.parametrize("d", [12, 60])

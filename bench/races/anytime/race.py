@@ -2,7 +2,9 @@
 
 Every solver that has a limit of iterations runs with growing limits, from a cold start each time, and gives points
 (time, exact cost gap); the others give the one point of their full solve. Time is the median of update plus the median of
-solve, in sampling periods of 125 µs. The accuracy *within* a budget is the best of the points that are there by then.
+solve, in sampling periods of 125 µs. The accuracy *within* a budget is the best of the points that are there by then. The limits grow
+until the solver is done before it meets one, the iterate stays the same to the last bit, or the next limit would by the growth of
+the last ones take longer than ``longest_s``.
 
 The paper's method stands there twice: with as many steps as fit into the time, and with one step a sample as the paper
 runs it beside the machine, where a step takes a period whatever it costs.
@@ -10,8 +12,9 @@ runs it beside the machine, where a step takes a period whatever it costs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,11 +24,13 @@ from bench.passed.progress import Progress
 from bench.passed.row import Row, who
 from bench.passed.task import Task, tightest
 from bench.problem_files.program import fields_of
+from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.processes.sentinel import EVERY_S
-from bench.races.anytime.worker import AnytimeRequest, Curve, Point
+from bench.processes.solver_child import SolverChild
+from bench.races.anytime.worker import Point, PointRequest
 from bench.races.conditions import note_conditions, watched
 from bench.races.field import checked, field_of
 from bench.races.metrics import relative_gap
@@ -82,6 +87,39 @@ def tasks_of(field: Sequence[Described], problem: RaceProblem, scaling: Scaling,
         yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, tightest(solver), repeat=repeat)
 
 
+@dataclass
+class Curve(Outcome):
+    """The points of a task by growing limit, and the name of the setting, "" where the solver has none."""
+
+    points: list[Point] = field(default_factory=list)
+    iteration_setting: str = ""
+
+
+def curve_of(ask: Callable[[int], Outcome], limits: Sequence[int], longest_s: float) -> Outcome:
+    """Ask for the point of each limit, ascending; the outcome of the first that fails."""
+    points: list[Point] = []
+    for limit in limits:
+        if points:
+            last = points[-1]
+            seconds = 1e-9 * float(np.median(last.update_ns) + np.median(last.solve_ns))
+            if seconds * limit / last.limit > longest_s:
+                break
+        point = ask(limit)
+        if not isinstance(point, Point):
+            return point
+        points.append(point)
+        done = not point.iteration_setting or (point.found and point.iterations != limit)
+        if done or (len(points) > 1 and np.array_equal(point.x, points[-2].x)):
+            break
+    return Curve(found=True, points=points, asked=points[0].asked, iteration_setting=points[0].iteration_setting)
+
+
+def point_of(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, effort: Effort, limit: int) -> Outcome:
+    """The point of one limit, timed on data that nobody has seen."""
+    P, q = fresh.unseen(min(effort.most, fresh.calls_at_once))
+    return child.ask(PointRequest(task, fields_of(form.qp), form.unit, effort, limit, P, q, child.entry.times_itself))
+
+
 def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described], line_up: LineUp, problems: Sequence[RaceProblem],
           progress: Progress) -> None:
     """Do the tasks that are not done."""
@@ -90,15 +128,15 @@ def _race(run: Run, settings: AnytimeSettings, field: Sequence[Described], line_
     done, total = 0, sum(len(tasks) for *_, tasks in parts)
     for repeat, problem, scaling, tasks in parts:
         line_up.begin(repeat)
-        fields = fields_of(problem.forms[scaling].qp)
+        form = problem.forms[scaling]
+        fresh = FreshData(form, 1)
         with watched(run, f"{problem.set_name}--{problem.name}--{scaling}--{repeat}", line_up.sentinel):
             for task in tasks:
                 progress(f"{task.solver} ({task.lane}) on {problem.name}, {scaling}", done, total)
                 done += 1
                 if not run.is_done(task):
                     child = line_up.children[task.solver, task.lane]
-                    outcome = child.ask(AnytimeRequest(task, fields, problem.forms[scaling].unit, settings.effort, LIMITS,
-                                                       settings.longest_s, child.entry.times_itself))
+                    outcome = curve_of(partial(point_of, child, task, form, fresh, settings.effort), LIMITS, settings.longest_s)
                     run.save(task, rows_of(problem, task, outcome), times_of(outcome))
                     line_up.sentinel.look(unless_within_s=EVERY_S)
 
@@ -124,7 +162,7 @@ def _figures(form: CertifiedForm, point: Point) -> dict[str, Any]:
     measurable = point.x.shape == form.qp.q.shape and bool(np.isfinite(point.x).all())
     gap, violation = relative_gap(form, point.x) if measurable else (NAN, NAN)
     update, solve = (float(np.median(times)) / 1e3 for times in (point.update_ns, point.solve_ns))
-    return {"status": str(Status.OK if measurable else Status.SOLVER_FAILED), "message": "" if measurable else f"no answer: {point.status}",
+    return {"status": str(Status.OK if measurable else Status.SOLVER_FAILED), "message": "" if measurable else f"no answer: {point.solver_status}",
             "limit": point.limit, "found": point.found, "iterations": point.iterations,
             "cost_gap": gap, "violation": violation, "update_us": update,
             "solve_us_p50": solve, "samples": point.solve_ns.size, "periods": (update + solve) / PERIOD_US}

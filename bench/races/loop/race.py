@@ -90,10 +90,10 @@ class LoopSettings(TierSettings):
 
 
 def check(settings: LoopSettings) -> list[Entry]:
-    """The entries that are asked for, each solver in the fastest of the lanes only: a lane changes the time and no answer."""
+    """The entries that are asked for, each solver in the lane only in which :func:`solvers.find` has it: a lane changes the time and no answer."""
     table_of(settings.settings_run)
     chosen: dict[tuple[str, Path | None], Entry] = {}
-    for entry in entries_of(settings):
+    for entry in sorted(entries_of(settings), key=lambda entry: entry.comes_last):
         chosen.setdefault((entry.name, entry.path), entry)
     return list(chosen.values())
 

@@ -143,7 +143,7 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
     the solver works while nobody times it, and whether it answers from memory.
     """
     form, tally, size = problem.forms[task.scaling], Tally(), 1
-    compiled = child.entry.times_itself  # it is given its data twice and asked for its answer, untimed
+    compiled = child.entry.times_itself  # by a loop of this package, which cannot be lied to
     outcome = child.ask(OneShot.of(task, form, times_itself=compiled))
     if outcome.failure:
         return outcome, tally

@@ -5,10 +5,10 @@ date, which is the machine's common work: it is done while waiting for the due t
 the due time the solver gets P and q by ``update`` and answers, warm from the previous answer where it can; a solver that
 takes rows gets the row by ``append`` in place of P and q, and following the data is then its own work and timed.
 
-Our solvers of the kernel lane have no schedule: a compiled loop takes the rows back to back and notes what each took, service times
-that no Python and no waiting is in; a solver of anybody else's is timed from outside, on the schedule. When the rows are through
-the loop goes back along them and forth again, which has no jump, until ``kernel_samples`` are done or, looked at after every KERNEL_BLOCK
-rows, KERNEL_WALL_S are spent.
+The solvers of this package's kernel lane have no schedule: a compiled loop takes the rows back to back and notes what each took, the copy
+of the answer included, service times that no Python and no waiting is in; a user's solver is timed from outside, on the schedule. When
+the rows are through the loop goes back along them and forth again, which has no jump, until ``kernel_samples`` are done or, looked at
+after every KERNEL_BLOCK rows, KERNEL_WALL_S are spent.
 """
 
 from __future__ import annotations

@@ -1,0 +1,213 @@
+"""Libraries in the compiled lane by their C functions: the answers of their own interface, its settings, and absence with a reason."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from qpsolvers import Problem
+
+import solvers
+from bench.problems import find
+from solvers import Lane, Solver, Unsupported
+from solvers.forgetting import absorb
+from solvers.protocol import Matrix
+from solvers.registry import describe
+
+NAMES = ("daqp", "mujoco")
+FORMS = {"daqp": ("boxes", "one-sided", "mixed", "rows"), "mujoco": ("boxes", "one-sided")}
+
+
+def both(name: str, **settings: Any) -> tuple[Solver, Solver]:
+    """The solver in the compiled lane and in the direct one."""
+    entries = [solvers.find(name, lane) for lane in (Lane.KERNEL, Lane.DIRECT)]
+    for entry in entries:
+        if absent := describe(entry).absent:
+            pytest.skip(f"{name} is absent: {absent}")
+    compiled, direct = (entry.load()(**settings) for entry in entries)
+    return compiled, direct
+
+
+def tightest(name: str, c: float = 1.0) -> dict[str, Any]:
+    return dict(solvers.find(name, Lane.DIRECT).load().ladder(c)[-1])
+
+
+def programs(form: str, d: int, count: int, seed: int = 0) -> tuple[Problem, Matrix, Matrix]:
+    """A feasible program, and P (n, d, d) and q (n, d) under its constraints; the first are its own."""
+    rng = np.random.default_rng([seed, d])
+    A = rng.normal(size=(count, 2 * d, d)) * 10.0 ** rng.uniform(-1.5, 1.5, d)
+    P, q = A.transpose(0, 2, 1) @ A, 30.0 * rng.normal(size=(count, d))
+    lb = np.where(rng.random(d) < (0.3 if form == "mixed" else 0.0), -np.inf, -rng.random(d))
+    ub = np.full(d, np.inf) if form == "one-sided" else rng.random(d)
+    if form == "mixed":
+        lb[0] = ub[0] = 0.1
+    rows = {"G": rng.normal(size=(3, d)), "h": np.full(3, 0.5), "A": rng.normal(size=(1, d)), "b": np.zeros(1)} if form == "rows" else {}
+    return Problem(P[0], q[0], lb=lb, ub=ub, **rows), P, q
+
+
+@pytest.mark.parametrize("warm", [False, True])
+@pytest.mark.parametrize("d", [2, 18, 40])
+@pytest.mark.parametrize(("name", "form"), [(name, form) for name in NAMES for form in FORMS[name]])
+def test_the_compiled_answers_are_those_of_the_direct_lane_to_the_last_bit(name: str, form: str, d: int, warm: bool) -> None:
+    problem, P, q = programs(form, d, 30)
+    compiled, direct = both(name, **tightest(name))
+    for solver in (compiled, direct):
+        solver.setup(problem)
+    start = np.clip(0.3 * np.ones(d), problem.lb, problem.ub) if warm else None
+    np.testing.assert_array_equal(compiled.solve(start), direct.solve(start))
+    *_, answers = compiled.time_kernel(P, q, start)
+    for k, answer in enumerate(answers):
+        direct.update(P[k], q[k])
+        np.testing.assert_array_equal(answer, direct.solve(start))
+    assert np.isfinite(answers).all()
+    compiled_says, direct_says = compiled.solution(), direct.solution()
+    assert compiled_says.found
+    for part in ("x", "y", "z", "z_box"):
+        np.testing.assert_array_equal(getattr(compiled_says, part), getattr(direct_says, part))
+    for part in ("status", "iterations"):
+        assert compiled_says.extras[part] == direct_says.extras[part]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_on_the_problems_of_the_paper_every_rung_answers_as_in_the_direct_lane(name: str) -> None:
+    for problem in find("paper")().problems():
+        for form in problem.forms.values():
+            for rung in ({}, *solvers.find(name, Lane.DIRECT).load().ladder(form.unit)):
+                compiled, direct = both(name, **rung)
+                P, q = form.qp.P[None], form.qp.q[None]
+                for solver in (compiled, direct):
+                    solver.setup(form.qp)
+                less = np.array([0.9, 1.0])[:, None]
+                *_, answers = compiled.time_kernel(np.concatenate([P, P]), q * less)
+                for k, answer in enumerate(answers):
+                    direct.update(P[0], (q * less)[k])
+                    np.testing.assert_array_equal(answer, direct.solve())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_are_followed_as_by_the_direct_lane_from_the_answer_before(name: str) -> None:
+    rng, d, forgetting = np.random.default_rng(5), 7, 0.9
+    problem = Problem(np.eye(d), -np.ones(d), lb=np.full(d, -0.3), ub=np.full(d, 0.4))
+    compiled, direct = both(name, **tightest(name))
+    for solver in (compiled, direct):
+        solver.setup(problem)
+        previous = solver.solve(np.full(d, 0.1)).copy()
+    rows, (P, q, c) = rng.normal(size=(60, d + 1)), (problem.P.copy(), problem.q.copy(), np.zeros(1))
+    parts = [compiled.time_rows(rows[:25], forgetting), compiled.time_rows(rows[25:], forgetting)]
+    answers, nanoseconds = (np.concatenate(part) for part in zip(*parts, strict=True))
+    assert (nanoseconds > 0).all()
+    for k, answer in enumerate(answers):
+        absorb(P, q, c, rows, k, k + 1, forgetting)
+        direct.update(P, q)
+        previous = direct.solve(previous).copy()
+        np.testing.assert_array_equal(answer, previous)
+    np.testing.assert_array_equal(compiled.solution().x, answers[-1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_library_has_the_ladder_and_the_description_of_its_direct_lane(name: str) -> None:
+    compiled, direct = (type(solver) for solver in both(name))
+    assert compiled.lane is Lane.KERNEL
+    assert compiled.ladder(0.2) == direct.ladder(0.2)
+    for part in ("name", "algorithm", "licence", "distribution", "warm_startable", "always"):
+        assert getattr(compiled, part) == getattr(direct, part)
+
+
+def test_the_settings_of_daqp_stand_where_the_library_has_them() -> None:
+    daqp = pytest.importorskip("daqp")
+    compiled, _ = both("daqp")
+    model, theirs = type(compiled).model(), daqp.Model()
+    assert model.settings == theirs.settings
+    for k, (name, value) in enumerate(theirs.settings.items()):
+        model.settings = theirs.settings = {name: type(value)(k + 2)}
+    assert model.settings == theirs.settings
+    with pytest.raises(ValueError, match="daqp has no setting tolerance"):
+        both("daqp", tolerance=1e-6)[0].setup(Problem(np.eye(2), np.ones(2), lb=np.zeros(2)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_data_without_an_answer_leave_nan_in_their_row_alone(name: str) -> None:
+    problem, P, q = programs("boxes", 6, 3)
+    compiled, _ = both(name, **({"iter_limit": 2} if name == "daqp" else {}))
+    compiled.setup(Problem(np.eye(6), np.zeros(6), lb=problem.lb, ub=problem.ub))
+    P[[0, 2]], q[[0, 2]] = np.eye(6), 0.0
+    if name == "mujoco":  # DAQP has too few iterations
+        P[1] *= -1.0
+    *_, answers = compiled.time_kernel(P, q)
+    assert np.isnan(answers[1]).all()
+    assert (answers[[0, 2]] == 0.0).all()
+    assert compiled.solution().found
+    *_, answers = compiled.time_kernel(P[:2], q[:2])
+    assert not compiled.solution().found
+    assert np.isnan(compiled.solve()).all()
+
+
+def test_data_that_daqp_refuses_are_refused_in_the_loop_and_others_are_taken_afterwards() -> None:
+    problem, P, q = programs("boxes", 6, 3)
+    compiled, direct = both("daqp", **tightest("daqp"))
+    for solver in (compiled, direct):
+        solver.setup(problem)
+    P[1] = -np.eye(6)
+    with pytest.raises(Unsupported, match="exit flag -5"):
+        direct.update(P[1], q[1])
+    with pytest.raises(Unsupported, match="exit flag -5"):
+        compiled.time_kernel(P, q)
+    for solver in (compiled, direct):
+        solver.update(P[2], q[2])
+    np.testing.assert_array_equal(compiled.solve(), direct.solve())
+
+
+def test_bounds_that_cross_are_refused_by_both_libraries() -> None:
+    for name in NAMES:
+        with pytest.raises(Unsupported, match=f"{name} refuses"):
+            both(name)[0].setup(Problem(np.eye(2), np.ones(2), lb=np.ones(2), ub=np.zeros(2)))
+
+
+def test_workspaces_of_daqp_are_let_go_with_their_solvers() -> None:
+    problem, *_ = programs("boxes", 100, 1)
+
+    def resident_kb() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4
+
+    before = 0
+    for k in range(600):
+        compiled, _ = both("daqp")
+        compiled.setup(problem)
+        compiled.solve()
+        before = before or (resident_kb() if k == 100 else 0)
+    assert resident_kb() - before < 20_000  # each has 120 kB
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_library_that_is_named_without_a_lane_is_that_of_its_own_interface(name: str) -> None:
+    assert solvers.find(name).lane is Lane.DIRECT
+    assert solvers.find(name, Lane.KERNEL).times_itself
+    assert [entry.module for entry in solvers.entries() if (entry.name, entry.lane) == (name, Lane.DIRECT)] == [f"solvers.direct.{name}"]
+    assert solvers.find("box_active_set").lane is Lane.KERNEL
+
+
+@pytest.mark.parametrize(("name", "distribution"), [("daqp", "daqp"), ("mujoco", "mujoco-core")])
+def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(name: str, distribution: str,
+                                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    both(name)
+    real = importlib.metadata.version
+    monkeypatch.delitem(sys.modules, f"solvers.kernel.{name}")
+    monkeypatch.setattr(importlib.metadata, "version", lambda asked: "99.1" if asked == distribution else real(asked))
+    said = describe(solvers.find(name, Lane.KERNEL)).absent
+    assert said == f"the C interface of {distribution} is known of version {real(distribution)}, and 99.1 is installed"
+    assert not describe(solvers.find(name, Lane.DIRECT)).absent
+
+
+def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_sentence(tmp_path: Path) -> None:
+    from solvers.kernel._library import addresses
+
+    daqp = pytest.importorskip("daqp")
+    version = importlib.metadata.version("daqp")
+    with pytest.raises(ImportError, match=r"^the library of daqp .* does not offer its C functions here: .*undefined symbol: daqp_fly$"):
+        addresses("daqp", version, Path(daqp.__file__), ("daqp_solve", "daqp_fly"))
+    with pytest.raises(ImportError, match=r"^the library of daqp .* does not offer its C functions here: .*cannot open shared object file"):
+        addresses("daqp", version, tmp_path / "nothing.so", ("daqp_solve",))
