@@ -20,6 +20,7 @@ LEVELS = (
     {"store"},
     {"rendering"},
     {"report"},                                                         # what all reports are made of
+    {"derived"},                                                        # what follows from a table of measurements
     {"races"},                                                          # what the kinds of race share
     {"a race"},                                                         # one kind of race, and nothing of another one
     {"comparison", "deploy", "experiment", "export", "fleet", "worst_case", "bank_figures"},

@@ -13,6 +13,12 @@ import typer
 from command_line import CommandLine
 
 from bench.cli.app import command_line
+from bench.derived.like_with_like import like_with_like
+from bench.derived.measurements import Measurements
+from bench.derived.table import ONESHOT
+from bench.report.words import number
+from bench.store import Run
+from solvers import Lane
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
@@ -94,3 +100,15 @@ def test_make_compare_compares_two_runs_and_says_what_is_missing(tmp_path: Path)
     missing = made("compare", "A=results/reference")
     assert missing.returncode != 0
     assert "make compare A=results/<run> B=results/<run>" in missing.stderr
+
+
+def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
+    run = Run.open(ROOT / "results" / "reference")
+    found = like_with_like(Measurements(run.rows(ONESHOT), run.times()))
+    for lane, word in ((Lane.KERNEL, "compiled"), (Lane.DIRECT, "from Python")):
+        of_size = found[(found.lane == lane) & (found.d == 18)].set_index("timed")
+        hot = of_size.loc["hot"]
+        cells = (word, f"{hot.ours} {number(hot.ours_us)} µs", f"{hot.other} {number(hot.other_us)} µs", f"{hot.ratio:.2f}",
+                 f"{of_size.ratio['in turns']:.2f}")
+        assert f"| {' | '.join(cells)} |" in README.read_text(encoding="utf-8")
+    assert f"on one core with {run.settings['machine']['core'].partition(',')[0]}:" in README.read_text(encoding="utf-8")

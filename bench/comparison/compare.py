@@ -21,8 +21,8 @@ from bench.comparison.levels import FEWEST, NAMES, log_ratios, sentinel_level
 from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compare_times
 from bench.derived.accuracy import tainted
 from bench.derived.measurements import over_repeats
+from bench.derived.table import ONESHOT
 from bench.races import null_solver
-from bench.races.oneshot.rows import ONESHOT
 from bench.report.words import joined, marked, solver_lanes
 from bench.store import Run, RunError
 from solvers import Status

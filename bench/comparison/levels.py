@@ -11,7 +11,7 @@ import pandas as pd
 
 from bench.derived.accuracy import MEASURED
 from bench.derived.answer_times import HOT, IN_TURNS, by_task
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run
 from bench.timing.clock import Effort
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from bench import problems
+from bench.derived.table import ONESHOT
 from bench.problems.recorded import Recorded, kept_back, unseen_error
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.rows import ONESHOT
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel

@@ -20,7 +20,7 @@ import numpy as np
 from bench.deploy import oneshot_candidates, stream_candidates
 from bench.deploy.rule import QUANTILES, Candidate, Rule
 from bench.derived.measurements import Measurements
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.races.stream import figures as stream_figures
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.races.stream.race import STREAM

@@ -144,8 +144,8 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
 
 def _turns(found: Measurements) -> Iterator[str]:
     """What cold caches cost."""
-    rows = found.field[found.field.start == "cold"]
-    ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median().dropna()
+    rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
+    ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
         yield (f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as long as hot (median "
                f"over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g}).")

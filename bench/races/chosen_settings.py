@@ -17,11 +17,11 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
+from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
 from bench.passed import columns
 from bench.passed.race_error import RaceError
 from bench.passed.task import Setting, settings_of, tightest
-from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from piezo_model.atomic_file import replacing
 from solvers import Tier

@@ -13,7 +13,7 @@ import pytest
 from command_line import CommandLine, Finished
 
 from bench.derived.measurements import Measurements
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run
 from bench.timing import cores
 

@@ -30,13 +30,13 @@ from pyarrow import parquet
 from random_models import Case, cases
 from test_recording_formats import FORMATS, made
 
+from bench.derived.table import ONESHOT
 from bench.export.building import EXACT, WARNINGS, build, write_sources
 from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.passed import columns
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
-from bench.races.oneshot.rows import ONESHOT
 from bench.races.registry import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
 from bench.store import Run, RunError

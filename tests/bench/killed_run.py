@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from bench.derived.table import ONESHOT
 from bench.passed.row import who
 from bench.passed.task import Task
-from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane
 

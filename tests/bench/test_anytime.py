@@ -18,7 +18,7 @@ from qpsolvers import Problem
 
 import solvers
 from bench.passed.outcome import Outcome
-from bench.passed.task import Task, settings_of
+from bench.passed.task import Task, settings_of, tightest
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.races.anytime import figures as anytime_figures
@@ -174,7 +174,7 @@ def test_a_curve_is_that_of_the_solvers_tightest_setting(raced: Raced) -> None:
 
 def test_every_limit_is_timed_on_data_that_no_other_call_has_seen(hard: Problem) -> None:
     form, entry = CertifiedForm(hard, 1.0, np.eye(12), certify(hard, np.zeros(12))), solvers.find("osqp", "direct")
-    task, asked = Task("set", "hard", "scaled", entry.name, entry.lane), []
+    task, asked = Task("set", "hard", "scaled", entry.name, entry.lane, tightest(solvers.registry.describe(entry))), []
 
     def ask(request: PointRequest) -> Outcome:
         asked.append(request)

@@ -15,11 +15,11 @@ from conftest import Race
 from hostile_files import DEEP, LONG, spoiled, spoiled_documents, spoiled_tables
 from pyarrow import parquet
 
+from bench.derived.table import ONESHOT
 from bench.passed import user_cache
 from bench.problem_files import ProblemFileError
 from bench.problems import proof_cache
 from bench.problems.protocol import RaceProblem
-from bench.races.oneshot.rows import ONESHOT
 from bench.races.registry import open_run
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator

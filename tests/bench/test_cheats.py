@@ -8,7 +8,7 @@ import pytest
 from command_line import CommandLine
 from conftest import Race
 
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run
 from solvers import Status, Tier
 

@@ -11,12 +11,12 @@ from command_line import CommandLine
 from conftest import Race
 from measured_rows import ladder, row, table
 
+from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
 from bench.passed import columns
 from bench.passed.race_error import RaceError
 from bench.passed.task import settings_of, tightest
 from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
-from bench.races.oneshot.rows import ONESHOT
 from bench.races.registry import kinds
 from bench.store import Run
 from solvers import Lane, Tier

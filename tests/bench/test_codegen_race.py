@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.races.settings import RaceSettings
 from bench.store import Run
-from solvers import Lane
+from solvers import Lane, find
 
 
 @pytest.mark.needs("gcc")
@@ -23,12 +23,14 @@ def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine,
     assert set(rows.index) == {"box_active_set", "osqp"}
     assert rows.status["box_active_set"] == "ok"
     assert rows.cost_gap["box_active_set"] < 1e-20
-    assert rows.cost_gap["osqp"] < 1e-5
+    assert sorted(rows.rung["osqp"]) == list(range(-1, len(find("osqp", "codegen").load().ladder(1.0))))
+    assert rows.cost_gap["osqp"].min() < 1e-5
     assert (rows.update_us > 0).all()
-    assert rows.interleaved_us_p50["box_active_set"] > 0  # only those that are right take turns
+    assert rows.interleaved_us_p50["box_active_set"] > 0
+    assert rows.interleaved_us_p50["osqp"].notna().sum() <= 1  # at one setting, and none where that takes over a millisecond
     assert np.isfinite(rows.solve_us_p50).all()
     versions = run.settings["field"]
-    assert all("-O3 -march=native -ffp-contract=fast" in versions[f"{name} (codegen)"] for name in rows.index)
+    assert all("-O3 -march=native -ffp-contract=fast" in versions[f"{name} (codegen)"] for name in set(rows.index))
     assert "codegen" in done.stdout
 
 

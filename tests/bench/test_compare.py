@@ -20,7 +20,7 @@ from bench.comparison.compare import RunComparison, compare_runs
 from bench.comparison.levels import NAMES
 from bench.comparison.lines import CHANGES
 from bench.comparison.tiers import LOST
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run, RunError
 from solvers import Status, Tier
 

@@ -11,7 +11,7 @@ from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, THIRD, TWO_CORES, Race
 from test_store import without_times
 
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run
 from bench.timing import cores
 

@@ -9,9 +9,9 @@ from command_line import CommandLine
 
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, ranking
+from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import FEWEST
 from bench.derived.verdict import verdict
-from bench.races.oneshot.rows import ONESHOT
 from bench.store import Run
 from solvers import Tier
 from solvers.registry import OURS

@@ -10,9 +10,9 @@ import pytest
 from command_line import CommandLine
 from conftest import Race
 
+from bench.derived.table import ONESHOT
 from bench.passed.task import settings_of
 from bench.problems.protocol import RaceProblem
-from bench.races.oneshot.rows import ONESHOT
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.tasks import EXPONENT, MOST_OF_CVXPY, measured, spread, tasks_of
 from bench.store import Run

@@ -8,7 +8,7 @@ from pathlib import Path
 import faulty_solvers
 import pytest
 
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, TASKS, THIRD, Race
 
-from bench.races.oneshot.rows import ONESHOT
+from bench.derived.table import ONESHOT
 from bench.store import Run, RunError
 from bench.timing import machine
 

@@ -16,7 +16,7 @@ from bench.races.stream.staleness import Judge
 from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
 from bench.races.stream.worker import StreamRequest
 from piezo_model import DataBasis, OperatorState
-from solvers import Lane, Tier, Unsupported
+from solvers import Lane, Unsupported
 from solvers.certificate import certify, verify
 from solvers.forgetting import absorb
 
@@ -160,7 +160,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, short: StreamProblem, wall_s: floa
     monkeypatch.setattr(stream_worker, "KERNEL_BLOCK", 70)
     monkeypatch.setattr(stream_worker, "KERNEL_WALL_S", wall_s)
     Recorder.seen.clear()
-    task = Task("stream", "short", "scaled", "recorder", Lane.KERNEL, (Tier.HIGH,))
+    task = Task("stream", "short", "scaled", "recorder", Lane.KERNEL)
     fields = {"P": short.start.P, "q": short.start.q, "lb": short.start.lb, "ub": short.start.ub}
     outcome = StreamRequest(task, fields, short.c, short.answer, short.rows, short.forgetting, 950, 0).answer(Recorder, True)
     assert isinstance(outcome, stream_worker.Streamed), outcome.message

@@ -11,10 +11,10 @@ from bench.derived import summary as summaries
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import ranking, short_table, yardstick
+from bench.derived.table import ONESHOT
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.derived.wrapper_share import wrapper_share
 from bench.races.oneshot import charts
-from bench.races.oneshot.rows import ONESHOT
 from bench.report.report import Figure, Report, Table
 from bench.report.words import OURS_NOTE, marked, number, settings_label
 from bench.store import Run, RunError, RunFile
@@ -66,7 +66,8 @@ def report(run: Run) -> Report:
     wrong = [[marked(solver), *others] for solver, *others in summaries.failures(found)]
     where = _where(found, settings, drift)
     return Report(
-        verdict(found, settings["machine"]["core"], drift), short_table(table, note), summary, terminal=short_table(table, note, terminal=True),
+        verdict(found, settings["machine"]["core"], drift), short_table(table, f"{note} {where}"), summary,
+        terminal=short_table(table, note, terminal=True),
         notes=[*below_rounding(costs), *notes(found, summary), *_hosts(found), *_models(run)],
         definitions=[*DEFINITIONS, *_of_repeats(run)], tables=[
             Table("Every solver at every tier", [*HEADINGS.values()],

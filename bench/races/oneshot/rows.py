@@ -14,7 +14,6 @@ from bench.passed.row import Row, who
 from bench.passed.task import Task
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
-from bench.store import Schema
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_US
 from solvers import Status
@@ -91,15 +90,3 @@ def median(values: NDArray[Any]) -> float:
 def number(value: float | None) -> float:
     """NaN for None."""
     return NAN if value is None else value
-
-
-ONESHOT = Schema("rows.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "setting", "rung", "is_default", "scaling", "start", "repeat", "host", "settings",
-    "status", "message", "cost_gap", "violation", "timed_gap", "primal_residual", "dual_residual", "duality_gap", "weight_error",
-    "model_error_percent", "stage_excess", "model_error_um", "optimum_error_um", "noise_um",
-    "setup_us", "update_us", "solve_us_p50", "solve_us_p50_low",
-    "solve_us_p50_high", "solve_us_p99", "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples",
-    "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us",
-    "iterations", "mutates_input", "repeatable", "preemptions"),
-    ("problem_set", "problem", "scaling", "solver", "lane", "rung", "start", "repeat"))
-"""One row a measurement."""
