@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 
 from bench.deploy.floor import Floor
 from bench.deploy.rule import Candidate, Choice, Rule
@@ -21,14 +20,13 @@ from bench.derived.tier_settings import PROBLEM, by_problem
 
 def machine(found: Measurements) -> Floor:
     """What the solver that does nothing took, on all data."""
-    calls, tasks = by_task(_times(found), (HOT, IN_TURNS)), found.rows[found.rows.solver == FLOOR].task
+    calls, tasks = by_task(found.times, (HOT, IN_TURNS)), found.rows[found.rows.solver == FLOOR].task
     return Floor([one for task in dict.fromkeys(tasks) for one in calls.get(task, [])])
 
 
 def candidates(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candidate]:
     """One a solver lane."""
-    times = _times(found)
-    hot, raw = by_task(times), by_task(times, (HOT, IN_TURNS))
+    hot, raw = by_task(found.times), by_task(found.times, (HOT, IN_TURNS))
     cheats = found.every[found.every.status.isin([str(status) for status in CHEATS])].groupby(["solver", "lane"]).status.first()
     cold = tainted(found.every)
     cold = cold[(cold.solver != FLOOR) & cold.lane.isin([str(lane) for lane in rule.lanes]) & (cold.scaling == "scaled") & (cold.start == "cold")
@@ -42,9 +40,3 @@ def candidates(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candid
         calls = pooled(raw, rows.task)
         yield Candidate.of((str(solver), str(lane)), chosen, str(cheats.get((solver, lane), "")), calls, floor.explained(calls, rule.deadline_us),
                            rule.deadline_us, pooled(hot, rows.task), float(np.median(rows.update_us + rows.solve_us_p50)) if len(rows) else np.nan)
-
-
-def _times(found: Measurements) -> pd.DataFrame:
-    """Raw times of the host whose times count."""
-    mine = found.every.loc[found.every.host == found.host, ["task", "repeat"]]
-    return found.times.merge(mine.drop_duplicates(), on=["task", "repeat"])

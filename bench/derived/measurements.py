@@ -33,7 +33,7 @@ class Measurements:
     """A table of measurements, one row each, with the raw times by task and repeat."""
 
     every: pd.DataFrame
-    times: pd.DataFrame
+    every_time: pd.DataFrame
 
     @cached_property
     def host(self) -> str:
@@ -44,6 +44,12 @@ class Measurements:
     def rows(self) -> pd.DataFrame:
         """The rows of that host, one for all repeats."""
         return over_repeats(tainted(self.every)[self.every.host == self.host])
+
+    @cached_property
+    def times(self) -> pd.DataFrame:
+        """The raw times of that host."""
+        mine = self.every.loc[self.every.host == self.host, ["task", "repeat"]]
+        return self.every_time.merge(mine.drop_duplicates(), on=["task", "repeat"])
 
     @cached_property
     def field(self) -> pd.DataFrame:

@@ -23,7 +23,7 @@ from bench.report.charts import LEAST_GAP, NAMED, together
 from bench.report.words import MARK, marked
 from bench.timing.schedule import PERIOD_US
 from solvers import Lane, Status, Tier
-from solvers.registry import OURS
+from solvers.registry import FAMILIES, OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
@@ -64,7 +64,7 @@ def work_precision(found: Measurements) -> pd.DataFrame:
                        pace.assign(total_us=pace.steps * PERIOD_US, who=ranking.PACE)], ignore_index=True)
     table = table[table.worst_cost_gap.notna() & table.total_us.notna()]
     name = table.solver.map(marked) + np.where(table.lane == Lane.DIRECT, "", " (" + table.lane + ")")
-    groups = np.where(table.lane.isin([str(lane) for lane in ranking.LADDERS]), "without wrappers", "qpsolvers and cvxpy")
+    groups = np.where(table.lane.isin([str(lane) for lane in FAMILIES]), "qpsolvers and cvxpy", "without wrappers")
     table = table.assign(name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups)
     table = table.sort_values(["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True)
     table["front"] = front(table.assign(drawn=np.maximum(table.worst_cost_gap, LEAST_GAP)), "total_us", "drawn") | (table.who == ranking.PACE)

@@ -20,6 +20,7 @@ from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number
 from bench.timing.schedule import PERIOD_US
 from solvers import Lane, Status, Tier
+from solvers.registry import FAMILIES
 
 PAPER = "projected_difference"
 LETTERS = 11
@@ -28,8 +29,6 @@ PACE = f"paper's method{MARK}"
 ORDER = (Tier.HIGH, Tier.MID, Tier.LOW)
 ASKED = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-12", Tier.STAGE: "stage"}
 """How a tier is called on the first screen."""
-LADDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
-"""Lanes in which every setting is measured, and which the first screen shows."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
     """The ranking as text: a terminal has room for the lanes with a ladder only, and for cells of eleven letters."""
     targets = [tier for tier in TARGETS if any(tier in line.results for line in lines)]
     if terminal:
-        lines = [line for line in lines if line.lane in LADDERS] or lines
+        lines = [line for line in lines if line.lane not in FAMILIES] or lines
     rows = [[line.name, line.lane, *_cells([line.results.get(tier) for tier in targets], terminal), gap(line.default_gap)] for line in lines]
     headings = ["solver", "lane", *(f"to {ASKED[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
                 "default" if terminal else "default gap"]

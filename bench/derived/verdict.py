@@ -22,7 +22,7 @@ from bench.report.words import apart, joined, marked, number, percent, rounded, 
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from solvers import Lane, Tier
-from solvers.registry import OURS
+from solvers.registry import FAMILIES, OURS
 
 GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
 """The tier that is spoken of is the first that anybody reaches."""
@@ -157,7 +157,7 @@ def _lanes(found: Measurements) -> Iterator[str]:
     asked = {(line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")}
     for (solver, lane), there in asked.items():
         own = asked.get((in_lane_direct(solver), Lane.DIRECT))
-        if own is not None and lane in (Lane.QPSOLVERS, Lane.CVXPY):
+        if own is not None and lane in FAMILIES:
             differ = {name for name in {*there, *own} - {"raise_error"} if there.get(name) != own.get(name)}  # how a failure is said
             has = [settings_label({name: value for name, value in of.items() if name in differ}) or "none of these" for of in (there, own)]
             if differ:

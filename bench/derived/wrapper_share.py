@@ -13,6 +13,7 @@ from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
 from piezo_model.json_file import decoded
 from solvers import Lane, Tier
+from solvers.registry import FAMILIES
 
 OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}
 """Of libraries that qpsolvers and cvxpy call otherwise than the lane direct does."""
@@ -33,7 +34,7 @@ def wrapper_share(found: Measurements) -> pd.DataFrame:
     rows = rows[right(rows, Tier.LOW) & (rows.asked != "")]
     direct = rows[rows.lane == Lane.DIRECT].drop(columns="library").rename(columns={"solver": "library", "us": "direct_us"})
     same = ["problem_set", "problem", "library", "asked"]
-    both = rows[rows.lane.isin([str(Lane.QPSOLVERS), str(Lane.CVXPY)])].merge(direct[[*same, "direct_us"]].drop_duplicates(same), on=same)
+    both = rows[rows.lane.isin([str(lane) for lane in FAMILIES])].merge(direct[[*same, "direct_us"]].drop_duplicates(same), on=same)
     both = both.assign(ratio=both.us / both.direct_us)
     table = both.groupby(["solver", "lane", "setting"], sort=True).agg(
         settings=("settings", "first"), problems=("ratio", "size"), us=("us", "median"), direct_us=("direct_us", "median"),

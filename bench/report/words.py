@@ -67,17 +67,6 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
 
 
-def periods(count: float) -> str:
-    """A number of sampling periods in a sentence.
-
-    Examples
-    --------
-    >>> periods(0.0087), periods(15200.0)
-    ('0.0087 of a sampling period', '15200 sampling periods')
-    """
-    return f"{count:.2g} of a sampling period" if count < 1.0 else f"{number(count)} sampling periods"
-
-
 def apart(a: float, b: float) -> tuple[str, str]:
     """Two figures with as many digits, three at least, as it takes to tell them apart.
 

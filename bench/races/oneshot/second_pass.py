@@ -10,35 +10,30 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from bench.derived.measurements import at_tiers
 from bench.derived.tier_settings import tier_settings
+from bench.passed.row import Row
 from bench.passed.task import Task
 from bench.problems.fresh import FreshData
-from bench.problems.protocol import RaceProblem
 from bench.processes.line_up import LineUp
 from bench.races import null_solver
-from bench.races.conditions import watched
 from bench.races.oneshot.rows import with_turns
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.tasks import WRAPPERS
 from bench.races.oneshot.turns import take_turns
-from bench.races.oneshot.unit import Tell, Unit, interruptions, measure
+from bench.races.oneshot.unit import Pass, Tell, Unit, measure
 from bench.races.oneshot.worker import Forget
-from bench.races.run_problems import watched_folders
 from bench.store import Planned, Run
 from bench.timing.clock import Effort
-from piezo_model.identification_problem import Scaling
 from solvers import Status, Tier
-from solvers.registry import Described
+from solvers.registry import FAMILIES, Described
 
 LONGEST_US = 1000.0
 """Whatever takes longer hot has no turn: caches do not matter there, and time does."""
-PREFERRED = (Tier.HIGH, Tier.MID, Tier.DEFAULT)
+PREFERRED = (Tier.HIGH, Tier.MID)
 NEAR = 2.0
 """How many times as long as the fastest of its lane a solver may take to be among the candidates for a decision."""
 ENOUGH = 3_000
@@ -49,16 +44,9 @@ Who = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
-class SecondPass:
-    """The second pass over one problem in one scaling and one repeat."""
+class SecondPass(Pass):
+    """The second pass; its tasks are measured already, one a solver lane."""
 
-    run: Path
-    settings: OneshotSettings
-    problem: RaceProblem
-    scaling: Scaling
-    repeat: int
-    tasks: tuple[Task, ...]
-    """Measured already, one a solver lane, the solver that does nothing first."""
     warm: tuple[Task, ...]
     longer: tuple[Task, ...]
     """Those to be measured again with ``calls``."""
@@ -67,38 +55,27 @@ class SecondPass:
     @property
     def name(self) -> str:
         """A file name."""
-        return f"{self.problem.set_name}--{self.problem.name}--{self.scaling}--{self.repeat}--turns"
+        return f"{super().name}--turns"
 
-    @property
-    def folders(self) -> tuple[str, ...]:
-        """What solvers must not look into."""
-        return watched_folders(Run(self.run))
-
-    def do(self, line_up: LineUp, tell: Tell) -> None:
-        """Do what is not done yet."""
-        run = Run(self.run)
-        if run.has_notes(self.name):
-            return
-        line_up.begin(self.repeat)
-        form, effort = self.problem.forms[self.scaling], self.settings.effort
-        with watched(run, self.name, line_up.sentinel) as notes:
-            for task in self.longer:
-                tell(task)
-                if run.task(task)[0][0]["samples"] < self.calls:
-                    measure(run, self.problem, task, FreshData(form, self.calls), line_up, Effort(1.0, 1, self.calls), look_closer=False)
-            for task in self.warm:
-                tell(task)
-                if not run.is_done(task):
-                    measure(run, self.problem, task, FreshData(form, effort.most), line_up, effort, look_closer=True)
-            rows = [(task, run.task(task)[0][0]) for task in (*self.tasks, *self.warm)]
-            if self.settings.rounds:
-                self._take_turns(run, line_up, [task for task, row in rows if row["update_us"] + row["solve_us_p50"] <= LONGEST_US])
-            notes |= interruptions([row for task, row in rows if task in (*self.longer, *self.warm)])
+    def timed(self, run: Run, line_up: LineUp, tell: Tell) -> list[Row]:
+        """More calls of some, warm starts, and turns."""
+        effort = self.settings.effort
+        for task in self.longer:
+            tell(task)
+            if run.task(task)[0][0]["samples"] < self.calls:
+                measure(run, self.problem, task, FreshData(self.form, self.calls), line_up, Effort(1.0, 1, self.calls), look_closer=False)
+        for task in self.warm:
+            tell(task)
+            if not run.is_done(task):
+                measure(run, self.problem, task, FreshData(self.form, effort.most), line_up, effort, look_closer=True)
+        rows = [(task, run.task(task)[0][0]) for task in (*self.tasks, *self.warm)]
+        if self.settings.rounds:
+            self._take_turns(run, line_up, [task for task, row in rows if row["update_us"] + row["solve_us_p50"] <= LONGEST_US])
+        return [row for task, row in rows if task in (*self.longer, *self.warm)]
 
     def _take_turns(self, run: Run, line_up: LineUp, tasks: Sequence[Task]) -> None:
         """Rounds, whose figures are added to the tasks on disk."""
-        form = self.problem.forms[self.scaling]
-        for task, tally in take_turns(tasks, line_up.children, form, FreshData(form, self.settings.effort.most), self.settings.rounds,
+        for task, tally in take_turns(tasks, line_up.children, self.form, FreshData(self.form, self.settings.effort.most), self.settings.rounds,
                                       f"{self.settings.seed} {self.name}"):
             (row,), times = run.task(task)
             turns = {"interleaved_update": np.concatenate(tally.updates), "interleaved_solve": np.concatenate(tally.solves)}
@@ -123,7 +100,7 @@ def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described],
         floor, *tasks = unit.tasks
         tasks = [task for task in tasks if chosen.get((unit.scaling, task.solver, str(task.lane))) == task.setting.text
                  and run.task(task)[0][0]["status"] == Status.OK]
-        follows = unit.problem.forms[unit.scaling].warm_start is not None
+        follows = unit.form.warm_start is not None
         warm = [replace(task, start="warm") for task in tasks if follows and (task.solver, str(task.lane)) in warm_startable]
         longer = [task for task in tasks if (unit.scaling, task.solver, str(task.lane)) in near]
         found.append(SecondPass(unit.run, settings, unit.problem, unit.scaling, unit.repeat, (floor, *tasks), tuple(warm), (floor, *longer), calls))
@@ -131,11 +108,11 @@ def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described],
 
 
 def planned(rows: pd.DataFrame) -> list[Planned]:
-    """The setting of each solver lane in each scaling: that of the first of PREFERRED that it reaches."""
+    """The setting of each solver lane in each scaling: that of the first of PREFERRED that it reaches, else the default."""
     tiers = tier_settings(rows)
     near = near_fastest(at_tiers(rows, tiers))
     found: dict[Who, str] = {}
-    for tier in PREFERRED[:-1]:
+    for tier in PREFERRED:
         for line in tiers[(tiers.tier == tier) & (tiers.setting != "")].to_dict("records"):
             found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
     for line in rows[rows.is_default].to_dict("records"):
@@ -145,7 +122,7 @@ def planned(rows: pd.DataFrame) -> list[Planned]:
 
 def near_fastest(rows: pd.DataFrame) -> set[Who]:
     """The solver lanes between which a decision may have to be made, wrappers left out."""
-    rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in WRAPPERS])]
+    rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in FAMILIES])]
     us = (rows.update_us + rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median()
     best = us.groupby(level=["scaling", "lane"]).transform("min")
     return set(us.index[us <= NEAR * best])

@@ -13,9 +13,8 @@ from bench.problems.protocol import RaceProblem
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model.identification_problem import Scaling
 from solvers import Lane
-from solvers.registry import Described
+from solvers.registry import FAMILIES, Described
 
-WRAPPERS = (Lane.QPSOLVERS, Lane.CVXPY)
 EXPONENT = 8.0
 """Of the setting at which wrappers are compared."""
 MOST_OF_CVXPY = 5
@@ -36,7 +35,7 @@ def tasks_of(settings: OneshotSettings, field: Sequence[Described], problems: Se
 def measured(solver: Described) -> Sequence[Setting]:
     """The settings of a solver that are measured."""
     every = settings_of(solver)
-    if solver.lane not in WRAPPERS or not solver.exponents:
+    if solver.lane not in FAMILIES or not solver.exponents:
         return every
     nearest = min(range(len(solver.exponents)), key=lambda rung: abs(solver.exponents[rung] - EXPONENT))
     return [setting for setting in every if setting.is_default or setting.rung == nearest]

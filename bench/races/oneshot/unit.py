@@ -1,4 +1,4 @@
-"""The first pass over a problem: every setting of every solver hot, one after the other, in one scaling and one repeat.
+"""What is done in one go, and the first pass over a problem: every setting of every solver hot, one after the other, in one scaling and one repeat.
 
 Every finished task is on disk before the next one starts; the notes of a unit (where it ran, what disturbed it, how the sentinel fared)
 come last and say that it is done.
@@ -11,6 +11,7 @@ or works while nobody times it; where that one has no answer, another that has i
 from __future__ import annotations
 
 import secrets
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -19,7 +20,7 @@ from pathlib import Path
 from bench.passed.row import Row
 from bench.passed.task import Task
 from bench.problems.fresh import FreshData
-from bench.problems.protocol import RaceProblem
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.line_up import LineUp
 from bench.processes.sentinel import EVERY_S
 from bench.races import null_solver
@@ -38,8 +39,8 @@ Tell = Callable[[Task], None]
 
 
 @dataclass(frozen=True)
-class Unit:
-    """What is done in one go; it can be sent anywhere from where the run's folder is reached."""
+class Pass(ABC):
+    """What is done in one go, on one problem in one scaling and one repeat; it can be sent anywhere from where the run's folder is reached."""
 
     run: Path
     settings: OneshotSettings
@@ -47,12 +48,17 @@ class Unit:
     scaling: Scaling
     repeat: int
     tasks: tuple[Task, ...]
-    """Those of a solver lane follow each other."""
+    """Those of a solver lane follow each other; the solver that does nothing comes first."""
 
     @property
     def name(self) -> str:
         """A file name."""
         return f"{self.problem.set_name}--{self.problem.name}--{self.scaling}--{self.repeat}"
+
+    @property
+    def form(self) -> CertifiedForm:
+        """The problem in this scaling."""
+        return self.problem.forms[self.scaling]
 
     @property
     def folders(self) -> tuple[str, ...]:
@@ -65,12 +71,25 @@ class Unit:
         if run.has_notes(self.name):
             return
         line_up.begin(self.repeat)
+        with watched(run, self.name, line_up.sentinel) as notes:
+            rows = self.timed(run, line_up, tell)
+            notes |= {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}
+
+    @abstractmethod
+    def timed(self, run: Run, line_up: LineUp, tell: Tell) -> list[Row]:
+        """Do the tasks that are not done; the rows of those that this pass times."""
+
+
+@dataclass(frozen=True)
+class Unit(Pass):
+    """The first pass."""
+
+    def timed(self, run: Run, line_up: LineUp, tell: Tell) -> list[Row]:
+        """One ladder after the other."""
         ladders = [list(ladder) for _, ladder in groupby(self.tasks, key=lambda task: (task.solver, task.lane))]
         # Each setting of a solver has data of its own: what was kept of the answers at another one is of no use to it.
-        fresh = [FreshData(self.problem.forms[self.scaling], self.settings.effort.most) for _ in range(max(map(len, ladders)))]
-        with watched(run, self.name, line_up.sentinel) as notes:
-            rows = [row for ladder in ladders for row in _ladder(self, run, fresh, line_up, ladder, tell)]
-            notes |= interruptions(rows)
+        fresh = [FreshData(self.form, self.settings.effort.most) for _ in range(max(map(len, ladders)))]
+        return [row for ladder in ladders for row in _ladder(self, run, fresh, line_up, ladder, tell)]
 
 
 def _ladder(unit: Unit, run: Run, fresh: Sequence[FreshData], line_up: LineUp, tasks: Sequence[Task], tell: Tell) -> list[Row]:
@@ -94,7 +113,7 @@ def _ladder(unit: Unit, run: Run, fresh: Sequence[FreshData], line_up: LineUp, t
     answered = [i for i, row in enumerate(rows) if row["samples"]]
     if answered and not looked:
         i = secrets.choice(answered)
-        unseen = FreshData(unit.problem.forms[unit.scaling], unit.settings.effort.most)
+        unseen = FreshData(unit.form, unit.settings.effort.most)
         rows[i] = measure(run, unit.problem, tasks[i], unseen, line_up, unit.settings.effort, look_closer=True)
     return rows
 
@@ -107,8 +126,3 @@ def measure(run: Run, problem: RaceProblem, task: Task, fresh: FreshData, line_u
     run.save(task, row, times_of(outcome))
     line_up.sentinel.look(unless_within_s=EVERY_S)
     return row
-
-
-def interruptions(rows: Sequence[Row]) -> dict[str, int]:
-    """How often timed calls were taken off their core."""
-    return {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}
