@@ -35,7 +35,7 @@ from piezo_model import (
     SelfLearningCompensator,
     plants,
 )
-from piezo_model.learning.continuous_learning import PROXIMAL
+from piezo_model.learning.layout import PROXIMAL
 from piezo_model.learning.events import Phase
 from piezo_model.learning.sensor_guard import SensorGuard
 from piezo_model.learning.settings import MIN_SLOPE

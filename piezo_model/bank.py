@@ -24,7 +24,7 @@ from piezo_model.atomic_file import replacing
 from piezo_model.compensator import DriveLimits
 from piezo_model.core import State, face
 from piezo_model.json_file import Number, convert, decoded
-from piezo_model.learning.continuous_learning import CHECKPOINT_S, PROXIMAL
+from piezo_model.learning.layout import CHECKPOINT_S, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE, require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operators import creep_gain

@@ -21,11 +21,13 @@ from piezo_model.operator_state import OperatorArrays, OperatorState, Superposit
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
-BUMP, DECAY = range(2)
-"""Entries of the fade memory: what is still added to the drive since the last change of model, the factor by which it
-decays from sample to sample; the third is the last finite reference in the output unit."""
-CORRECTION = 1
-"""Entry of the feedback memory (``Feedback`` in ``core/compensator.h``): what integral action has added to the reference so far."""
+LIMITS = slice(0, 4)
+"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit amplitudes."""
+BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD = range(4, 9)
+"""Its other entries: what is still added to the drive since the last change of weights; the last finite reference and what integral
+action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive for it."""
+DECAY, GAIN = 5, 6
+"""Entries of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample, and that of integral action."""
 
 
 def integral_share(gain: float, sample_time: float) -> float:
@@ -41,17 +43,13 @@ class CompensatorMemory(TypedDict):
     model: ModelFile
     play: np.ndarray
     creep: np.ndarray
-    fade: np.ndarray
-    feedback: np.ndarray
+    drive: np.ndarray
+    decay: float
 
 
 class DriveLimits(NamedTuple):
-    """Centres and scales of the structure, limits of the drive in the input unit and, with its largest change, unit amplitudes."""
+    """Limits of the drive in the input unit and, with its largest change a sample, in unit amplitudes."""
 
-    x_centre: float
-    x_scale: float
-    y_centre: float
-    y_scale: float
     low: float
     high: float
     unit_low: float
@@ -67,8 +65,13 @@ class DriveLimits(NamedTuple):
         if rate_limit is not None and not rate_limit > 0.0:
             raise ValueError(f"rate_limit must be positive, not {rate_limit}")
         max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
-        return cls(s.x_centre, s.x_scale, s.y_centre, s.y_scale, low, high, (low - s.x_centre) / s.x_scale,
-                   (high - s.x_centre) / s.x_scale, max_step)
+        return cls(low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, max_step)
+
+
+def drive_settings(s: ModelStructure, limits: DriveLimits, fade_s: float = 0.0, integral_gain: float = 0.0) -> Vector:
+    """The settings (7,) of the core's ``DriveSettings``."""
+    decay = math.exp(-s.sample_time / fade_s) if fade_s > 0.0 else 0.0
+    return np.array([s.x_centre, s.x_scale, s.y_centre, s.y_scale, limits.max_step, decay, integral_share(integral_gain, s.sample_time)])
 
 
 class Compensator:
@@ -103,19 +106,22 @@ class Compensator:
     def __init__(self, model: HysteresisCreepModel, x_limits: tuple[float, float] | None = None,
                  rate_limit: float | None = None, state: OperatorState | None = None, *, integral_gain: float = 0.0) -> None:
         s = model.structure
-        self._x_limits, self._rate_limit = x_limits, rate_limit
+        self._x_limits, self._rate_limit, self._integral_gain = x_limits, rate_limit, integral_gain
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
-        self._use(model, state, np.array([0.0, 0.0, s.y_centre]), np.array([integral_share(integral_gain, s.sample_time), 0.0, math.nan, 0.0]))
+        self._use(model, state, np.array([0.0, s.y_centre, 0.0, math.nan, 0.0]), 0.0)
 
-    def _use(self, model: HysteresisCreepModel, state: OperatorState, fade: Vector, feedback: Vector) -> None:
+    def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
         s, self._model = model.structure, model
         self.limits = DriveLimits.of(s, self._x_limits, self._rate_limit)
+        settings = drive_settings(s, self.limits, integral_gain=self._integral_gain)
+        settings[DECAY] = decay
         zones, operators = SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)), OperatorArrays.of(s)
         self._core = State(face.compensator_bytes(*s.shape), lambda block: face.compensator_setup(block, *s.shape))
         for name, values in (("r", operators.r), ("a", operators.a), ("low", zones.low), ("high", zones.high),
-                             ("limits", self.limits), ("play", state.play), ("creep", state.creep), ("fade", fade), ("feedback", feedback)):
+                             ("settings", settings), ("play", state.play), ("creep", state.creep)):
             self._core[name][:] = values
+        self.drive[LIMITS], self.drive[BUMP:] = self.limits[:4], drive
         face.compensator_take(self._core.block, model.all_weights)
 
     @property
@@ -129,13 +135,9 @@ class Compensator:
         self._core["play"][:], self._core["creep"][:] = state.play, state.creep
 
     @property
-    def fade(self) -> Vector:
-        """The fade memory (3,); what is written to it is taken."""
-        return self._core["fade"]
-
-    @fade.setter
-    def fade(self, fade: Vector) -> None:
-        self._core["fade"][:] = fade
+    def drive(self) -> Vector:
+        """The drive's memory (9,); what is written to it is taken."""
+        return self._core["memory"]
 
     @property
     def block(self) -> NDArray[np.uint8]:
@@ -144,18 +146,15 @@ class Compensator:
 
     def fade_over(self, fade_s: float) -> None:
         """Let what a hand-over of weights adds to the drive decay with the time constant ``fade_s``."""
-        self.fade[DECAY] = math.exp(-self._model.structure.sample_time / fade_s)
-
-    @property
-    def feedback(self) -> Vector:
-        """The feedback memory (4,); what is written to it is taken."""
-        return self._core["feedback"]
+        self._core["settings"][DECAY] = math.exp(-self._model.structure.sample_time / fade_s)
 
     @property
     def model(self) -> HysteresisCreepModel:
         """The model in use."""
-        if not np.array_equal(self._model.all_weights, self._core["weights"]):  # the learner handed weights over
-            self._model = HysteresisCreepModel.from_all_weights(self._model.structure, self._core["weights"])
+        core, s = self._core, self._model.structure
+        weights = np.concatenate([core["w_H"][:s.n + 1], core["w_S"][:s.dead_zones], core["w_K"][:s.creep_weights], core["offset"]])
+        if not np.array_equal(self._model.all_weights, weights):  # the learner handed weights over
+            self._model = HysteresisCreepModel.from_all_weights(s, weights)
         return self._model
 
     def correct(self, y_measured: float) -> None:
@@ -185,26 +184,26 @@ class Compensator:
             if getattr(old, name) != getattr(new, name):
                 raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
         before, state = face.compensator_now(self._core.block), self.state
+        drive, decay = self.drive[BUMP:].copy(), math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
         if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
             state = state.on(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
-            self.fade[BUMP] *= old.x_scale / new.x_scale
-        self._use(model, state, self.fade, self.feedback)
-        bump = before - face.compensator_now(self._core.block)
-        self.fade[BUMP] = self.fade[BUMP] + bump if fade_s > 0.0 else 0.0
-        self.fade[DECAY] = math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
+            drive[0] *= old.x_scale / new.x_scale
+        self._use(model, state, drive, decay)
+        self.drive[BUMP] = drive[0] + before - face.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs: the model, and copies of the arrays."""
         return {"model": self.model.to_dict(), "play": self.state.play.copy(), "creep": self.state.creep.copy(),
-                "fade": self.fade.copy(), "feedback": self.feedback.copy()}
+                "drive": self.drive[BUMP:].copy(), "decay": float(self._core["settings"][DECAY])}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; ValueError says why not."""
         found = json_file.convert(memory, CompensatorMemory)
-        model, state = HysteresisCreepModel.from_file(found["model"]), OperatorState(found["play"], found["creep"])
+        model, state, drive = HysteresisCreepModel.from_file(found["model"]), OperatorState(found["play"], found["creep"]), found["drive"]
         state.require(model.structure)
-        for name, values in (("fade", found["fade"]), ("feedback", found["feedback"])):
-            if values.shape != self._core[name].shape:
-                raise ValueError(f"the {name} memory must have {self._core[name].size} numbers, not {values.size}")
-        self._use(model, state, found["fade"], found["feedback"])
+        if drive.shape != (5,) or not np.all(np.isfinite(drive[[0, 1, 2, 4]])):  # the last reference may have been none
+            raise ValueError("the memory of the drive must be five finite numbers, but for the last reference")
+        if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= found["decay"] < 1.0):
+            raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
+        self._use(model, state, drive, found["decay"])

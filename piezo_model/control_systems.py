@@ -92,11 +92,11 @@ def compensator_system(compensator: Compensator, name: str = "compensator") -> c
     A bump of a change of model that is still fading is taken for gone, and so is what integral action has added.
     """
     own = deepcopy(compensator)
-    s, fade = own.model.structure, own.fade.copy()
-    fade[BUMP] = own.feedback[CORRECTION] = 0.0
+    s, drive = own.model.structure, own.drive.copy()
+    drive[[BUMP, CORRECTION]] = 0.0
 
     def moved(z: Vector, u: Vector) -> tuple[float, OperatorState]:
-        own.state, own.fade = _operators(s, z), fade.copy()
+        own.state, own.drive[:] = _operators(s, z), drive
         return own.step(float(u[0])), own.state
 
     return _system(s, moved, "reference", "drive", name)

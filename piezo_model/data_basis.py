@@ -122,7 +122,7 @@ class DataBasis:
         if self.samples == 0:
             raise ValueError("the data basis is empty: no sample was counted")
         width, stride = self._regressors.width, self._regressors.stride
-        gram = np.empty((padded(width), stride))
+        gram = np.empty((width, padded(width)))
         face.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
         upper = np.triu(gram[:width, :width])
         full: Matrix = (upper + np.triu(upper, 1).T) / self.total_weight

@@ -105,7 +105,7 @@ class OperatorState:
 
 
 class OperatorArrays(NamedTuple):
-    """Thresholds r (lanes,) of play and creep, and gains a = 1 − e^(−rate·Ts) (rates · lanes,) of creep."""
+    """Thresholds r (lanes,) of play and creep, and gains a = 1 − e^(−rate·Ts) (rates,) of creep."""
 
     r: Vector
     a: Vector
@@ -115,8 +115,7 @@ class OperatorArrays(NamedTuple):
     def of(cls, structure: ModelStructure) -> OperatorArrays:
         """Arrays of a structure."""
         r = pad(np.array((0.0, *structure.play_thresholds)), structure.lanes)
-        return cls(r, np.repeat(creep_gain(structure.creep_rates, structure.sample_time), structure.lanes),
-                   len(structure.creep_rates))
+        return cls(r, creep_gain(structure.creep_rates, structure.sample_time), len(structure.creep_rates))
 
 
 class SuperpositionArrays(NamedTuple):

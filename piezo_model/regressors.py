@@ -63,7 +63,7 @@ class RegressorArrays(NamedTuple):
     @property
     def stride(self) -> int:
         """Length of a row in memory: blocks of eight are written and read beyond the last column."""
-        return padded(self.width + 8)
+        return padded(self.width + 1) + 8
 
 
 def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y: Vector) -> Matrix:

@@ -2,9 +2,9 @@
 
     y_ref → compensator → x → actuator → y → data basis → solver → weights → inverse → compensator
 
-In cyclic operation (`cyclic_learning`) a synchronous Moore machine builds the data basis, learns, and hands over; in
-continuous operation (`continuous_learning`, the paper's outlook) the exact optimum of a forgetting data basis is there after
-every sample. Both leave a compensator that works when the sensor does not: the drive is finite and inside its limits
+In cyclic operation a synchronous Moore machine builds the data basis, learns, and hands over; in
+continuous operation (the paper's outlook) the exact optimum of a forgetting data basis follows every interval. The two are settings of
+one learner (`learning.learner`). Both leave a compensator that works when the sensor does not: the drive is finite and inside its limits
 whatever comes in, learning pauses at a fault and goes on by itself.
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -25,15 +25,19 @@ from piezo_model.compensator_file import LearnerFile
 from piezo_model.deployment import Deployment
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.json_file import Number
-from piezo_model.learning.continuous_learning import ContinuousLearning
-from piezo_model.learning.cyclic_learning import CyclicLearning, with_constant
 from piezo_model.learning.events import LOG_LENGTH, Event, Log, Phase
+from piezo_model.learning.learner import Learner
 from piezo_model.learning.sensor_guard import Verdict
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
+
+
+def with_constant(model: HysteresisCreepModel) -> HysteresisCreepModel:
+    """Return the same model in a structure that has a constant, which is zero so far."""
+    return replace(model, structure=replace(model.structure, offset=True))
 
 
 class Memory(TypedDict):
@@ -54,7 +58,8 @@ class SelfLearningCompensator:
     reset_s, build_s, learn_s : float
         Lengths of the phases of cyclic operation in s; after a fault the sensor must be good for ``reset_s`` in both modes.
     solver : str
-        Any registered solver, for cyclic operation; the paper's ``projected_difference`` takes one step a sample.
+        Any registered solver. In cyclic operation the paper's ``projected_difference`` takes one step a sample; in continuous operation the
+        default means the exact solver, at every interval.
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the structure's range by default.
     mode : "cyclic" or "continuous"
@@ -66,8 +71,8 @@ class SelfLearningCompensator:
         Time constant with which the bump of a hand-over decays.
     rate_limit : float, optional
         Largest change of the drive per second.
-    samples_to_solve : int, optional
-        Samples that an exact solve takes; measured by default.
+    samples_to_solve : int
+        Of cyclic operation, the samples that a solver has which is not one of steps; 1 by default.
     find_centre : bool, optional
         Whether a structure without a constant term gets one, since no range given beforehand has the centre of the actuator's
         loop in its middle. By default where the structure has none and no model is given.
@@ -100,7 +105,7 @@ class SelfLearningCompensator:
     def __init__(self, structure: ModelStructure, reset_s: float = 0.1, build_s: float = 8.0, learn_s: float = 1.9,
                  solver: str = "projected_difference", x_limits: tuple[float, float] | None = None,
                  mode: Mode = "cyclic", *, memory_s: float = 2.0, hand_over_s: float = 0.01,
-                 fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int | None = None,
+                 fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int = 1,
                  find_centre: bool | None = None, follow_range: bool | None = None,
                  proximal: float = 1e-6, integral_gain: float = 0.0,
                  solver_options: Mapping[str, Any] | None = None, model: HysteresisCreepModel | None = None,
@@ -123,9 +128,7 @@ class SelfLearningCompensator:
         self.compensator = Compensator(model, x_limits, rate_limit, state, integral_gain=integral_gain)
         self.log: Log = deque(maxlen=LOG_LENGTH)
         self._last_x: float | None = None
-        self._learning: CyclicLearning | ContinuousLearning = (
-            CyclicLearning(self.compensator, self.settings, self.log) if mode == "cyclic"
-            else ContinuousLearning(self.compensator, self.settings, self.log))
+        self._learning = Learner(self.compensator, self.settings, self.log)
 
     @property
     def model(self) -> HysteresisCreepModel:
@@ -150,7 +153,7 @@ class SelfLearningCompensator:
     @property
     def problem(self) -> IdentificationProblem | None:
         """What the last building phase has gathered, with what is recalled of the cycles before; None in continuous mode."""
-        return self._learning.problem if isinstance(self._learning, CyclicLearning) else None
+        return self._learning.problem
 
     @property
     def samples(self) -> int:
@@ -161,7 +164,7 @@ class SelfLearningCompensator:
     def counts(self) -> dict[str, int]:
         """How often what happened: verdicts on samples, hand-overs, refusals of new weights."""
         learning = self._learning
-        return {**{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, learning.core.whole("verdicts"), strict=True)},
+        return {**{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, learning.verdicts, strict=True)},
                 "hand_overs": learning.count("hand_overs"), "refusals": learning.count("refusals")}
 
     def samples_until_change(self) -> int:
@@ -183,9 +186,7 @@ class SelfLearningCompensator:
         float
             Drive in the input unit.
         """
-        if self._last_x is not None:
-            self._learning.observe(np.array([self._last_x]), np.array([y_measured_before], dtype=np.float64))
-        self._last_x = self.compensator.step(y_ref)
+        self._last_x = self._learning.step(float(y_ref), None if self._last_x is None else float(y_measured_before))
         return self._last_x
 
     def run(self, y_ref: ArrayLike, actuator: Callable[[Vector], Vector]) -> tuple[Vector, Vector]:
@@ -205,7 +206,7 @@ class SelfLearningCompensator:
         done = 0
         while done < y_ref.size:
             chunk = slice(done, min(done + self.samples_until_change(), y_ref.size))
-            x[chunk] = self.compensator.run(y_ref[chunk])
+            x[chunk] = self._learning.drive(y_ref[chunk])
             y[chunk] = actuator(x[chunk])
             self.observe(x[chunk], y[chunk])
             done = chunk.stop
@@ -242,7 +243,7 @@ class SelfLearningCompensator:
         if self._last_x is not None:
             self._learning.observe(np.array([self._last_x]), y[:1])
         # The output of the last drive comes with the next call.
-        x = np.append(self._learning.drive_and_observe(y_ref[:-1], y[1:]), self.compensator.step(y_ref[-1]))
+        x = np.append(self._learning.replay(y_ref[:-1], y[1:]), self._learning.step(float(y_ref[-1]), None))
         self._last_x = float(x[-1])
         return x
 

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 from bench.export.numbers import Precision
 from bench.rendering import c_identifier
 from piezo_model.compensator import integral_share
-from piezo_model.learning.continuous_learning import CHECKPOINT_S, MOST_EXCHANGES, PROXIMAL
+from piezo_model.learning.layout import CHECKPOINT_S, MOST_EXCHANGES, PROXIMAL
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection

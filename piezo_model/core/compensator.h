@@ -13,56 +13,91 @@
 
 #include "operators.h"
 
-enum { COMPENSATOR_KIND = 0x434f4d31 };
+enum { COMPENSATOR_KIND = 0x434f4d32 };
 
-/* Centres and scales of the structure, limits of the drive in the input unit and, with its largest change, unit amplitudes. */
+/* What all compensators of one structure share: centres and scales, the largest change of the drive a sample in unit amplitudes, the factor
+ * by which a bump decays a sample, and the share of an error that integral action adds to the reference, 0 for none. */
 typedef struct {
-    real x_centre, x_scale, y_centre, y_scale, low, high, unit_low, unit_high, max_step;
-} DriveLimits;
+    real x_centre, x_scale, y_centre, y_scale, max_step, decay, gain;
+} DriveSettings;
 
-/* What is still added to the drive since the last change of model, the factor by which it decays from sample to sample, and the
- * last finite reference in the output unit. */
+/* Of each: limits of the drive in the input unit and in unit amplitudes; what is still added to the drive since the last change of
+ * weights; the last finite reference with what integral action has added to it so far, both in the output unit; the last reference as it
+ * was given, NaN where there was none; and 1 or -1 where the drive for it was above or below what the limits let pass. */
 typedef struct {
-    real bump, decay, last_y_ref;
-} Fade;
+    num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held;
+} DriveMemory;
 
-/* Integral action on what a sensor says: the share of each error that is added to the reference from then on, 0 for none; what has
- * been added so far, in the output unit; the last reference as it was given, NaN where there was none; and 1 or -1 where the drive
- * for it was above or below what the limits let pass. */
+/* The weights of a model, w_H0 ... w_Hn, w'_S, w_K and the constant; the partial sums W_H of w_H; weights and thresholds of H^-1. */
 typedef struct {
-    real gain, correction, given, held;
-} Feedback;
+    num *w_H, *w_S, *w_K, *offset, *W_H, *w_H_inverse, *r_H_inverse;
+} Inverse;
 
 typedef struct {
-    ShapedHead *head;
+    ShapedHead *head; /* NULL in a tile */
     Shape shape;
+    const DriveSettings *settings;
     Operators operators;
-    Superposition S_inverse;
-    real *w_H, *W_H;                  /* weights of H and their partial sums, the slopes of H */
-    real *w_H_inverse, *r_H_inverse;  /* of H^-1 */
-    real *w_K;                        /* for every creep state, rate by rate */
-    real *weights;                    /* all of them: w_H0 ... w_Hn, w'_S, w_K, offset */
-    DriveLimits *limits;
-    Fade *fade;
-    Feedback *feedback;
-    real *play, *creep;
+    real *low, *high; /* of the dead zones */
+    DriveMemory *memory;
+    num *play, *creep;
+    Inverse inverse;
 } Compensator;
 
+CORE_INLINE int inverse_nums(Shape s) { return 4 * NUMS(s.n + 1) + NUMS(s.zones) + NUMS(creep_weights(s)) + NUMS(1); }
+
+CORE_INLINE Inverse take_inverse(Room *room, Shape s)
+{
+    Inverse p;
+    p.w_H = nums(room, NUMS(s.n + 1));
+    p.w_S = nums(room, NUMS(s.zones));
+    p.w_K = nums(room, NUMS(creep_weights(s)));
+    p.offset = nums(room, NUMS(1));
+    p.W_H = nums(room, NUMS(s.n + 1));
+    p.w_H_inverse = nums(room, NUMS(s.n + 1));
+    p.r_H_inverse = nums(room, NUMS(s.n + 1));
+    return p;
+}
+
+/* Find W_H and H^-1 of the weights in p, which must be those of a valid model; r are the thresholds. */
+CORE_INLINE void invert(const Inverse *p, Shape s, const real *r)
+{
+    num W = p->w_H[0], r_inverse = constant(0);
+    p->W_H[0] = W;
+    p->w_H_inverse[0] = divided(constant(1), W);
+    for (int i = 1; i <= s.n; ++i) {
+        const num W_before = W, w = p->w_H[i];
+        r_inverse = plus_times(r_inverse, W, constant(r[i] - r[i - 1])); /* the sum by parts */
+        W = plus(W, w);
+        p->W_H[i] = W;
+        p->w_H_inverse[i] = divided(minus(constant(0), w), times(W, W_before));
+        p->r_H_inverse[i] = r_inverse;
+    }
+}
+
+/* Weights to be taken over at a sample, and 1 for those that take them. */
+typedef struct {
+    Inverse inverse;
+    num which;
+} Change;
+
+/* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. A change of weights is
+ * taken over without a bump: what the new ones would drive differently at this sample is added and fades away. */
+CORE_API num N(compensator_step)(const Compensator *c, num y_ref, const Change *change);
+/* Take the output that the last drive produced: correction <- correction + gain (y_r - y) where `trusted`. With the inverse in front the
+ * actuator is about 1, so that a disturbance comes through by |1 - z^-1| / |1 - (1 - gain) z^-1|, at most 2 / (2 - gain). Anti-windup: an
+ * error is not added up that pushes the drive further beyond a limit, and all of them never make more than half the output's range. */
+CORE_API void N(compensator_correct)(const Compensator *c, num y, num trusted);
+/* What it would drive for the last reference at this moment, in unit amplitudes; nothing is moved on. */
+CORE_API num N(compensator_now)(const Compensator *c);
+
+#ifndef CORE_TILE
 CORE_API int64_t compensator_bytes(Shape shape);
 CORE_API Compensator compensator_at(void *memory);
-/* Make a block of compensator_bytes(shape) bytes a compensator; limits, thresholds and states are still to be written. */
-CORE_API void compensator_setup(void *memory, Shape shape);
-/* Invert the model of these weights; they must be those of a valid model. */
-CORE_API void compensator_take(Compensator *c, const real *weights);
-/* Take the output that the last drive produced: correction <- correction + gain (y_r - y). With the inverse in front the actuator is
- * about 1, so that a disturbance comes through by |1 - z^-1| / |1 - (1 - gain) z^-1|, at most 2 / (2 - gain). Anti-windup: an error is not
- * added up that pushes the drive further beyond a limit, and all of them never make more than half the output's range. */
-CORE_API void compensator_correct(Compensator *c, real y);
-/* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. */
-CORE_API real compensator_step(Compensator *c, real y_ref);
-/* What it would drive for the last reference at this moment, in unit amplitudes; nothing is moved on. */
-CORE_API real compensator_now(const Compensator *c);
-/* Take new weights over without a bump: what they would drive differently at this moment is added and fades away. */
-CORE_API void compensator_hand_over(Compensator *c, const real *weights);
+/* Make a block of compensator_bytes(shape) bytes a compensator; settings, limits, thresholds and states are still to be written. */
+CORE_API Compensator compensator_setup(void *memory, Shape shape);
+/* Invert the model of all these weights, w_H0 ... w_Hn, w'_S, w_K, offset, which must be those of a valid model. */
+CORE_API void compensator_take(const Compensator *c, const real *weights);
+#endif
 
 #endif

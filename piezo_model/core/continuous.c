@@ -1,4 +1,22 @@
-#include "continuous.h"
+/* Continuous learning, in blocks.
+ *
+ *     reset   nothing is learned; the squared error (5) of the weights in use is summed up
+ *     learn   G <- lambda G + (1 - lambda) row row',   row = (Xi, x), sample by sample
+ *
+ * Every interval the weights that are one interval old take the place of those in use if they have predicted the interval at least as
+ * well, and the optimum of G follows them. They are admissible, since the solver keeps them in their box. They are handed over only while
+ * the drive of the last one to two half windows went through a part of its range that says enough. Otherwise learning pauses too, once
+ * there has been a hand-over, and nothing is forgotten: the memory would fade and the noise of the sensor take its place.
+ *
+ * Nothing learned before a fault of the sensor is lost, and nothing learned from a sensor about to fail is kept:
+ *
+ * - at a fault Gram matrix and weights go back to a state noted at least one checkpoint ago, and learning waits until samples have been
+ *   good for as long as a reset lasts;
+ * - if the weights in use predicted these samples about as well as before the fault, it goes on from there;
+ * - otherwise sensor or actuator are not what they were: learning begins anew, and new weights are handed over once they have learned
+ *   for a half window without another fault. The noted state is kept until then, since a sensor that was gone may come back.
+ */
+#include "learner.h"
 
 #define BELIEF ((real)1e-6) /* what the weights in use count where learning begins anew, as a share of a full memory of unit amplitudes */
 /* After a fault the sensor is the old one if the RMS error of the weights in use is at most TRUST times what it was before, plus
@@ -8,278 +26,198 @@
 
 enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH };
 
-static int64_t checkpoint_bytes(Shape s)
+static void forget_span(num *span, num which)
 {
-    return room_bytes(swept_kept_bytes(unknowns(s))) + (int64_t)sizeof(real) * (padded(row_width(s)) + LANES);
-}
-
-int64_t continuous_bytes(Shape s)
-{
-    const int ld = padded(row_width(s));
-    const int64_t vectors = 2 * lanes(s) + 2 * creep_lanes(s) + 4 * zone_lanes(s) + row_stride(s) + LANES + 4 * ld
-        + padded(weight_count(s)) + LANES;
-    return HEAD_BYTES + room_bytes(sizeof(ContinuousMemory)) + vectors * (int64_t)sizeof(real) + 3 * checkpoint_bytes(s)
-        + swept_bytes(unknowns(s));
-}
-
-static Checkpoint take_checkpoint(Room *room, Shape s)
-{
-    Checkpoint k;
-    k.swept = room_for(room, (size_t)swept_kept_bytes(unknowns(s)));
-    k.in_use = reals(room, 1, padded(row_width(s)));
-    k.level = reals(room, 1, LANES);
-    return k;
-}
-
-Continuous continuous_at(void *memory)
-{
-    Continuous c;
-    Room room = after_head(memory);
-    c.head = memory;
-    c.shape = SHAPE(c.head);
-    c.d = unknowns(c.shape);
-    c.ld = padded(row_width(c.shape));
-    c.memory = room_for(&room, sizeof *c.memory);
-    c.regressors = take_regressors(&room, c.shape);
-    c.play = reals(&room, 1, lanes(c.shape));
-    c.creep = reals(&room, 1, creep_lanes(c.shape));
-    c.row = reals(&room, 1, row_stride(c.shape) + LANES);
-    c.in_use = reals(&room, 1, c.ld);
-    c.candidate = reals(&room, 1, c.ld);
-    c.lower = reals(&room, 1, c.ld);
-    c.upper = reals(&room, 1, c.ld);
-    c.weights = reals(&room, 1, padded(weight_count(c.shape)));
-    c.span = reals(&room, 1, LANES);
-    c.noted[0] = take_checkpoint(&room, c.shape);
-    c.noted[1] = take_checkpoint(&room, c.shape);
-    c.fallback = take_checkpoint(&room, c.shape);
-    c.swept = swept_at(room.at);
-    return c;
-}
-
-static void forget_span(Continuous *c)
-{
-    c->span[X_LOW] = c->span[Y_LOW] = REAL_INFINITY;
-    c->span[X_HIGH] = c->span[Y_HIGH] = -REAL_INFINITY;
-}
-
-void continuous_setup(void *memory, Shape shape, int middle, real min_slope, double forgetting, double proximal, int most_exchanges)
-{
-    const ShapedHead head = {CONTINUOUS_KIND, unknowns(shape), continuous_bytes(shape), shape};
-    Continuous c;
-    memset(memory, 0, (size_t)head.bytes);
-    memcpy(memory, &head, sizeof head);
-    c = continuous_at(memory);
-    lower_bounds(shape, min_slope, c.lower);
-    for (int j = 0; j < c.d; ++j) {
-        c.upper[j] = REAL_INFINITY;
+    for (int i = 0; i < 4; ++i) {
+        set_where(which, span + i, constant(i % 2 == 0 ? REAL_INFINITY : -REAL_INFINITY));
     }
-    swept_setup(c.swept.head, c.d, c.lower, c.upper, forgetting, 1 - forgetting, proximal);
-    c.swept.head->cap = most_exchanges;
-    c.memory->middle = middle;
-    c.memory->settings.min_slope = min_slope;
-    c.in_use[0] = c.candidate[0] = 1;
-    guard_forget(&c.memory->guard);
-    forget_span(&c);
 }
 
-void continuous_enter(Continuous *c, int phase)
+void N(learner_begin_anew)(const Learner *l, num which, num level)
 {
-    ContinuousMemory *const m = c->memory;
-    m->counts.phase = phase;
-    m->counts.left = m->settings.reset_lasts;
-    m->predicted = 0;
-    m->probation = m->squares_in_use = m->squares_candidate = 0;
-}
-
-void continuous_begin_anew(Continuous *c, real level)
-{
-    ContinuousMemory *const m = c->memory;
-    Swept *const s = &c->swept;
-    memset(s->P, 0, (size_t)c->d * (size_t)c->d * sizeof(real));
-    for (int j = 0; j < c->d; ++j) { /* P = BELIEF I, q = -BELIEF v */
-        s->P[j * c->d + j] = BELIEF;
-        s->q[j] = -BELIEF * most(c->lower[j], c->in_use[j + 1]);
+    LearnerMemory *const m = l->memory;
+    const int d = l->d;
+    for (int i = 0; i <= d; ++i) { /* G = BELIEF I, its last column -BELIEF v */
+        num *const row = l->gram + symmetric_row(d + 1, i);
+        for (int j = WIDTH == 1 ? 0 : i; j <= d; ++j) {
+            set_where(which, row + j, constant(i == j && i < d ? BELIEF : 0));
+        }
+        if (i < d) {
+            set_where(which, row + d, times(constant(-BELIEF), greatest(l->in_use[i], constant(lower_bound(l, i)))));
+        }
     }
-    swept_begin(s, s->P, s->q, 0, 0);
-    swept_answer(s);
-    memcpy(c->candidate, c->in_use, (size_t)c->ld * sizeof(real));
-    m->level = level;
-    m->established = m->revert = m->noted = m->in_half = 0;
-    m->wait = m->has_fallback ? m->settings.half_window : 0;
-    m->low = m->low_before = REAL_INFINITY;
-    m->high = m->high_before = -REAL_INFINITY;
+    copy_where(which, l->candidate, l->in_use, d);
+    set_where(which, &m->level, level);
+    set_where(which, &m->established, constant(0));
+    set_where(which, &m->revert, constant(0));
+    set_where(which, &m->in_half, constant(0));
+    set_where(which, &m->wait, times(m->noted, constant((real)l->settings->half_window)));
+    set_where(which, &m->x_low, constant(REAL_INFINITY));
+    set_where(which, &m->x_low_before, constant(REAL_INFINITY));
+    set_where(which, &m->x_high, constant(-REAL_INFINITY));
+    set_where(which, &m->x_high_before, constant(-REAL_INFINITY));
+    forget_span(m->span, which);
 }
 
-/* Note the present state; the one before the last is forgotten. */
-static void note(Continuous *c)
+/* Enter a phase: reset for so many samples, none to learn. */
+static void enter(const Learner *l, num which, real samples)
 {
-    const size_t bytes = (size_t)checkpoint_bytes(c->shape);
-    Checkpoint *const here = &c->noted[1];
-    memcpy(c->noted[0].swept, c->noted[1].swept, bytes);
-    memcpy(here->swept, c->swept.head, (size_t)swept_kept_bytes(c->d));
-    memcpy(here->in_use, c->in_use, (size_t)c->ld * sizeof(real));
-    *here->level = c->memory->level;
-    c->memory->noted += c->memory->noted < 2;
+    LearnerMemory *const m = l->memory;
+    set_where(which, &m->left, constant(samples));
+    set_where(which, &m->probation, constant(0));
+    set_where(which, &m->predicted, constant(0));
+    set_where(which, &m->squares_in_use, constant(0));
+    set_where(which, &m->squares_candidate, constant(0));
 }
 
 /* Go back to a state that the sensor was good at, if there is one. */
-static void fall_back(Continuous *c)
+static void fall_back(const Learner *l, num which)
 {
-    ContinuousMemory *const m = c->memory;
-    if (m->noted > 0) {
-        memcpy(c->fallback.swept, c->noted[2 - m->noted].swept, (size_t)checkpoint_bytes(c->shape));
-        m->has_fallback = 1;
-        m->noted = 0;
-    }
-    if (!m->has_fallback) {
-        continuous_begin_anew(c, 0);
-        return;
-    }
-    memcpy(c->swept.head, c->fallback.swept, (size_t)swept_kept_bytes(c->d));
-    memcpy(c->candidate, c->fallback.in_use, (size_t)c->ld * sizeof(real));
-    m->level = *c->fallback.level;
-    m->established = m->revert = 1;
+    LearnerMemory *const m = l->memory;
+    const num noted = both(which, m->noted);
+    const int whole = symmetric_nums(l->d + 1);
+    copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* an offer made before the fault is not taken */
+    set_where(which, &m->pending, constant(0));
+    copy_where(noted, l->gram, l->older.gram, whole);
+    copy_where(noted, l->candidate, l->older.in_use, l->d);
+    copy_where(noted, &m->level, l->older.level, 1);
+    set_where(noted, &m->established, constant(1));
+    set_where(noted, &m->revert, constant(1));
+    copy_where(noted, l->newer.gram, l->older.gram, note_nums(l->shape));
+    forget_span(m->span, which);
+    N(learner_begin_anew)(l, both(which, is_not(noted)), constant(0));
 }
 
-/* Samples have been good for long enough: is it the sensor that it was before the fault? */
-static int end_probation(Continuous *c)
+/* Note the present state, whose weights are those of the drive; what was noted last becomes what is gone back to, at the first time at once. */
+static void note(const Learner *l, num which)
 {
-    ContinuousMemory *const m = c->memory;
-    const real error = m->probation / (real)m->settings.reset_lasts;
-    const int other = m->has_fallback && ROOT(error) > TRUST * ROOT(m->level) + TOLERANCE;
-    if (other) {
-        continuous_begin_anew(c, error);
-    } else if (!m->has_fallback) {
-        m->level = error;
-    }
-    continuous_enter(c, LEARN);
-    return other ? OTHER_SENSOR : 0;
+    LearnerMemory *const m = l->memory;
+    const num first = both(which, is_not(m->noted)), again = both(which, m->noted);
+    copy_where(again, l->older.gram, l->newer.gram, note_nums(l->shape));
+    copy_where(which, l->newer.gram, l->gram, symmetric_nums(l->d + 1));
+    copy_where(which, l->newer.in_use, l->in_use, l->d);
+    copy_where(which, l->newer.level, &m->level, 1);
+    copy_where(first, l->older.gram, l->newer.gram, note_nums(l->shape));
+    set_where(which, &m->noted, constant(1));
 }
 
-/* Whether the drive of this half window and the one before says enough; takes x into account. */
-static int excites(ContinuousMemory *m, real x)
+/* Samples have been good for long enough: is it the sensor that it was before the fault? 1 where it is another one. */
+static num end_probation(const Learner *l, num which)
 {
-    int enough;
-    m->low = least(m->low, x);
-    m->high = most(m->high, x);
-    ++m->in_half;
-    enough = most(m->high, m->high_before) - least(m->low, m->low_before) >= 2 * MIN_EXCITATION;
-    if (m->in_half >= m->settings.half_window) {
-        m->low_before = m->low;
-        m->high_before = m->high;
-        m->low = m->high = x;
-        m->in_half = 0;
+    LearnerMemory *const m = l->memory;
+    const num lasted = minus(constant((real)l->settings->reset_lasts), m->left), error = divided(m->probation, lasted);
+    /* sqrt(e) > T sqrt(l) + tau  iff  s = e - T^2 l - tau^2 > 0 and s^2 > 4 T^2 tau^2 l */
+    const num s = minus(minus_times(error, constant(TRUST * TRUST), m->level), constant(TOLERANCE * TOLERANCE));
+    const num beyond = both(less(constant(0), s), less(times(constant(4 * TRUST * TRUST * TOLERANCE * TOLERANCE), m->level), times(s, s)));
+    const num other = both(which, both(m->noted, beyond));
+    set_where(both(which, is_not(m->noted)), &m->level, error);
+    if (any(other)) {
+        N(learner_begin_anew)(l, other, error);
     }
-    return enough;
+    enter(l, which, 0);
+    return other;
 }
 
-/* Learn from the row, on which the weights in use have this error. */
-static int learn(Continuous *c, real error, real y)
+/* 1 where the drive of this half window and the one before says enough; takes the block into account where it `counts`. */
+static num excites(const Learner *l, const Passed *b, num counts)
 {
-    ContinuousMemory *const m = c->memory;
-    const real x = c->row[0], other = weighted_sum(c->candidate, c->row, c->ld);
-    int status;
-    c->span[X_LOW] = least(c->span[X_LOW], x);
-    c->span[X_HIGH] = most(c->span[X_HIGH], x);
-    c->span[Y_LOW] = least(c->span[Y_LOW], y);
-    c->span[Y_HIGH] = most(c->span[Y_HIGH], y);
-    m->squares_in_use += error * error;
-    m->squares_candidate += other * other;
-    ++m->predicted;
-    m->wait -= m->wait > 0;
-    m->level += m->settings.smoothing * (error * error - m->level);
-    status = swept_take(&c->swept, c->row + 1);
-    if (status == OK || status == CAPPED) {
-        return 0;
-    }
-    ++m->counts.failures;
-    if (swept_recover(&c->swept) == OK) {
-        return 0;
-    }
-    continuous_begin_anew(c, m->level);
-    return NO_OPTIMUM;
+    LearnerMemory *const m = l->memory;
+    const num low = lowest(b->span[X_LOW], m->x_low), high = greatest(b->span[X_HIGH], m->x_high);
+    const num span = minus(greatest(high, m->x_high_before), lowest(low, m->x_low_before));
+    const num filled = plus(m->in_half, b->good), over = both(counts, is_not(less(filled, constant((real)l->settings->half_window))));
+    set_where(counts, &m->in_half, choose(over, constant(0), filled));
+    set_where(over, &m->x_low_before, low);
+    set_where(over, &m->x_high_before, high);
+    set_where(counts, &m->x_low, choose(over, constant(REAL_INFINITY), low));
+    set_where(counts, &m->x_high, choose(over, constant(-REAL_INFINITY), high));
+    return is_not(less(span, constant(2 * MIN_EXCITATION)));
 }
 
-static int put_in_use(Continuous *c)
+/* Learn from the rows of a block. */
+static void learn(const Learner *l, const Passed *b, num which)
 {
-    memcpy(c->in_use, c->candidate, (size_t)c->ld * sizeof(real));
-    weights_of(c->shape, (int)c->memory->middle, c->in_use + 1, c->weights);
-    return TAKE_OVER;
+    LearnerMemory *const m = l->memory;
+    const num smoothing = lowest(times(constant(l->settings->smoothing), b->good), constant(1));
+    const num mean = divided(b->squares_in_use, greatest(b->good, constant(1)));
+    set_where(which, &m->level, plus_times(m->level, smoothing, minus(mean, m->level)));
+    set_where(which, &m->squares_in_use, plus(m->squares_in_use, b->squares_in_use));
+    set_where(which, &m->squares_candidate, plus(m->squares_candidate, b->squares_candidate));
+    set_where(which, &m->predicted, plus(m->predicted, b->good));
+    set_where(which, &m->wait, greatest(minus(m->wait, b->good), constant(0)));
+    for (int i = 0; i < 4; i += 2) {
+        set_where(which, &m->span[i], lowest(b->span[i], m->span[i]));
+        set_where(which, &m->span[i + 1], greatest(b->span[i + 1], m->span[i + 1]));
+    }
+    N(learner_add_rows)(l, b->count, which);
 }
 
-/* Compare the weights in use with the candidate, hand over, and choose the next candidate. */
-static int end_interval(Continuous *c)
+/* Offer the candidate where it has predicted at least as well, and find the next one. */
+static int end_interval(const Learner *l, const Passed *b, num looked_at, num excited)
 {
-    ContinuousMemory *const m = c->memory;
+    LearnerMemory *const m = l->memory;
+    const LearnerSettings *const p = l->settings;
+    const int64_t end = b->end / p->interval * p->interval;
+    const int checkpoint = end % p->checkpoint == 0;
+    const num reverts = both(looked_at, m->revert), judged = both(both(looked_at, is_not(reverts)), less(constant(0), m->predicted));
+    const num better = both(is_finite(m->squares_candidate), is_not(less(m->squares_in_use, m->squares_candidate)));
+    const num takes = both(both(judged, better), both(excited, is_not(less(constant(0), m->wait))));
+    const num fresh = either(reverts, takes), first = both(takes, is_not(m->established));
     int brought = 0;
-    if (m->revert) {
-        brought = put_in_use(c);
-        m->revert = 0;
-        m->counts.left = m->settings.reset_lasts;
-        m->probation = 0;
-    } else if (m->predicted > 0) {
-        const int better = m->squares_candidate <= m->squares_in_use; /* NaN compares false */
-        if (better && m->excited && m->wait == 0) {
-            brought = put_in_use(c);
-            ++m->counts.hand_overs;
-            brought |= m->established ? 0 : FIRST;
-            m->established = 1;
-        } else if (!better) {
-            ++m->counts.refusals;
-        }
-        swept_answer(&c->swept);
-        memcpy(c->candidate + 1, c->swept.answer, (size_t)c->d * sizeof(real));
+    if (checkpoint) {
+        note(l, both(both(looked_at, is_not(less(constant(0), m->left))), both(m->established, is_not(either(m->pending, m->revert)))));
     }
-    m->squares_in_use = m->squares_candidate = 0;
-    m->predicted = 0;
-    if (!(brought & FIRST) && m->counts.phase == LEARN && m->counts.sample % m->settings.checkpoint == 0) {
-        if (m->established) {
-            note(c);
-        }
-        brought |= LOOK;
+    if (any(fresh) && N(learner_offer)(l, l->candidate, fresh, reverts, end + l->mailbox.head->delay)) {
+        copy_where(fresh, l->before, l->in_use, l->d);
+        copy_where(fresh, l->in_use, l->candidate, l->d);
+        m->pending = either(m->pending, fresh);
+        m->hand_overs = plus(m->hand_overs, takes);
+        set_where(takes, &m->established, constant(1));
+        set_where(reverts, &m->revert, constant(0));
+        set_where(reverts, &m->left, constant((real)p->reset_lasts));
+        set_where(reverts, &m->probation, constant(0));
+        brought = TAKE_OVER | (any(first) ? FIRST : 0);
     }
-    return brought;
+    m->refusals = plus(m->refusals, both(judged, is_not(better)));
+    if (any(judged)) {
+        brought |= N(learner_optimum)(l, judged);
+    }
+    set_where(looked_at, &m->squares_in_use, constant(0));
+    set_where(looked_at, &m->squares_candidate, constant(0));
+    set_where(looked_at, &m->predicted, constant(0));
+    return brought | (checkpoint && any(is_not(less(constant(0), m->left))) && !(brought & FIRST) ? LOOK : 0);
 }
 
-int continuous_observe(Continuous *c, real x, real y)
+int N(continuous_block)(const Learner *l, const Passed *b)
 {
-    ContinuousMemory *const m = c->memory;
-    LearningCounts *const n = &m->counts;
-    const real unit_x = (x - m->scales.x_centre) / m->scales.x_scale, unit_y = (y - m->scales.y_centre) / m->scales.y_scale;
-    const int verdict = guard_judge(&m->guard, unit_x, unit_y), phase = (int)n->phase;
+    LearnerMemory *const m = l->memory;
+    const LearnerSettings *const p = l->settings;
+    const num resets = less(constant(0), m->left), whole = both(m->learning, is_not(b->fault));
+    const num failed = both(m->learning, both(b->fault, is_not(resets))), failed_again = both(m->learning, both(b->fault, resets));
+    const num probed = both(whole, resets), in_phase = both(whole, is_not(resets));
+    const num excited = excites(l, b, in_phase);
+    const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
+    num ended;
     int brought = 0;
-    ++n->verdicts[verdict];
-    n->last_verdict = verdict;
-    ++n->sample;
-    if (verdict == GOOD) {
-        real error;
-        regressor_row(&c->regressors, c->shape, unit_x, unit_y, c->play, c->creep, c->row);
-        c->row[row_width(c->shape)] = unit_x;
-        error = weighted_sum(c->in_use, c->row, c->ld);
-        if (phase == RESET) {
-            m->probation += error * error;
-            --n->left;
-            brought = n->left <= 0 ? end_probation(c) : 0;
-        } else {
-            m->excited = excites(m, unit_x);
-            brought = m->excited || !m->established ? learn(c, error, unit_y) : 0;
-        }
-    } else {
-        advance(c->regressors.operators, c->shape, unit_x, c->play, c->creep);
-        if (verdict != MISSING && phase == RESET) {
-            n->left = m->settings.reset_lasts;
-            m->probation = 0;
-        } else if (verdict != MISSING) {
-            ++n->faults;
-            forget_span(c);
-            fall_back(c);
-            continuous_enter(c, RESET);
-            brought = SENSOR_FAULT;
-        }
+    set_where(failed_again, &m->left, constant((real)p->reset_lasts));
+    set_where(failed_again, &m->probation, constant(0));
+    if (any(failed)) {
+        m->faults = plus(m->faults, failed);
+        fall_back(l, failed);
+        enter(l, failed, (real)p->reset_lasts);
+        brought = SENSOR_FAULT;
     }
-    if (n->phase == phase && n->sample % m->settings.interval == 0) { /* an interval that ends with the phase is not looked at */
-        brought |= end_interval(c);
+    set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
+    set_where(probed, &m->left, minus(m->left, b->good));
+    ended = both(probed, is_not(less(constant(0), m->left)));
+    if (any(ended)) {
+        brought |= any(end_probation(l, ended)) ? OTHER_SENSOR : 0;
+    }
+    if (any(learns)) {
+        learn(l, b, learns);
+    }
+    if (b->end >= l->clock->next_interval) { /* an interval that ends with the phase is not looked at */
+        l->clock->next_interval = (b->end / p->interval + 1) * p->interval;
+        brought |= end_interval(l, b, both(m->learning, is_not(either(failed, ended))), excited);
     }
     return brought;
 }

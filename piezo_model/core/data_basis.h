@@ -30,8 +30,8 @@ typedef struct {
     real *play, *creep;             /* states before the coming sample */
     real *start_play, *start_creep; /* at the first counted sample */
     real *span;                     /* lowest and highest x, lowest and highest y */
-    real *rows;                     /* BASIS_BLOCK of row_stride numbers */
-    real *gram;                     /* padded(row_width) of row_stride numbers; the upper triangle counts */
+    real *rows;                     /* BASIS_BLOCK of row_nums numbers */
+    real *gram;                     /* symmetric_nums(row_width); the upper triangle counts */
 } Basis;
 
 CORE_API int64_t basis_bytes(Shape shape);

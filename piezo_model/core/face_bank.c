@@ -1,4 +1,5 @@
 /* The bank as Python calls it; see bank.h. */
+#define CORE_TILE
 #include "bank.h"
 #include "face_model.h"
 
@@ -8,10 +9,16 @@ FACE(bank_bytes)
 {
     const Shape s = take_shape(a);
     const int64_t tiles = take_integer(a, 0, 1 << 24);
-    return finish_integer(a, good(a) ? bank_bytes(s, tiles) : 0);
+    const int block = (int)take_integer(a, 1, MOST_OPERATORS);
+    return finish_integer(a, good(a) ? bank_bytes(s, tiles, block) : 0);
 }
 
-FACE(bank_room_bytes) { return size_for(bank_room_bytes, a); }
+FACE(bank_room_bytes)
+{
+    const Shape s = take_shape(a);
+    const int block = (int)take_integer(a, 1, MOST_OPERATORS);
+    return finish_integer(a, good(a) ? bank_room_bytes(s, block) : 0);
+}
 
 /* Where the settings and the parts of the first tile stand; "driver", "learner" and "note" are what it has of each part of the bank. */
 FACE(bank_setup)
@@ -19,28 +26,33 @@ FACE(bank_setup)
     void *const memory = take_state(a, 0);
     const Shape s = take_shape(a);
     const int64_t tiles = take_integer(a, 1, 1 << 24);
+    const int block = (int)take_integer(a, 1, MOST_OPERATORS);
+    const Workspace none = {0};
     if (good(a)) {
-        need_bytes(a, 0, bank_bytes(s, tiles));
+        need_bytes(a, 0, bank_bytes(s, tiles, block));
     }
     if (!good(a)) {
         return finish(a, NULL);
     }
-    bank_setup(memory, s, tiles);
-    Bank b = bank_at(memory);
-    const Tile t = tile_at(&b, 0), next = tile_at(&b, 1);
-    const Py_ssize_t operators = s.n + 1, creep = s.rates * operators, entries = triangle(b.d + 1);
+    const Bank b = bank_setup(memory, s, tiles, block);
+    const Tile t = tile_at(&b, 0, none), next = tile_at(&b, 1, none);
+    const Compensator *const c = &t.controller.compensator, *const d = &next.controller.compensator;
+    const Learner *const l = &t.learner;
+    const Regressors *const p = &b.regressors;
     const Part parts[] = {
-        {"settings", b.settings, sizeof *b.settings / sizeof(real)}, {"r", b.r, operators}, {"a", b.a, s.rates},
-        {"zone_low", b.zone_low, s.zones}, {"zone_high", b.zone_high, s.zones}, {"outer_low", b.outer_low, s.zones},
-        {"outer_high", b.outer_high, s.zones}, {"driver", t.counts, (real *)next.counts - (real *)t.counts},
-        {"learner", t.old_play, next.old_play - t.old_play}, {"note", t.older.gram, next.older.gram - t.older.gram},
-        {"counts", t.counts, LANES}, {"play", t.play, operators * LANES}, {"creep", t.creep, creep * LANES},
-        {"w_H", t.w_H, operators * LANES}, {"w_S", t.w_S, s.zones * LANES}, {"w_K", t.w_K, creep_weights(s) * LANES},
-        {"offset", t.offset, LANES}, {"limits", t.limits, 4 * LANES}, {"fade", t.fade, 2 * LANES},
-        {"seen", t.seen, 2 * BANK_BLOCK * LANES},
-        {"old_play", t.old_play, operators * LANES}, {"old_creep", t.old_creep, creep * LANES},
-        {"memory", t.memory, MEMORY_LENGTH * LANES}, {"in_use", t.in_use, b.d * LANES}, {"candidate", t.candidate, b.d * LANES},
-        {"gram", t.gram, entries * LANES}};
+        {"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
+        {"settings", b.learner_settings, sizeof *b.learner_settings / sizeof(real)}, {"r", p->operators.r, lanes(s)},
+        {"a", p->operators.a, s.rates}, {"low", p->low, zone_lanes(s)}, {"high", p->high, zone_lanes(s)},
+        {"outer_low", p->outer_low, zone_lanes(s)}, {"outer_high", p->outer_high, zone_lanes(s)},
+        {"driver", c->memory, (real *)d->memory - (real *)c->memory},
+        {"learner", l->clock, (real *)next.learner.clock - (real *)l->clock},
+        {"note", l->older.gram, (real *)next.learner.older.gram - (real *)l->older.gram},
+        {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)}, {"play", c->play, play_vectors(s) * LANES},
+        {"creep", c->creep, creep_vectors(s) * LANES}, {"w_H", c->inverse.w_H, (s.n + 1) * LANES}, {"w_S", c->inverse.w_S, s.zones * LANES},
+        {"w_K", c->inverse.w_K, creep_weights(s) * LANES}, {"offset", c->inverse.offset, LANES},
+        {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)}, {"clock", l->clock, sizeof *l->clock / sizeof(real)},
+        {"memory", l->memory, sizeof *l->memory / sizeof(real)}, {"in_use", l->in_use, l->d * LANES},
+        {"candidate", l->candidate, l->d * LANES}, {"gram", l->gram, symmetric_nums(l->d + 1) * LANES}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
@@ -51,9 +63,7 @@ FACE(bank_begin)
     const int64_t tile = take_integer(a, 0, good(a) ? b.head->tiles - 1 : 0);
     const double *const which = take_array(a, VECTOR, LANES);
     if (good(a)) {
-        const Tile t = tile_at(&b, tile);
-        tile_invert(&b, &t);
-        tile_begin_anew(&b, &t, load(which), zeros());
+        tile_begin(&b, tile, load(which));
     }
     return finish_integer(a, 0);
 }
@@ -69,7 +79,7 @@ FACE(bank_run)
     double *const x = take_output(a, samples, width);
     void *const room = take_state(a, 0);
     if (good(a)) {
-        need_bytes(a, 4, bank_room_bytes(b.shape));
+        need_bytes(a, 4, bank_room_bytes(b.shape, b.head->block));
     }
     const int64_t first = take_integer(a, 0, good(a) ? b.head->tiles : 0);
     const int64_t last = take_integer(a, first, good(a) ? b.head->tiles : 0);

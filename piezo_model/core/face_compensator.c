@@ -14,32 +14,26 @@ FACE(compensator_setup)
     if (!good(a)) {
         return finish(a, NULL);
     }
-    compensator_setup(memory, s);
-    const Compensator c = compensator_at(memory);
+    const Compensator c = compensator_setup(memory, s);
+    const Inverse *const p = &c.inverse;
     const Part parts[] = {
-        {"r", c.operators.r, lanes(s)}, {"a", c.operators.a, creep_lanes(s)}, {"low", c.S_inverse.low, zone_lanes(s)},
-        {"high", c.S_inverse.high, zone_lanes(s)}, {"w_S", c.S_inverse.w, zone_lanes(s)}, {"w_H", c.w_H, lanes(s)},
-        {"W_H", c.W_H, lanes(s)}, {"w_H_inverse", c.w_H_inverse, lanes(s)}, {"r_H_inverse", c.r_H_inverse, lanes(s)},
-        {"w_K", c.w_K, creep_lanes(s)}, {"weights", c.weights, weight_count(s)},
-        {"limits", c.limits, sizeof *c.limits / sizeof(real)}, {"fade", c.fade, sizeof *c.fade / sizeof(real)},
-        {"feedback", c.feedback, sizeof *c.feedback / sizeof(real)},
-        {"play", c.play, lanes(s)}, {"creep", c.creep, creep_lanes(s)}};
+        {"settings", c.settings, sizeof *c.settings / sizeof(real)}, {"r", c.operators.r, lanes(s)}, {"a", c.operators.a, s.rates},
+        {"low", c.low, zone_lanes(s)}, {"high", c.high, zone_lanes(s)}, {"memory", c.memory, sizeof *c.memory / sizeof(real)},
+        {"play", c.play, lanes(s)}, {"creep", c.creep, creep_lanes(s)}, {"w_H", p->w_H, lanes(s)}, {"w_S", p->w_S, zone_lanes(s)},
+        {"w_K", p->w_K, padded(creep_weights(s))}, {"offset", p->offset, 1}, {"W_H", p->W_H, lanes(s)},
+        {"w_H_inverse", p->w_H_inverse, lanes(s)}, {"r_H_inverse", p->r_H_inverse, lanes(s)}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
-/* Both ways to take weights. */
-static PyObject *weights_for(void (*take)(Compensator *, const real *), Arguments *a)
+FACE(compensator_take)
 {
     Compensator c = take_compensator(a);
     const double *const weights = take_array(a, VECTOR, weight_count(c.shape));
     if (good(a)) {
-        take(&c, weights);
+        compensator_take(&c, weights);
     }
     return finish_integer(a, 0);
 }
-
-FACE(compensator_take) { return weights_for(compensator_take, a); }
-FACE(compensator_hand_over) { return weights_for(compensator_hand_over, a); }
 
 FACE(compensator_now)
 {
@@ -52,7 +46,7 @@ FACE(compensator_correct)
     Compensator c = take_compensator(a);
     const double y = take_number(a);
     if (good(a)) {
-        compensator_correct(&c, y);
+        compensator_correct(&c, y, 1);
     }
     return finish_integer(a, 0);
 }
@@ -61,7 +55,7 @@ FACE(compensator_step)
 {
     Compensator c = take_compensator(a);
     const double y_ref = take_number(a);
-    return finish_number(a, good(a) ? compensator_step(&c, y_ref) : 0);
+    return finish_number(a, good(a) ? compensator_step(&c, y_ref, NULL) : 0);
 }
 
 FACE(compensator_run)
@@ -73,7 +67,7 @@ FACE(compensator_run)
     if (good(a)) {
         begin_long_if(a, samples > 100);
         for (Py_ssize_t k = 0; k < samples; ++k) {
-            x[k] = compensator_step(&c, y_ref[k]);
+            x[k] = compensator_step(&c, y_ref[k], NULL);
         }
     }
     return finish_integer(a, 0);

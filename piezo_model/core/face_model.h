@@ -22,25 +22,26 @@
     F(compensator_bytes, 4, "n, zones, rates, offset", "size of a compensator.") \
     F(compensator_setup, 5, "state, n, zones, rates, offset", "make a block a compensator; where its vectors stand.") \
     F(compensator_take, 2, "state, weights", "invert the model of these weights.") \
-    F(compensator_hand_over, 2, "state, weights", "the same without a bump.") \
     F(compensator_now, 1, "state", "the unit drive for the last reference at this moment.") \
     F(compensator_correct, 2, "state, y", "integral action on the output that the last drive produced.") \
     F(compensator_step, 2, "state, y_ref", "the drive for one reference.") \
     F(compensator_run, 3, "state, y_ref, x", "drives for references.") \
-    F(cyclic_bytes, 4, "n, zones, rates, offset", "size of a learner in cycles.") \
-    F(cyclic_setup, 6, "state, n, zones, rates, offset, middle", "make a block a learner; where its parts stand.") \
+    F(learner_bytes, 7, "n, zones, rates, offset, block, blocks, way", "size of a learner; way 0 is continuous, 1 cyclic.") \
+    F(learner_setup, 8, "state, n, zones, rates, offset, block, blocks, way", "make a block a learner; where its parts stand.") \
+    F(learner_begin, 4, "state, compensator, play, creep", "begin to learn from the weights in use and these states.") \
+    F(learner_begin_anew, 2, "state, level", "forget all but the weights in use.") \
+    F(learner_program, 4, "state, P, q, lower", "the program of an interval.") \
+    F(learner_quiet, 1, "state", "samples for which the weights in use cannot change.") \
+    F(learner_restore, 2, "state, other", "become what another learner was.") \
     F(cyclic_enter, 2, "state, phase", "begin a phase, 0 reset, 1 build, 2 learn.") \
-    F(cyclic_observe, 5, "state, compensator, y, x, first", "learn; (samples done, what there is to tell).") \
-    F(cyclic_drive, 6, "state, compensator, y, y_ref, x, first", "drive and learn; the same.") \
-    F(continuous_bytes, 4, "n, zones, rates, offset", "size of a learner without cycles.") \
-    F(continuous_setup, 10, "state, n, zones, rates, offset, middle, min_slope, forgetting, proximal, most_exchanges", "as cyclic_setup.") \
-    F(continuous_begin_anew, 2, "state, level", "forget all but the weights in use.") \
-    F(continuous_observe, 5, "state, compensator, y, x, first", "learn; (samples done, what there is to tell).") \
-    F(continuous_drive, 6, "state, compensator, y, y_ref, x, first", "drive and learn; the same.") \
+    F(learner_step, 5, "state, compensator, y_ref, y, observes", "observe and drive; (drive, what there is to tell).") \
+    F(learner_drive, 4, "state, compensator, y_ref, x", "drives until weights may be due.") \
+    F(learner_observe, 5, "state, compensator, y, x, first", "learn; (samples done, what there is to tell).") \
+    F(learner_replay, 6, "state, compensator, y, y_ref, x, first", "drive and learn; the same.") \
     F(guard_judge, 4, "memory, x, y, verdicts", "which samples can be learned from.") \
-    F(bank_bytes, 5, "n, zones, rates, offset, tiles", "size of a bank.") \
-    F(bank_room_bytes, 4, "n, zones, rates, offset", "size of the room that each thread needs.") \
-    F(bank_setup, 6, "state, n, zones, rates, offset, tiles", "make a block a bank; where its parts stand.") \
+    F(bank_bytes, 6, "n, zones, rates, offset, tiles, block", "size of a bank.") \
+    F(bank_room_bytes, 5, "n, zones, rates, offset, block", "size of the room that each thread needs.") \
+    F(bank_setup, 7, "state, n, zones, rates, offset, tiles, block", "make a block a bank; where its parts stand.") \
     F(bank_begin, 3, "state, tile, which", "take the weights that stand in a tile and learn anew.") \
     F(bank_run, 7, "state, y_ref, y, x, room, first, last", "drives for references, learning from outputs.") \
     F(log_creep, 5, "u, a, z, u_previous, K", "creep of an actuator.") \

@@ -13,7 +13,10 @@
 #ifndef CORE_OPERATORS_H
 #define CORE_OPERATORS_H
 
+#include "num.h"
 #include "shape.h"
+
+#define TINY ((real)1e-30) /* what fades and is smaller becomes zero, before it is too small for normal numbers, which are quick */
 
 CORE_INLINE vec8 play8(vec8 x, vec8 r, vec8 z) { return larger(sub(x, r), smaller(add(x, r), z)); }
 
@@ -24,6 +27,9 @@ CORE_INLINE vec8 dead_zone8(vec8 u, vec8 low, vec8 high)
     return add(larger(sub(u, high), zeros()), smaller(sub(u, low), zeros()));
 }
 
+CORE_INLINE vec8 flushed8(vec8 a) { return where_less(splat(TINY), magnitude(a), a, zeros()); }
+CORE_INLINE num flushed(num a) { return if_less(constant(TINY), absolute(a), a, constant(0)); }
+
 /* The first that is not larger, not smaller; the first where the second is NaN. */
 CORE_INLINE real least(real a, real b) { return b < a ? b : a; }
 CORE_INLINE real most(real a, real b) { return b > a ? b : a; }
@@ -31,10 +37,11 @@ CORE_INLINE real most(real a, real b) { return b > a ? b : a; }
 CORE_INLINE real play_step(real x, real r, real z) { return most(least(z, x + r), x - r); }
 CORE_INLINE real creep_step(real x, real r, real a, real z) { return z + a * (play_step(x, r, z) - z); }
 CORE_INLINE real dead_zone_step(real u, real low, real high) { return most(0, u - high) + least(0, u - low); }
+CORE_INLINE num play_of(num x, num r, num z) { return greatest(lowest(z, plus(x, r)), minus(x, r)); }
 
 typedef struct {
     real *r; /* thresholds of play and creep, lanes */
-    real *a; /* gains of creep, creep_lanes */
+    real *a; /* gains of creep, one a rate */
 } Operators;
 
 typedef struct {
@@ -45,7 +52,7 @@ CORE_INLINE Operators take_operators(Room *room, Shape s)
 {
     Operators p;
     p.r = reals(room, 1, lanes(s));
-    p.a = reals(room, s.rates, lanes(s));
+    p.a = reals(room, 1, rate_lanes(s));
     return p;
 }
 
@@ -58,36 +65,48 @@ CORE_INLINE Superposition take_superposition(Room *room, Shape s)
     return p;
 }
 
-/* Move the states play (lanes) and creep (creep_lanes) on by the sample x that the actuator really saw. */
-CORE_INLINE void advance(Operators p, Shape s, real x, real *play, real *creep)
+CORE_INLINE int play_vectors(Shape s) { return VECTORS(s.n + 1); }
+CORE_INLINE int creep_vectors(Shape s) { return s.rates * VECTORS(s.n + 1); }
+
+/* Move the states on by the sample x that the actuator really saw. */
+CORE_INLINE void advance(Operators p, Shape s, num x, num *play, num *creep)
 {
-    const vec8 input = splat(x);
-    for (int i = 0; i < lanes(s); i += LANES) {
-        const vec8 r = load(p.r + i);
-        store(play + i, play8(input, r, load(play + i)));
-        for (int j = i; j < creep_lanes(s); j += lanes(s)) {
-            store(creep + j, creep8(input, r, load(p.a + j), load(creep + j)));
+    const vec8 input = SPREAD(x);
+    const int k = play_vectors(s);
+    for (int i = 0; i < k; ++i) {
+        const vec8 r = PARAMETER(p.r, i);
+        set_vector(play, i, play8(input, r, vector(play, i)));
+        for (int j = 0; j < s.rates; ++j) {
+            set_vector(creep, j * k + i, creep8(input, r, splat(p.a[j]), vector(creep, j * k + i)));
         }
     }
 }
 
-/* The sum of w_i z_i over so many lanes. */
-CORE_INLINE real weighted_sum(const real *w, const real *z, int count)
+CORE_INLINE void flush(num *v, int vectors)
 {
-    vec8 total = zeros();
-    for (int i = 0; i < count; i += LANES) {
-        total = plus_product(total, load(w + i), load(z + i));
+    for (int i = 0; i < vectors; ++i) {
+        set_vector(v, i, flushed8(vector(v, i)));
     }
-    return sum8(total);
 }
 
-CORE_INLINE real superposition(Superposition p, Shape s, real u)
+/* The sum of w_i z_i over so many vectors. */
+CORE_INLINE num weighted_sum(const num *w, const num *z, int vectors)
 {
-    vec8 total = zeros();
-    for (int i = 0; i < zone_lanes(s); i += LANES) {
-        total = plus_product(total, load(p.w + i), dead_zone8(splat(u), load(p.low + i), load(p.high + i)));
+    Sum sum = no_sum();
+    for (int i = 0; i < vectors; ++i) {
+        accumulate(&sum, i, vector(w, i), vector(z, i));
     }
-    return sum8(total);
+    return total(&sum);
+}
+
+/* The sum of w_i S_i(u). */
+CORE_INLINE num superposition(const real *low, const real *high, const num *w, Shape s, num u)
+{
+    Sum sum = no_sum();
+    for (int i = 0; i < VECTORS(s.zones); ++i) {
+        accumulate(&sum, i, vector(w, i), dead_zone8(SPREAD(u), PARAMETER(low, i), PARAMETER(high, i)));
+    }
+    return total(&sum);
 }
 
 #endif

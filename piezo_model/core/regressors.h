@@ -1,10 +1,13 @@
 /* The row of the error model (5) that one sample gives, linear in the unknowns w:
  *
- *     E(k) = w'Xi(k) + x(k),   row = (x, Xi),   Xi = (H_r1[x] ... H_rn[x],  -S_r'[y] ...,  K_r0[x] ... K_rn[x],  [1])
+ *     E(k) = w'Xi(k) + x(k),   row = (x, Xi, x),   Xi = (H_r1[x] ... H_rn[x],  -S_r'[y] ...,  K_r0[x] ... K_rn[x],  [1])
  *
- * For slopes instead of weights, each dead zone has the next one outwards taken off (`outer`).
+ * with x on either side, so that both (x, Xi) and (Xi, x) are there in one piece. For slopes instead of weights, each dead zone has the
+ * next one outwards taken off (`outer`). The Gram matrix of rows is summed up by blocks of them,
  *
- * Source: the paper's equation (5); K. Kuhnen, European Journal of Control 9 (2003) 407-418.
+ *     gram <- fade gram + sum of row_k row_k'.
+ *
+ * Source: the paper's equations (3) to (5); K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */
 #ifndef CORE_REGRESSORS_H
 #define CORE_REGRESSORS_H
@@ -18,9 +21,8 @@ typedef struct {
 } Regressors;
 
 CORE_INLINE int row_width(Shape s) { return unknowns(s) + 1; }
-/* Length of a row in memory: blocks of eight are written and read beyond the last column. */
-CORE_INLINE int row_stride(Shape s) { return padded(row_width(s) + LANES); }
-
+/* Nums of a row in memory: vectors are written and read beyond the last column. */
+CORE_INLINE int row_nums(Shape s) { return NUMS(row_width(s) + 1) + NUMS(LANES); }
 CORE_INLINE Regressors take_regressors(Room *room, Shape s)
 {
     Regressors p;
@@ -32,34 +34,73 @@ CORE_INLINE Regressors take_regressors(Room *room, Shape s)
     return p;
 }
 
-/* Write the row of one sample, and move the states on. Blocks are written from left to right, so that each one overwrites the
- * padding of the one before it. */
-CORE_INLINE void regressor_row(const Regressors *p, Shape s, real x, real y, real *play, real *creep, real *row)
+/* Write the row of one sample, zeros where it does not count, and move the states on. Vectors are written from left to right, so that
+ * each one overwrites what the one before it wrote beyond its columns. */
+CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num y, num *play, num *creep, num *row)
 {
-    const vec8 input = splat(x), output = splat(y);
-    real *column = row + s.n + 1;
-    for (int i = 0; i < lanes(s); i += LANES) {
-        const vec8 z = play8(input, load(p->operators.r + i), load(play + i));
-        store(play + i, z);
-        store(row + i, z);
+    const vec8 weight = SPREAD(counts), input = SPREAD(x), output = SPREAD(y);
+    const int k = play_vectors(s);
+    num *column = row;
+    for (int i = 0; i < k; ++i) {
+        const vec8 z = play8(input, PARAMETER(p->operators.r, i), vector(play, i));
+        set_vector(play, i, z);
+        set_vector(column, i, mul(weight, z)); /* the play of threshold zero is x */
     }
-    for (int i = 0; i < zone_lanes(s); i += LANES) {
-        const vec8 inner = dead_zone8(output, load(p->low + i), load(p->high + i));
-        store(column + i, sub(dead_zone8(output, load(p->outer_low + i), load(p->outer_high + i)), inner));
+    column += s.n + 1;
+    for (int i = 0; i < VECTORS(s.zones); ++i) {
+        const vec8 inner = dead_zone8(output, PARAMETER(p->low, i), PARAMETER(p->high, i));
+        const vec8 outer = dead_zone8(output, PARAMETER(p->outer_low, i), PARAMETER(p->outer_high, i));
+        set_vector(column, i, mul(weight, sub(outer, inner)));
     }
     column += s.zones;
-    for (int i = 0; s.rates > 0 && i < lanes(s); i += LANES) {
-        const vec8 r = load(p->operators.r + i);
-        vec8 total = zeros();
-        for (int j = i; j < creep_lanes(s); j += lanes(s)) {
-            const vec8 z = load(creep + j);
-            total = add(total, z);
-            store(creep + j, creep8(input, r, load(p->operators.a + j), z));
+    for (int i = 0; s.rates > 0 && i < k; ++i) {
+        const vec8 r = PARAMETER(p->operators.r, i);
+        vec8 sum = zeros();
+        for (int j = 0; j < s.rates; ++j) {
+            const vec8 z = vector(creep, j * k + i);
+            sum = add(sum, z);
+            set_vector(creep, j * k + i, creep8(input, r, splat(p->operators.a[j]), z));
         }
-        store(column + i, total);
+        set_vector(column, i, mul(weight, sum));
     }
     if (s.offset) {
-        row[row_width(s) - 1] = 1;
+        row[row_width(s) - 1] = counts;
+    }
+    row[row_width(s)] = times(counts, x);
+}
+
+enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = 2 }; /* that stay in registers while the rows pass by */
+
+/* gram <- fade gram + sum of row_k row_k' over rows of `width` entries, `stride` nums apart. */
+CORE_INLINE void gram_add(num *gram, int width, num fade, const num *rows, int stride, int count)
+{
+    const int columns = VECTORS(width);
+    for (int i = 0; i < width; i += GRAM_ROWS) {
+        for (int j = diagonal_vector(i); j < columns; j += GRAM_VECTORS) {
+            vec8 sum[GRAM_ROWS][GRAM_VECTORS];
+            for (int p = 0; p < GRAM_ROWS; ++p) {
+                for (int q = 0; q < GRAM_VECTORS; ++q) {
+                    sum[p][q] = zeros();
+                }
+            }
+            for (int t = 0; t < count; ++t) {
+                const num *const row = rows + (size_t)t * (size_t)stride;
+                for (int p = 0; p < GRAM_ROWS; ++p) {
+                    const vec8 left = SPREAD(row[i + p]);
+                    for (int q = 0; q < GRAM_VECTORS; ++q) {
+                        sum[p][q] = plus_product(sum[p][q], left, vector(row, j + q));
+                    }
+                }
+            }
+            for (int p = 0; p < GRAM_ROWS && i + p < width; ++p) {
+                num *const to = gram + symmetric_row(width, i + p);
+                for (int q = 0; q < GRAM_VECTORS; ++q) {
+                    if (j + q >= diagonal_vector(i + p) && j + q < columns) {
+                        set_vector(to, j + q, flushed8(plus_product(sum[p][q], vector(to, j + q), SPREAD(fade))));
+                    }
+                }
+            }
+        }
     }
 }
 

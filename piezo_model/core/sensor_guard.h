@@ -20,42 +20,41 @@ enum { GOOD, MISSING, REFUSED, JUMPED };
 #define JUMP ((real)0.25)         /* change of the output since the last good sample, beyond FOLLOWING times the way of the drive */
 #define FOLLOWING ((real)4)
 
-/* The last drive; the last good output; the way of the drive since; its lowest and highest since the output changed. */
+/* The last drive; the last output that changed; the way of the drive since, its lowest and highest; how often each verdict was given. */
 typedef struct {
-    real last_x, last_y, way, x_low, x_high;
+    num last_x, last_y, way, x_low, x_high, verdicts[4];
 } SensorGuard;
 
 CORE_INLINE void guard_forget(SensorGuard *g)
 {
-    g->last_x = g->last_y = g->x_low = g->x_high = (real)NAN;
-    g->way = 0;
+    g->last_x = g->last_y = g->x_low = g->x_high = constant((real)NAN);
+    g->way = constant(0);
 }
 
-/* Verdict on one sample. */
-CORE_INLINE int guard_judge(SensorGuard *g, real x, real y)
+/* 1 where the sample is good; in `fault` 1 where it is refused or has jumped. */
+CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
 {
-    if (isfinite(g->last_x)) {
-        g->way += MAGNITUDE(x - g->last_x);
-        g->x_low = least(g->x_low, x);
-        g->x_high = most(g->x_high, x);
-    } else {
-        g->x_low = g->x_high = x;
-    }
+    const num begun = is_finite(g->last_x), there = is_finite(y), known = is_finite(g->last_y);
+    const num way = choose(begun, plus(g->way, absolute(minus(x, g->last_x))), g->way);
+    const num low = choose(begun, lowest(x, g->x_low), x), high = choose(begun, greatest(x, g->x_high), x);
+    const num plausible = both(there, is_not(less(constant(PLAUSIBLE), absolute(y))));
+    const num moved = either(less(y, g->last_y), less(g->last_y, y));
+    const num same = both(plausible, both(known, is_not(moved))), changed = both(plausible, is_not(same));
+    const num frozen = both(same, less(constant(FROZEN_DRIVE), minus(high, low)));
+    const num explained = plus_times(constant(JUMP), constant(FOLLOWING), way);
+    const num jumped = both(changed, less(explained, absolute(minus(y, g->last_y))));
+    const num refused = either(both(there, is_not(plausible)), frozen), good = both(plausible, is_not(either(frozen, jumped)));
     g->last_x = x;
-    if (!isfinite(y)) {
-        return MISSING;
-    }
-    if (MAGNITUDE(y) > PLAUSIBLE) {
-        return REFUSED;
-    }
-    if (y >= g->last_y && y <= g->last_y) {
-        return g->x_high - g->x_low > FROZEN_DRIVE ? REFUSED : GOOD;
-    }
-    const int jumped = MAGNITUDE(y - g->last_y) > JUMP + FOLLOWING * g->way; /* at the first sample this compares with NaN */
-    g->last_y = y;
-    g->way = 0;
-    g->x_low = g->x_high = x;
-    return jumped ? JUMPED : GOOD;
+    g->last_y = choose(changed, y, g->last_y);
+    g->way = choose(changed, constant(0), way);
+    g->x_low = choose(changed, x, low);
+    g->x_high = choose(changed, x, high);
+    *fault = either(refused, jumped);
+    g->verdicts[GOOD] = plus(g->verdicts[GOOD], good);
+    g->verdicts[MISSING] = plus(g->verdicts[MISSING], is_not(there));
+    g->verdicts[REFUSED] = plus(g->verdicts[REFUSED], refused);
+    g->verdicts[JUMPED] = plus(g->verdicts[JUMPED], jumped);
+    return good;
 }
 
 #endif

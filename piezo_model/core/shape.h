@@ -26,10 +26,19 @@ static const Shape exported_shape = CORE_SHAPE;
 #define SHAPE(head) (head)->shape
 #endif
 
+/* A part of a state for a struct. */
+CORE_INLINE void *room_for(Room *room, size_t bytes)
+{
+    void *const first = room->at;
+    room->at += room_bytes((int64_t)bytes);
+    return first;
+}
+
 /* Play and creep come in whole blocks of eight: n + 1 thresholds, then padding with threshold and weight zero. Creep states and
  * their weights stand rate by rate. */
 CORE_INLINE int lanes(Shape s) { return padded(s.n + 1); }
 CORE_INLINE int creep_lanes(Shape s) { return s.rates * lanes(s); }
+CORE_INLINE int rate_lanes(Shape s) { return padded(s.rates); }
 CORE_INLINE int zone_lanes(Shape s) { return padded(s.zones); }
 CORE_INLINE int creep_weights(Shape s) { return s.rates > 0 ? s.n + 1 : 0; }
 /* d: w_H1 ... w_Hn, w'_S, w_K, [offset]. */

@@ -26,7 +26,7 @@ RESET, BUILD, LEARN = range(3)
 
 
 class Brought(IntFlag):
-    """What a sample brought, as of ``core/learning.h``."""
+    """What a block brought, as of ``core/learner.h``."""
 
     TAKE_OVER = 1
     SENSOR_FAULT = 2

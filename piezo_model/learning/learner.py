@@ -1,30 +1,39 @@
-"""What both learners have in common: a state of the core beside that of a compensator, and what the core has to tell.
+"""The learner of a compensator: a state of the core, whose weights it changes, and what the core has to tell.
 
-Each sample is the core's business (``core/cyclic.h``, ``core/continuous.h``); it comes back to Python where there is something to
-tell: an event for the log, a program for a solver, a range to look at.
+Each sample and each block is the core's business (``core/controller.h``, ``core/learner.h``); it comes back to Python where there is
+something to tell: an event for the log, a program for a solver, a range to look at. Cyclic and continuous operation are settings.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Mapping
 from typing import Any, TypedDict
 
 import numpy as np
 
 from piezo_model.compensator import Compensator
-from piezo_model.core import State
+from piezo_model.core import State, face
+from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.json_file import convert
-from piezo_model.learning.driven_range import DrivenRange, carried_over
-from piezo_model.learning.events import PHASES, Brought, Event, Log, Phase
+from piezo_model.learning import layout, program
+from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
+from piezo_model.learning.events import LEARN, PHASES, RESET, Brought, Event, Log, Phase
+from piezo_model.learning.layout import ANSWERED, CLOCK, CONTINUOUS, CYCLIC, MEMORY, STEPS
 from piezo_model.learning.sensor_guard import fresh_memory
-from piezo_model.learning.settings import LearningSettings
+from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
+from piezo_model.learning.solving import STEPPED, step_ratio
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
 from solvers.arrays import Vector
 
-Loop = Callable[..., tuple[int, int]]
+MESSAGES = {
+    Brought.FIRST: ("hand-over", "the first new weights since learning began; further ones are counted only"),
+    Brought.OTHER_SENSOR: ("sensor", "the output is not what it was before the fault; learning begins anew"),
+    Brought.NO_OPTIMUM: ("refused", "the data have no optimum; learning begins anew"),
+}
+"""Of continuous operation, where further hand-overs and refusals are counted only."""
 
 
 class LearningMemory(TypedDict):
@@ -34,83 +43,218 @@ class LearningMemory(TypedDict):
     driven: dict[str, Any]
 
 
-class Learner(ABC):
+class Learner:
     """The learner of a compensator, whose weights it changes.
 
-    The subclass brings the state of the core, which it fills, and the core's loops that observe and drive.
+    The log gets what changes how learning goes on. One thread at a time may use it; another one gets a RuntimeError.
     """
 
-    def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log, core: State, observe: Loop, drive: Loop,
-                 driven: DrivenRange) -> None:
-        self._compensator, self._settings, self._log, self.core = compensator, settings, log, core
-        self._observe, self._drive, self._driven = observe, drive, driven
-        RegressorArrays.of(compensator.model.structure, "slope").write(core)
-        self._take_structure(compensator.state)
+    def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:
+        self._compensator, self._settings, self._log = compensator, settings, log
+        self._busy = threading.Lock()
+        s = compensator.model.structure
+        self.cyclic = settings.mode == "cyclic"
+        self._problem: IdentificationProblem | None = None
+        block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
+                                                                                              settings.reset_s)
+        if not self.cyclic and settings.solver not in EXACT_SOLVERS:
+            numbers["solver"] = ANSWERED
+        sizes = *s.shape, block, 1, CYCLIC if self.cyclic else CONTINUOUS
+        self.core = State(face.learner_bytes(*sizes), lambda memory: face.learner_setup(memory, *sizes))
+        layout.write_settings(numbers, self.core["settings"])
+        self.core.whole("delay")[:] = block
+        RegressorArrays.of(s, "slope").write(self.core)
+        self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
+        compensator.fade_over(settings.fade_s)
+        self.core["in_use"][:] = s.inverse_slope_map @ compensator.model.weights
+        face.learner_begin(self.core.block, compensator.block, compensator.state.play, compensator.state.creep)
 
-    def _take_structure(self, state: OperatorState) -> None:
-        """Take ranges and weights of the compensator's model, and the states of its operators."""
-        model = self._compensator.model
-        s, core = model.structure, self.core
-        core["scales"][:] = s.x_centre, s.x_scale, s.y_centre, s.y_scale
-        core["in_use"][:] = s.inverse_slope_map @ model.weights
-        core["play"][:], core["creep"][:] = state.play, state.creep
-        core["guard"][:] = fresh_memory()
+    def _cyclic_numbers(self) -> tuple[int, dict[str, float]]:
+        s, settings = self._compensator.model.structure, self._settings
+        lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
+        stepped = settings.solver == STEPPED
+        return layout.block_samples(tuple(lasts.values())), {
+            "way": CYCLIC, "solver": STEPS if stepped else ANSWERED, "middle": s.middle, **lasts, "solve_lasts": settings.samples_to_solve,
+            "forgetting": 1.0, "share": 1.0, "proximal": settings.proximal, "min_slope": MIN_SLOPE,
+            "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5}
+
+    @property
+    def problem(self) -> IdentificationProblem | None:
+        """Of cyclic operation, what the last building phase has gathered, with what is recalled of the cycles before."""
+        return self._problem
 
     @property
     def phase(self) -> Phase:
         """The phase that it is in."""
-        return PHASES[self.count("phase")]
+        return PHASES[self._clock("phase") if self.cyclic else RESET if self.count("left") > 0 else LEARN]
 
     def count(self, name: str) -> int:
-        """A count of ``core/learning.h`` by its name."""
-        return int(self.core.whole(name)[0])
+        """A number of the core's memory (``MEMORY`` of `layout`), or "sample"."""
+        return int(self.core.whole("samples")[0]) if name == "sample" else int(self.core["memory"][MEMORY.index(name)])
 
-    @abstractmethod
+    @property
+    def verdicts(self) -> Vector:
+        """How often each verdict was given on a sample."""
+        return self.core["guard"][-4:]
+
     def samples_until_change(self) -> int:
         """Samples for which the weights in use cannot change."""
+        return int(face.learner_quiet(self.core.block))
+
+    def step(self, y_ref: float, y: float | None) -> float:
+        """Observe the output of the last drive, None where there was none, then the drive for a reference."""
+        with self._alone():
+            x, brought = face.learner_step(self.core.block, self._compensator.block, y_ref, math.nan if y is None else y, y is not None)
+            if brought:
+                self._follow(Brought(brought))
+                x, _ = face.learner_step(self.core.block, self._compensator.block, y_ref, math.nan, False)
+            return float(x)
+
+    def drive(self, y_ref: Vector) -> Vector:
+        """Drives (N,) for references, N at most `samples_until_change`; their outputs are to be observed next."""
+        with self._alone():
+            x = np.empty_like(y_ref)
+            face.learner_drive(self.core.block, self._compensator.block, y_ref, x)
+            return x
 
     def observe(self, x: Vector, y: Vector) -> None:
         """Learn from drive samples and the outputs that they produced."""
-        done = 0
-        while done < x.size:
-            done, brought = self._observe(self.core.block, self._compensator.block, y, x, done)
-            if brought:
-                self._follow(Brought(brought))
+        with self._alone():
+            done = 0
+            while done < x.size:
+                done, brought = face.learner_observe(self.core.block, self._compensator.block, y, x, done)
+                if brought:
+                    self._follow(Brought(brought))
 
-    def drive_and_observe(self, y_ref: Vector, y: Vector) -> Vector:
+    def replay(self, y_ref: Vector, y: Vector) -> Vector:
         """Drive samples (N,), each followed by learning from the output (N,) that it produced."""
-        done, x = 0, np.empty_like(y_ref)
-        while done < x.size:
-            done, brought = self._drive(self.core.block, self._compensator.block, y, y_ref, x, done)
-            if brought:
-                self._follow(Brought(brought))
-        return x
+        with self._alone():
+            done, x = 0, np.empty_like(y_ref)
+            while done < x.size:
+                done, brought = face.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done)
+                if brought:
+                    self._follow(Brought(brought))
+            return x
 
-    @abstractmethod
+    def _alone(self) -> _Alone:
+        return _Alone(self._busy)
+
     def _follow(self, brought: Brought) -> None:
-        """Note what a sample brought, and do what is Python's part."""
+        """Note what a block brought, and do what is Python's part."""
+        if Brought.SENSOR_FAULT in brought:
+            self._driven.interrupt()
+            self._note("sensor", "the output jumped, froze or left its range; learning waits")
+        if Brought.PROGRAM in brought:
+            self._solve()
+        for one, (what, message) in MESSAGES.items():
+            if one in brought:
+                self._note(what, message)
+        if self.cyclic:
+            self._follow_cycle(brought)
+        if (Brought.LOOK in brought or Brought.CYCLE_OVER in brought) and self._follow_range(brought):
+            return
 
-    def _note(self, what: Any, message: str, learning_since: int = 0, old: float = math.nan, new: float = math.nan) -> None:
-        self._log.append(Event(self.count("sample"), what, message, old, new, learning_since))
+    def _follow_cycle(self, brought: Brought) -> None:
+        errors = float(self.core["clock"][CLOCK.index("error_in_use")]), float(self.core["clock"][CLOCK.index("error_found")])
+        if Brought.UNEXCITED in brought:
+            low, high = self.core["covered"][:2]
+            self._note("refused", f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed")
+        elif Brought.NOT_A_NUMBER in brought:
+            self._note("refused", f"the solver {self._settings.solver} found no finite weights")
+        elif Brought.WORSE in brought:
+            self._note("refused", "the new weights explain the data worse than the old ones", *errors)
+        elif Brought.CYCLE_OVER in brought:
+            self._note("hand-over", "new weights", *errors)
 
-    def _follow_range(self, span: Vector) -> bool:
-        """Go on in other ranges, where those that were driven are others; the caller makes the learner begin anew."""
-        old = self._compensator.model.structure
+    def _clock(self, name: str) -> int:
+        return int(self.core.whole("clock")[CLOCK.index(name)])
+
+    def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
+        self._log.append(Event(self.count("sample"), what, message, old, new, self._clock("learning_since") if self.cyclic else 0))
+
+    def _solve(self) -> None:
+        """Have the program of the core solved."""
+        core, s = self.core, self._compensator.model.structure
+        if self.cyclic:
+            self._problem = program.gathered(core, s, self._settings.proximal)
+            if self._settings.solver == STEPPED:
+                return
+            P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
+            start, c = core["start"].copy(), 0.5 * float(core["data"][0])
+        else:
+            P, q, lower = np.empty((s.d, s.d)), np.empty(s.d), np.empty(s.d)
+            face.learner_program(core.block, P, q, lower)
+            start, c = np.maximum(core["candidate"], lower), 1.0
+        try:
+            found = program.answer(self._settings, P, q, lower, start, c)
+        except Exception as error:  # whatever a library does, the drive goes on
+            core["memory"][MEMORY.index("refusals")] += 1
+            if self.cyclic:
+                face.cyclic_enter(core.block, RESET)
+            self._note("refused", f"the solver {self._settings.solver} failed: {error}")
+            return
+        if self.cyclic:
+            core["answer"][:] = found
+        elif np.all(np.isfinite(found)):
+            core["candidate"][:] = np.maximum(found, lower)
+
+    def _follow_range(self, brought: Brought) -> bool:
+        """Go on in other ranges, where those that were driven are others."""
+        core, old = self.core, self._compensator.model.structure
+        span = core["covered"] if self.cyclic else core["memory"][MEMORY.index("span"):]
         new = self._driven.look(span, old) if self._settings.follow_range and np.all(np.isfinite(span)) else None
+        if not self.cyclic:
+            span[:] = math.inf, -math.inf, math.inf, -math.inf
         if new is None:
             return False
-        state = OperatorState(self.core["play"], self.core["creep"]).on(old, new)
+        state = OperatorState(core["block_play"], core["block_creep"]).on(old, new)
+        level = core["memory"][MEMORY.index("level")] * (old.x_scale / new.x_scale) ** 2
         self._compensator.change_model(carried_over(self._compensator.model, new), self._settings.fade_s)
-        self._take_structure(state)
+        core["in_use"][:] = new.inverse_slope_map @ self._compensator.model.weights
+        left = core["memory"][MEMORY.index("left")]
+        core["memory"][MEMORY.index("level")] = level
+        face.learner_begin(core.block, self._compensator.block, state.play, state.creep)
+        core["memory"][MEMORY.index("left")] = left
+        if self.cyclic:
+            core["clock"][CLOCK.index("past_share")] = 0.0
         self._note("range", "the thresholds follow the range that was driven")
         return True
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied."""
-        return {"core": self.core.block.copy(), "driven": self._driven.memory()}
+        with self._alone():
+            return {"core": self.core.block.copy(), "driven": self._driven.memory()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before."""
-        found = convert(memory, LearningMemory)
-        self.core.restore(found["core"])
-        self._driven.restore(found["driven"])
+        """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before. ValueError says why not."""
+        with self._alone():
+            found = convert(memory, LearningMemory)
+            if found["core"].dtype != np.uint8 or found["core"].size != self.core.block.size:
+                raise ValueError("the state of the core is that of another structure")
+            self._driven.restore(found["driven"])
+            face.learner_restore(self.core.block, aligned(found["core"]))
+            stepping = self.cyclic and self._clock("phase") == LEARN
+            self._problem = program.gathered(self.core, self._compensator.model.structure, self._settings.proximal) if stepping else None
+
+
+def aligned(data: np.ndarray) -> np.ndarray:
+    """The bytes on a cache line."""
+    from solvers.core import block
+
+    copied = block(data.size)
+    copied[:] = data
+    return copied
+
+
+class _Alone:
+    """Keeps a second thread out, with an error in place of a wait: two that use one learner are wrong in any order."""
+
+    def __init__(self, lock: threading.Lock) -> None:
+        self._lock = lock
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("this compensator is in use by another thread; each thread needs one of its own")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()

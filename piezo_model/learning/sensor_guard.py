@@ -25,7 +25,7 @@ class Verdict(IntEnum):
 
 def fresh_memory() -> Vector:
     """Memory of a guard that has seen nothing."""
-    return np.array([math.nan, math.nan, 0.0, math.nan, math.nan])
+    return np.array([math.nan, math.nan, 0.0, math.nan, math.nan, 0.0, 0.0, 0.0, 0.0])
 
 
 class SensorGuard:

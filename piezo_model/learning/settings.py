@@ -14,6 +14,8 @@ LONGEST_S = 1e9
 MOST_SAMPLES = 2**53
 """Of a solve."""
 Mode = Literal["cyclic", "continuous"]
+EXACT_SOLVERS = ("projected_difference", "box_active_set", "recursive_active_set")
+"""What means the core's exact solver in continuous operation: the default, and those that are exact."""
 
 MIN_SLOPE = 0.1
 """Smallest slope of S⁻¹, in unit amplitudes, that is learned. With a much smaller one a single wrong slope in an outer piece would
@@ -40,7 +42,7 @@ class LearningSettings:
     hand_over_s: float = 0.01
     fade_s: float = 0.002
     rate_limit: Number | None = None
-    samples_to_solve: int | None = None
+    samples_to_solve: int = 1
     find_centre: bool | None = None
     follow_range: bool | None = None
     proximal: float = 1e-6
@@ -55,7 +57,7 @@ class LearningSettings:
         if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
             raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
         steps = self.samples_to_solve
-        if steps is not None and not (isinstance(steps, int) and 1 <= steps <= MOST_SAMPLES):
+        if not (isinstance(steps, int) and 1 <= steps <= MOST_SAMPLES):
             raise ValueError(f"samples_to_solve must be a whole number from 1 to {MOST_SAMPLES}, not {steps!r}")
         options = self.solver_options or {}
         try:

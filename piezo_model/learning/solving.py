@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +20,8 @@ STEPPED = "projected_difference"
 """The solver that takes a step a sample, in the core."""
 
 
-def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> tuple[Vector, float]:
-    """Answer (d,) of a solver, NaN where it found none, and the seconds of update and solve; warm from ``start`` where it can.
+def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> Vector:
+    """Answer (d,) of a solver, NaN where it found none; warm from ``start`` where it can.
 
     It is set up before with other data of the same structure, so that nothing of the answer is worked out then.
 
@@ -33,20 +31,18 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     Examples
     --------
     >>> from qpsolvers import Problem
-    >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1))[0].tolist()
+    >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1)).tolist()
     [2.0]
     """
     from qpsolvers import Problem
 
     for engine in _asked(solver, c, **(options or {})):
         engine.setup(Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
-        begin = perf_counter()
         engine.update(program.P, program.q)
         found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
-        spent = perf_counter() - begin
         if engine.solution().found:
-            return found, spent
-    return np.full_like(found, np.nan), spent
+            return found
+    return np.full_like(found, np.nan)
 
 
 def _asked(solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any) -> Iterator[Solver]:
@@ -76,8 +72,3 @@ def step_ratio(options: Mapping[str, Any] | None) -> float:
     engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "setting"})
     engine.setup(Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
     return float(engine.settings.get("step_ratio", 0.5))
-
-
-def samples(seconds: float, sample_time: float) -> int:
-    """Sampling periods that a solve takes, at least one."""
-    return max(1, math.ceil(seconds / sample_time))

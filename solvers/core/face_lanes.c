@@ -1,15 +1,16 @@
-/* Many box programs of one size as Python calls them, one after the other (box.h) or eight at a time (box_lanes.h).
+/* Many box programs of one size as Python calls them, one after the other (box.h) or eight at a time (block_pivoting.h).
  *
  * A lane whose program is done takes the next one. Cold that is somewhat faster than one after the other at d = 18, and half as fast at
  * d = 60, where a factor for each lane no longer fits into the first-level cache.
  */
+#define CORE_TILE
+#include "block_pivoting.h"
 #include "box.h"
-#include "box_lanes.h"
 #include "face_solvers.h"
 
 /* Eight programs and the room to solve them, then the state of the exact solver for a lane that is left. */
 typedef struct {
-    BoxLanes lanes;
+    Pivoting lanes;
     void *single;
 } Workspace;
 
@@ -17,7 +18,7 @@ static Workspace workspace_at(void *memory, int d)
 {
     Room room = {memory};
     Workspace w;
-    w.lanes = box_lanes_at(&room, d);
+    w.lanes = pivoting_at(&room, d);
     w.single = room.at;
     return w;
 }
@@ -25,24 +26,25 @@ static Workspace workspace_at(void *memory, int d)
 FACE(box_many_bytes)
 {
     const int d = (int)take_integer(a, 1, 1000);
-    return finish_integer(a, good(a) ? box_lanes_numbers(d) * (int64_t)sizeof(real) + box_bytes(d) : 0);
+    return finish_integer(a, good(a) ? pivoting_nums(d) * (int64_t)sizeof(num) + box_bytes(d) : 0);
 }
 
+static void put(num *to, int i, int l, real a) { ((real *)(to + i))[l] = a; }
+
 /* Put a program into lane l. */
-static void fill_lane(const BoxLanes *s, int l, const double *P, const double *q, const double *lb, const double *ub)
+static void fill_lane(const Pivoting *s, int l, const double *P, const double *q, const double *lb, const double *ub)
 {
     const int d = s->d;
     for (int i = 0; i < d; ++i) {
-        real *const row = lane8(s->data, triangle_row(d + 1, i)) + l;
         for (int j = i; j < d; ++j) {
-            row[j * LANES] = P[i * d + j];
+            put(s->data + symmetric_row(d + 1, i), j, l, P[i * d + j]);
         }
-        row[d * LANES] = q[i];
-        s->lb[i * LANES + l] = lb[i];
-        s->ub[i * LANES + l] = ub[i];
-        s->side[i * LANES + l] = 0;
+        put(s->diagonal, i, l, P[i * d + i]);
+        put(s->q, i, l, q[i]);
+        put(s->lb, i, l, lb[i]);
+        put(s->ub, i, l, ub[i]);
+        put(s->side, i, l, 0);
     }
-    lane8(s->data, triangle(d + 1) - 1)[l] = 0;
 }
 
 /* B programs (B, d, d), (B, d), their minimisers x (B, d), how they ended, and how many were solved alone. */
@@ -62,7 +64,7 @@ static void solve_one(Batch *many, Box *single, int b)
 }
 
 /* Eight at a time: a lane whose program is done takes the next one, so that none waits for another. */
-static void solve_in_lanes(Batch *many, const BoxLanes *s, Box *single, int first, int last)
+static void solve_in_lanes(Batch *many, const Pivoting *s, Box *single, int first, int last)
 {
     const int d = many->d;
     int next = first, busy = 0, program[LANES], rounds[LANES] = {0};
@@ -71,7 +73,7 @@ static void solve_in_lanes(Batch *many, const BoxLanes *s, Box *single, int firs
         program[l] = -1;
     }
     do {
-        vec8 more;
+        num more, fine;
         for (int l = 0; l < LANES && next < last; ++l) {
             if (program[l] < 0) {
                 const size_t vector = (size_t)next * (size_t)d;
@@ -81,16 +83,17 @@ static void solve_in_lanes(Batch *many, const BoxLanes *s, Box *single, int firs
                 ++busy;
             }
         }
-        store(solved, box_lanes_round(s, &more));
-        store(broken, more);
+        fine = tile_pivoting_prepare(s);
+        store(solved, both(fine, tile_pivoting_round(s, &more)));
+        store(broken, both(fine, more));
         for (int l = 0; l < LANES; ++l) {
             const int b = program[l];
-            if (b < 0 || (broken[l] > 0 && ++rounds[l] < BOX_ROUNDS)) {
+            if (b < 0 || (broken[l] > 0 && ++rounds[l] < MOST_ROUNDS)) {
                 continue;
             }
             if (solved[l] > 0) {
                 for (int i = 0; i < d; ++i) {
-                    many->x[(size_t)b * (size_t)d + (size_t)i] = s->x[i * LANES + l];
+                    many->x[(size_t)b * (size_t)d + (size_t)i] = ((const real *)(s->x + i))[l];
                 }
                 many->statuses[b] = OK;
             } else {
@@ -118,7 +121,7 @@ FACE(box_many)
     double *const x = take_output(a, programs, d);
     int *const statuses = take_ints(a, programs);
     void *const room = take_state(a, 0);
-    need_bytes(a, 6, box_lanes_numbers(d) * (int64_t)sizeof(real) + box_bytes(d));
+    need_bytes(a, 6, pivoting_nums(d) * (int64_t)sizeof(num) + box_bytes(d));
     const int first = (int)take_integer(a, 0, programs);
     const int last = (int)take_integer(a, first, programs);
     const int in_lanes = (int)take_integer(a, 0, 1);

@@ -1,0 +1,91 @@
+#include "controller.h"
+
+static SensorGuard *guard_of(const Controller *c) { return (SensorGuard *)(void *)c->mailbox.guard; }
+
+void N(controller_begin_block)(const Controller *c, const num *play, const num *creep)
+{
+    MailboxHead *const m = c->mailbox.head;
+    const Block b = block_at(&c->mailbox, m->published);
+    const int k = play_vectors(c->compensator.shape), states = k + creep_vectors(c->compensator.shape);
+    for (int i = 0; i < states; ++i) {
+        store((real *)(void *)b.play + LANES * i, i < k ? vector(play, i) : flushed8(vector(creep, i - k)));
+    }
+    b.head->first = m->samples;
+    b.head->epoch = m->epoch;
+    b.head->answered = m->answered;
+    m->filled = 0;
+    m->to_go = m->block - (int32_t)(m->samples % m->block);
+}
+
+void N(controller_begin)(const Controller *c, const num *play, const num *creep)
+{
+    MailboxHead *const m = c->mailbox.head;
+    ++m->epoch;
+    m->consumed = m->published;
+    m->answered = m->offered;
+    guard_forget(guard_of(c));
+    N(controller_begin_block)(c, play, creep);
+}
+
+int N(controller_observe)(const Controller *c, num x, num y)
+{
+    const DriveSettings *const p = c->compensator.settings;
+    MailboxHead *const m = c->mailbox.head;
+    const Block b = block_at(&c->mailbox, m->published);
+    const num unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
+    num fault;
+    const num good = guard_judge(guard_of(c), x, unit_y, &fault), faults = plus(from_shared(c->mailbox.faults, 0), fault);
+    N(compensator_correct)(&c->compensator, y, good);
+    to_shared(b.x, m->filled, x);
+    to_shared(b.y, m->filled, choose(good, unit_y, constant((real)NAN)));
+    to_shared(c->mailbox.faults, 0, faults);
+    ++m->samples;
+    ++m->filled;
+    if (--m->to_go > 0) {
+        return 0;
+    }
+    b.head->count = m->filled;
+    to_shared(b.faults, 0, faults);
+    m->filled = 0;
+    if (m->blocks == 1 || m->published + 1 - CORE_ACQUIRE(&m->consumed) < (uint32_t)m->blocks) {
+        CORE_RELEASE(&m->published, m->published + 1);
+    } else {
+        ++m->dropped;
+    }
+    return 1;
+}
+
+/* Answer an offer that is due; 1 where it is of this epoch. One made before a fault of the sensor that the learner did not know of is not
+ * taken, unless it goes back after a fault. */
+static int take_offer(const Controller *c, Change *change)
+{
+    MailboxHead *const m = c->mailbox.head;
+    const Offer *const o = &c->mailbox.offer;
+    const uint32_t offered = CORE_ACQUIRE(&m->offered);
+    Room room = {(char *)o->inverse};
+    int current;
+    if (offered == m->answered || (*o->epoch == m->epoch && m->samples < *o->due)) {
+        return 0;
+    }
+    current = *o->epoch == m->epoch;
+    if (current) {
+        const num unknown = less(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
+        change->inverse = take_inverse(&room, c->compensator.shape);
+        change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
+        m->late += m->samples > *o->due;
+    }
+    CORE_RELEASE(&m->answered, offered);
+    return current;
+}
+
+num N(controller_drive)(const Controller *c, num y_ref)
+{
+    Change change;
+    int changes;
+    if (c->mailbox.head->filled > 0) {
+        return N(compensator_step)(&c->compensator, y_ref, NULL);
+    }
+    changes = take_offer(c, &change);
+    N(controller_begin_block)(c, c->compensator.play, c->compensator.creep);
+    return N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
+}

@@ -1,0 +1,235 @@
+#include "learner.h"
+
+Workspace N(workspace_at)(void *memory, Shape s, int block)
+{
+    const int d = unknowns(s);
+    Workspace w;
+    Room room = {memory};
+    w.rows = nums(&room, block * row_nums(s) + LANES);
+    w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
+    w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
+    w.inverse = take_inverse(&room, s);
+    w.program = pivoting_at(&room, d);
+    w.P = reals(&room, 1, padded(d * d));
+    w.q = reals(&room, 1, padded(d));
+    w.lb = reals(&room, 1, padded(d));
+    w.ub = reals(&room, 1, padded(d));
+#ifdef CORE_TILE
+    w.queue = pivoting_at(&room, d);
+    w.owner = integers(&room, LANES);
+    w.rounds = integers(&room, LANES);
+#endif
+    w.exact = (char *)memory + workspace_bytes(s, block);
+    return w;
+}
+
+static Note take_note(Room *room, Shape s)
+{
+    Note n;
+    n.gram = nums(room, symmetric_nums(unknowns(s) + 1));
+    n.in_use = nums(room, NUMS(unknowns(s)));
+    n.level = nums(room, NUMS(1));
+    return n;
+}
+
+void N(learner_take)(Learner *l, Room *own, Room *notes)
+{
+    const Shape s = l->shape;
+    l->memory = (LearnerMemory *)(void *)nums(own, NUMS((int)(sizeof(LearnerMemory) / sizeof(num))));
+    l->in_use = nums(own, NUMS(l->d));
+    l->before = nums(own, NUMS(l->d));
+    l->candidate = nums(own, NUMS(l->d));
+    l->gram = nums(own, symmetric_nums(l->d + 1));
+    l->older = take_note(notes, s);
+    l->newer = take_note(notes, s);
+}
+
+/* Write the rows of a block, judge weights in use and candidate by them, and note what was driven. */
+static Passed pass_through(const Learner *l, const Block *block)
+{
+    const Shape s = l->shape;
+    const Workspace *const w = &l->work;
+    const num infinite = constant(REAL_INFINITY), low = infinite, high = minus(constant(0), infinite);
+    Passed b = {block->head->count, block->head->first + block->head->count, constant(0), constant(0), {low, high, low, high},
+                constant(0), constant(0)};
+    for (int i = 0; i < play_vectors(s) * (LANES / WIDTH); ++i) {
+        w->play[i] = from_shared(block->play, i);
+    }
+    for (int i = 0; i < creep_vectors(s) * (LANES / WIDTH); ++i) {
+        w->creep[i] = from_shared(block->creep, i);
+    }
+    for (int k = 0; k < b.count; ++k) {
+        num *const row = w->rows + k * row_nums(s);
+        const num x = from_shared(block->x, k), y = from_shared(block->y, k), good = is_finite(y);
+        Sum in_use = no_sum(), candidate = no_sum();
+        num error, other;
+        write_row(&l->regressors, s, good, x, choose(good, y, constant(0)), w->play, w->creep, row);
+        for (int i = 0; i < VECTORS(l->d); ++i) {
+            const vec8 entries = vector(row + 1, i);
+            accumulate(&in_use, i, entries, vector(l->in_use, i));
+            accumulate(&candidate, i, entries, vector(l->candidate, i));
+        }
+        error = plus(total(&in_use), row[0]);
+        other = plus(total(&candidate), row[0]);
+        b.squares_in_use = plus_times(b.squares_in_use, error, error);
+        b.squares_candidate = plus_times(b.squares_candidate, other, other);
+        b.good = plus(b.good, good);
+        b.span[0] = choose(good, lowest(x, b.span[0]), b.span[0]);
+        b.span[1] = choose(good, greatest(x, b.span[1]), b.span[1]);
+        b.span[2] = choose(good, lowest(y, b.span[2]), b.span[2]);
+        b.span[3] = choose(good, greatest(y, b.span[3]), b.span[3]);
+    }
+    return b;
+}
+
+void N(learner_add_rows)(const Learner *l, int count, num learns)
+{
+    const LearnerSettings *const p = l->settings;
+    const int stride = row_nums(l->shape);
+    const num forgetting = constant(p->forgetting), root_step = constant(ROOT(p->forgetting));
+    const Block block = block_at(&l->mailbox, l->mailbox.head->consumed);
+    num root = times(learns, constant(ROOT(p->share))), fade = constant(1);
+    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1); --k) { /* the newest row has the whole share */
+        num *const row = l->work.rows + k * stride + 1;
+        const num counts = both(learns, is_finite(from_shared(block.y, k)));
+        const vec8 weight = SPREAD(root);
+        for (int i = 0; i < VECTORS(l->d + 1); ++i) {
+            set_vector(row, i, mul(weight, vector(row, i)));
+        }
+        root = choose(counts, times(root, root_step), root);
+        fade = choose(counts, times(fade, forgetting), fade);
+    }
+    gram_add(l->gram, l->d + 1, fade, l->work.rows + 1, stride, count);
+}
+
+/* All weights of the unknowns v, with their inverse. */
+static void invert_unknowns(const Learner *l, const num *v)
+{
+    const Shape s = l->shape;
+    const Inverse *const p = &l->work.inverse;
+    const num *const slopes = v + s.n;
+    const int middle = (int)l->settings->middle;
+    p->w_H[0] = constant(1);
+    for (int i = 0; i < s.n; ++i) {
+        p->w_H[i + 1] = v[i];
+    }
+    for (int i = 0; i < s.zones; ++i) {
+        const num inner = i > middle ? slopes[i - 1] : i < middle ? slopes[i + 1] : constant(0);
+        p->w_S[i] = minus(slopes[i], inner);
+    }
+    for (int i = 0; i < creep_weights(s); ++i) {
+        p->w_K[i] = slopes[s.zones + i];
+    }
+    p->offset[0] = s.offset ? v[l->d - 1] : constant(0);
+    invert(p, s, l->regressors.operators.r);
+}
+
+int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, int64_t due)
+{
+    MailboxHead *const m = l->mailbox.head;
+    const Offer *const o = &l->mailbox.offer;
+    if (m->offered != CORE_ACQUIRE(&m->answered)) {
+        return 0;
+    }
+    invert_unknowns(l, v);
+    for (int i = 0; i < inverse_nums(l->shape); ++i) {
+        to_shared(o->inverse, i, l->work.inverse.w_H[i]);
+    }
+    to_shared(o->which, 0, which);
+    to_shared(o->fallback, 0, fallback);
+    to_shared(o->faults, 0, l->memory->fault_count);
+    *o->due = due;
+    *o->epoch = m->epoch;
+    CORE_RELEASE(&m->offered, m->offered + 1);
+    return 1;
+}
+
+int N(learner_learn)(const Learner *l)
+{
+    MailboxHead *const m = l->mailbox.head;
+    int brought = 0;
+    if (CORE_ACQUIRE(&m->published) == m->consumed) {
+        return 0;
+    }
+    const Block block = block_at(&l->mailbox, m->consumed);
+    if (block.head->epoch == m->epoch && any(l->memory->learning)) {
+        const num faults = from_shared(block.faults, 0);
+        Passed b = pass_through(l, &block);
+        b.fault = less(l->memory->fault_count, faults);
+        l->memory->fault_count = faults;
+        if (block.head->answered == m->offered) {
+            l->memory->pending = constant(0);
+        }
+#ifdef CORE_TILE
+        brought = tile_continuous_block(l, &b);
+#else
+        brought = l->settings->way == CYCLIC ? cyclic_block(l, &b) : continuous_block(l, &b);
+#endif
+    }
+    CORE_RELEASE(&m->consumed, m->consumed + 1);
+    return brought;
+}
+
+#ifndef CORE_TILE
+int64_t learner_bytes(Shape s, int block, int blocks, int way)
+{
+    return HEAD_BYTES + mailbox_bytes(s, block, blocks) + room_bytes(sizeof(LearnerSettings)) + room_bytes(sizeof(LearnerClock))
+        + (int64_t)sizeof(real) * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s) + (way == CYCLIC ? 0 : 2 * note_nums(s)))
+        + (way == CYCLIC ? cyclic_bytes(s) : 0) + workspace_bytes(s, block) + box_bytes(unknowns(s));
+}
+
+Learner learner_at(void *memory)
+{
+    const LearnerHead *const head = memory;
+    const int way = head->way;
+    Learner l;
+    Room room = after_head(memory);
+    l.shape = SHAPE(&head->shaped);
+    l.d = unknowns(l.shape);
+    l.mailbox = mailbox_at(room.at, l.shape);
+    room.at += mailbox_bytes(l.shape, head->block, head->blocks);
+    l.settings = room_for(&room, sizeof *l.settings);
+    l.clock = room_for(&room, sizeof *l.clock);
+    l.regressors = take_regressors(&room, l.shape);
+    Room none = {NULL};
+    learner_take(&l, &room, way == CYCLIC ? &none : &room);
+    l.seen_play = reals(&room, 1, lanes(l.shape));
+    l.seen_creep = reals(&room, 1, creep_lanes(l.shape));
+    if (way == CYCLIC) {
+        l.cyclic = take_cyclic_room(&room, l.shape);
+    }
+    l.work = workspace_at(room.at, l.shape, head->block);
+    return l;
+}
+
+Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
+{
+    const LearnerHead head = {{LEARNER_KIND, unknowns(shape), learner_bytes(shape, block, blocks, way), shape}, block, blocks, way};
+    Learner l;
+    memset(memory, 0, (size_t)head.shaped.bytes);
+    memcpy(memory, &head, sizeof head);
+    l = learner_at(memory);
+    l.mailbox.head->block = block;
+    l.mailbox.head->blocks = blocks;
+    l.memory->learning = 1;
+    return l;
+}
+
+void learner_begin(const Learner *l)
+{
+    LearnerMemory *const m = l->memory;
+    const LearnerSettings *const p = l->settings;
+    m->fault_count = (num)l->mailbox.faults[0];
+    m->pending = 0;
+    memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
+    if (p->way == CYCLIC) {
+        cyclic_enter(l, RESET);
+    } else {
+        l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
+        m->noted = 0;
+        m->left = (real)p->reset_lasts;
+        m->probation = m->predicted = m->squares_in_use = m->squares_candidate = 0;
+        learner_begin_anew(l, 1, m->level);
+    }
+}
+#endif

@@ -1,0 +1,131 @@
+/* What the step (an interrupt) and the learner (a task behind it) share: samples by blocks one way, weights the other way.
+ *
+ * The ring of blocks has one producer and one consumer. The step fills the block `published`; when it is full and the ring is not, it
+ * publishes it, else the block is dropped: it begins with the states of the operators, so that nothing but its own samples is lost. There
+ * is one offer of weights: the learner writes it while `offered` equals `answered`, the step answers it by taking it or not. The
+ * counters are 32 bits wide, and each has one writer, which releases what it wrote before them. Both sides are on one core or on
+ * coherent ones.
+ *
+ * Weights from an interval that ends at sample k are taken at sample k + delay, never sooner, and if they come late, at the next beginning
+ * of a block. So the drive does not depend on when the learner ran, as long as it is in time. `epoch` is raised while the learner rests,
+ * and what carries an older one is not used any more.
+ *
+ * Numbers are in the precision of the step, `shared`, and sums of the learner are doubles.
+ */
+#ifndef CORE_MAILBOX_H
+#define CORE_MAILBOX_H
+
+#include "compensator.h"
+
+#ifdef CORE_FLOAT_SIGNALS
+typedef float shared;
+#else
+typedef real shared;
+#endif
+
+/* CORE_ACQUIRE(p) and CORE_RELEASE(p, value) of 32-bit counters; a compiler that has neither needs its user's own. */
+#ifndef CORE_ACQUIRE
+#if defined(__GNUC__)
+#define CORE_ACQUIRE(p) __atomic_load_n(p, __ATOMIC_ACQUIRE)
+#define CORE_RELEASE(p, value) __atomic_store_n(p, value, __ATOMIC_RELEASE)
+#else
+#error "define CORE_ACQUIRE(p) and CORE_RELEASE(p, value), an atomic load and store of uint32_t with these orders"
+#endif
+#endif
+
+typedef struct {
+    int32_t block, blocks; /* samples of a block, blocks of the ring */
+    int64_t delay;
+    int64_t samples;       /* taken so far, those that a tile began late included */
+    int32_t filled, to_go; /* samples in the present block, and samples that it has not yet got */
+    uint32_t published, consumed, offered, answered, epoch;
+    uint32_t dropped, late; /* blocks, and offers */
+} MailboxHead;
+
+typedef struct {
+    int64_t first; /* number of its first sample */
+    int32_t count;
+    uint32_t epoch, answered; /* the latter when it began */
+} BlockHead;
+
+/* The states of the operators at its beginning; unit drive and output of each sample, NaN where the output cannot be learned from; and how
+ * many faults of the sensor there have been up to its end. */
+typedef struct {
+    BlockHead *head;
+    shared *play, *creep, *x, *y, *faults;
+} Block;
+
+/* Weights, with their inverse, for those where `which` is 1; the faults that the learner knew of, and 1 where it goes back after one. */
+typedef struct {
+    int64_t *due;
+    uint32_t *epoch;
+    shared *inverse, *which, *faults, *fallback;
+} Offer;
+
+typedef struct {
+    MailboxHead *head;
+    Shape shape;
+    shared *guard, *faults; /* the sensor guard, and the faults so far */
+    Offer offer;
+    char *ring;
+} Mailbox;
+
+enum { GUARD_NUMS = 16 };
+CORE_INLINE int64_t shared_bytes(int count) { return room_bytes((int64_t)sizeof(shared) * WIDTH * count); }
+CORE_INLINE int state_nums(Shape s) { return (play_vectors(s) + creep_vectors(s)) * (LANES / WIDTH); }
+CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(state_nums(s) + 2 * block + 1); }
+CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
+{
+    return room_bytes(sizeof(MailboxHead)) + shared_bytes(GUARD_NUMS) + 64 + shared_bytes(inverse_nums(s) + 3) + blocks * block_bytes(s, block);
+}
+
+CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
+{
+    Mailbox m;
+    char *at = memory + room_bytes(sizeof(MailboxHead));
+    m.head = (MailboxHead *)(void *)memory;
+    m.shape = s;
+    m.guard = (shared *)(void *)at;
+    m.faults = m.guard + WIDTH * (GUARD_NUMS - 1);
+    at += shared_bytes(GUARD_NUMS);
+    m.offer.due = (int64_t *)(void *)at;
+    m.offer.epoch = (uint32_t *)(void *)(at + 8);
+    m.offer.inverse = (shared *)(void *)(at + 64);
+    m.offer.which = m.offer.inverse + WIDTH * inverse_nums(s);
+    m.offer.faults = m.offer.which + WIDTH;
+    m.offer.fallback = m.offer.faults + WIDTH;
+    m.ring = at + 64 + shared_bytes(inverse_nums(s) + 3);
+    return m;
+}
+
+CORE_INLINE Block block_at(const Mailbox *m, uint32_t number)
+{
+    char *const at = m->ring + block_bytes(m->shape, m->head->block) * (int64_t)(number % (uint32_t)m->head->blocks);
+    Block b;
+    b.head = (BlockHead *)(void *)at;
+    b.play = (shared *)(void *)(at + 64);
+    b.creep = b.play + play_vectors(m->shape) * LANES;
+    b.x = b.play + WIDTH * state_nums(m->shape);
+    b.y = b.x + WIDTH * m->head->block;
+    b.faults = b.y + WIDTH * m->head->block;
+    return b;
+}
+
+CORE_INLINE num from_shared(const shared *p, int i)
+{
+#ifdef CORE_TILE
+    return load(p + i * LANES);
+#else
+    return p[i];
+#endif
+}
+CORE_INLINE void to_shared(shared *p, int i, num a)
+{
+#ifdef CORE_TILE
+    store(p + i * LANES, a);
+#else
+    p[i] = (shared)a;
+#endif
+}
+
+#endif

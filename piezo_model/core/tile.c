@@ -1,0 +1,7 @@
+/* The controllers and learners of a bank, eight actuators at once. */
+#define CORE_TILE
+#include "compensator.c"
+#include "controller.c"
+#include "learner.c"
+#include "continuous.c"
+#include "optimum.c"

@@ -1,0 +1,110 @@
+/* `num`: one number of each actuator or program, a real; with CORE_TILE eight of them, one a lane.
+ *
+ * The same text is compiled for both widths and does the same operations in the same order, so that a lane equals the single to the last
+ * bit. What there are many of (operators, zones, unknowns) is in vec8s in both: eight of them of one actuator, or one of eight actuators.
+ * Conditions are nums too, 1 or 0.
+ */
+#ifndef CORE_NUM_H
+#define CORE_NUM_H
+
+#include "room.h"
+
+#ifdef CORE_TILE
+typedef vec8 num;
+typedef struct { vec8 l[LANES]; } Sum;
+enum { WIDTH = LANES };
+#define N(name) tile_##name
+#define VECTORS(count) (count)               /* vec8s that so many entries take */
+#define NUMS(count) (count)                  /* nums to make room for */
+#define PARAMETER(p, i) splat((p)[i])        /* vector i of a parameter that all actuators share */
+#define SPREAD(a) (a)                        /* a num beside a vector */
+CORE_INLINE Sum no_sum(void)
+{
+    const Sum s = {{zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros()}};
+    return s;
+}
+/* Add the product of the vectors i to a sum over all of them; `total` is that sum, in the order of sum8. */
+CORE_INLINE void accumulate(Sum *s, int i, vec8 a, vec8 b) { s->l[i % LANES] = plus_product(s->l[i % LANES], a, b); }
+CORE_INLINE num total(const Sum *s)
+{
+    const vec8 *const l = s->l;
+    return add(add(add(l[0], l[4]), add(l[2], l[6])), add(add(l[1], l[5]), add(l[3], l[7])));
+}
+CORE_INLINE num constant(real a) { return splat(a); }
+CORE_INLINE num plus(num a, num b) { return add(a, b); }
+CORE_INLINE num minus(num a, num b) { return sub(a, b); }
+CORE_INLINE num times(num a, num b) { return mul(a, b); }
+CORE_INLINE num divided(num a, num b) { return over(a, b); }
+CORE_INLINE num plus_times(num c, num a, num b) { return plus_product(c, a, b); }
+CORE_INLINE num minus_times(num c, num a, num b) { return less_product(c, a, b); }
+CORE_INLINE num greatest(num a, num b) { return larger(a, b); } /* b where either is NaN */
+CORE_INLINE num lowest(num a, num b) { return smaller(a, b); }
+CORE_INLINE num absolute(num a) { return magnitude(a); }
+CORE_INLINE num if_less(num a, num b, num x, num y) { return where_less(a, b, x, y); }
+CORE_INLINE num power_of_two_root(num a) { return root_scale(a); }
+CORE_INLINE int any(num a) { return largest8(a) > 0; }
+CORE_INLINE num num_at(const real *p) { return load(p); }
+CORE_INLINE void set_num(real *p, num a) { store(p, a); }
+#else
+typedef real num;
+typedef vec8 Sum;
+enum { WIDTH = 1 };
+#define N(name) name
+#define VECTORS(count) (((count) + LANES - 1) / LANES)
+#define NUMS(count) padded(count)
+#define PARAMETER(p, i) load((p) + LANES * (i))
+#define SPREAD(a) splat(a)
+CORE_INLINE Sum no_sum(void) { return zeros(); }
+CORE_INLINE void accumulate(Sum *s, int i, vec8 a, vec8 b)
+{
+    (void)i;
+    *s = plus_product(*s, a, b);
+}
+CORE_INLINE num total(const Sum *s) { return sum8(*s); }
+CORE_INLINE num constant(real a) { return a; }
+CORE_INLINE num plus(num a, num b) { return a + b; }
+CORE_INLINE num minus(num a, num b) { return a - b; }
+CORE_INLINE num times(num a, num b) { return a * b; }
+CORE_INLINE num divided(num a, num b) { return a / b; }
+CORE_INLINE num plus_times(num c, num a, num b) { return c + a * b; }
+CORE_INLINE num minus_times(num c, num a, num b) { return c - a * b; }
+CORE_INLINE num greatest(num a, num b) { return a > b ? a : b; }
+CORE_INLINE num lowest(num a, num b) { return a < b ? a : b; }
+CORE_INLINE num absolute(num a) { return greatest(a, 0 - a); }
+CORE_INLINE num if_less(num a, num b, num x, num y) { return a < b ? x : y; }
+CORE_INLINE int any(num a) { return a > 0; }
+CORE_INLINE num num_at(const real *p) { return *p; }
+CORE_INLINE void set_num(real *p, num a) { *p = a; }
+#endif
+
+/* Entries 8 i to 8 i + 7 of one actuator, or entry i of eight. */
+CORE_INLINE vec8 vector(const num *p, int i) { return load((const real *)p + LANES * i); }
+CORE_INLINE void set_vector(num *p, int i, vec8 a) { store((real *)p + LANES * i, a); }
+
+CORE_INLINE num less(num a, num b) { return if_less(a, b, constant(1), constant(0)); }
+CORE_INLINE num is_not(num a) { return minus(constant(1), a); }
+CORE_INLINE num both(num a, num b) { return times(a, b); }
+CORE_INLINE num either(num a, num b) { return greatest(a, b); }
+CORE_INLINE num choose(num which, num a, num b) { return if_less(constant(0), which, a, b); }
+CORE_INLINE num is_finite(num a) { return less(absolute(a), constant(REAL_INFINITY)); }
+CORE_INLINE num within(num a, num low, num high) { return greatest(lowest(a, high), low); }
+
+CORE_INLINE num *nums(Room *room, int count) { return (num *)(void *)reals(room, count, WIDTH); }
+
+/* Change *to where `which` is 1. */
+CORE_INLINE void set_where(num which, num *to, num a) { *to = choose(which, a, *to); }
+CORE_INLINE void copy_where(num which, num *to, const num *from, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        set_where(which, to + i, from[i]);
+    }
+}
+
+/* The upper triangle of a symmetric matrix by rows: where row i would have its column 0, and the nums of the whole. The rows of a single
+ * one are whole vectors and begin at column 0; those of a tile begin at the diagonal. */
+CORE_INLINE int symmetric_row(int order, int i) { return WIDTH == 1 ? i * NUMS(order) : i * (2 * order - i - 1) / 2; }
+CORE_INLINE int symmetric_nums(int order) { return WIDTH == 1 ? order * NUMS(order) : order * (order + 1) / 2; }
+/* The vector of a row that its diagonal is in. */
+CORE_INLINE int diagonal_vector(int i) { return i * WIDTH / LANES; }
+
+#endif
