@@ -112,7 +112,7 @@ typedef struct {
     num *in_use, *before, *candidate; /* the unknowns in use, in use before the last offer, and the next ones */
     num *gram;                        /* of rows (Xi, x) */
     Note older, newer;
-    Workspace work;
+    void *room; /* its work space */
 #ifdef CORE_TILE
     const struct Bank *bank;
     int number; /* of the tile */
@@ -143,7 +143,29 @@ CORE_INLINE int64_t workspace_bytes(Shape s, int block)
     const int64_t queue = WIDTH == 1 ? 0 : (int64_t)sizeof(num) * pivoting_nums(d) + 2 * LANES * 8;
     return room_bytes(queue + (int64_t)sizeof(num) * all + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)));
 }
-CORE_API Workspace N(workspace_at)(void *memory, Shape s, int block);
+CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block)
+{
+    const int d = unknowns(s);
+    Workspace w;
+    Room room = {memory};
+    w.rows = nums(&room, block * row_nums(s) + LANES);
+    w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
+    w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
+    w.inverse = take_inverse(&room, s);
+    w.program = pivoting_at(&room, d);
+    w.P = reals(&room, 1, padded(d * d));
+    w.q = reals(&room, 1, padded(d));
+    w.lb = reals(&room, 1, padded(d));
+    w.ub = reals(&room, 1, padded(d));
+#ifdef CORE_TILE
+    w.queue = pivoting_at(&room, d);
+    w.owner = integers(&room, LANES);
+    w.rounds = integers(&room, LANES);
+#endif
+    w.exact = (char *)memory + workspace_bytes(s, block);
+    return w;
+}
+CORE_INLINE Workspace workspace_of(const Learner *l) { return workspace_at(l->room, l->shape, l->mailbox.head->block); }
 /* Lay out what a learner has for itself, and its two notes. */
 CORE_API void N(learner_take)(Learner *l, Room *own, Room *notes);
 
