@@ -183,7 +183,7 @@ static int sound(const Learner *l, const LearnerHead *head)
     for (int i = 0; fine && i < inverse_nums(l->shape); ++i) {
         fine = isfinite(l->mailbox.offer.inverse[i]);
     }
-    if (fine && cyclic && t->phase == LEARN && p->solver == STEPS) {
+    if (fine && cyclic) {
         const DescentHead *const d = l->cyclic.descent.head;
         fine = d->kind == DESCENT_KIND && d->d == l->d && d->bytes == descent_bytes(l->d);
     }

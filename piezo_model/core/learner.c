@@ -185,6 +185,10 @@ Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
     memset(memory, 0, (size_t)head.shaped.bytes);
     memcpy(memory, &head, sizeof head);
     l = learner_at(memory);
+    if (way == CYCLIC) {
+        descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);
+        l = learner_at(memory);
+    }
     l.mailbox.head->block = block;
     l.mailbox.head->blocks = blocks;
     l.memory->learning = 1;

@@ -54,14 +54,15 @@ class Learner:
         s = compensator.model.structure
         self.cyclic = settings.mode == "cyclic"
         self._problem: IdentificationProblem | None = None
-        block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
+        self.block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
                                                                                               settings.reset_s)
         if not self.cyclic and settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
-        sizes = *s.shape, block, 1, CYCLIC if self.cyclic else CONTINUOUS
+        """Samples of a block."""
+        sizes = *s.shape, self.block, 1, CYCLIC if self.cyclic else CONTINUOUS
         self.core = State(face.learner_bytes(*sizes), lambda memory: face.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self.core["settings"])
-        self.core.whole("delay")[:] = block
+        self.core.whole("delay")[:] = self.block
         RegressorArrays.of(s, "slope").write(self.core)
         self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.fade_over(settings.fade_s)
