@@ -35,8 +35,8 @@ from piezo_model import (
     SelfLearningCompensator,
     plants,
 )
-from piezo_model.learning.layout import PROXIMAL
 from piezo_model.learning.events import Phase
+from piezo_model.learning.layout import PROXIMAL
 from piezo_model.learning.sensor_guard import SensorGuard
 from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.operators import creep, dead_zone, play

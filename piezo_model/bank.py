@@ -27,7 +27,6 @@ from piezo_model.json_file import Number, convert, decoded
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.operators import creep_gain
 from piezo_model.regressors import RegressorArrays
 from piezo_model.structure import ModelStructure
 from solvers.core import block

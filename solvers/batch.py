@@ -36,7 +36,7 @@ class BoxBatch:
     threads : int, optional
         At most so many work at once; by default one for each core that this process may run on.
     in_lanes : bool, optional
-        Solve eight side by side in the lanes of one register (``solvers/core/box_lanes.c``): faster at small d and no faster at d = 60. Answers
+        Solve eight side by side in the lanes of one register (``solvers/core/block_pivoting.c``): faster at small d and no faster at d = 60. Answers
         then have other bits, and neither bounds that cross nor a P that is not symmetric are seen. What the lanes leave unsolved is solved
         alone.
 

@@ -70,8 +70,8 @@ class Rig:
     gain_drift_per_s: float = 0.0
     samples: int | None = None
     """Length of the staircases; ``cycles`` of the machine by default."""
-    samples_to_solve: int | None = None
-    """What an exact solve is taken to last; measured where None, which makes the last digits depend on the machine."""
+    samples_to_solve: int = 1
+    """Samples that a solver has which is not one of steps."""
     seed: int = 0
 
     @classmethod

@@ -68,8 +68,6 @@ typedef struct {
 } Swept;
 
 CORE_API int64_t swept_bytes(int d);
-/* So many of its first bytes are what a state is: the rest is room. */
-CORE_API int64_t swept_kept_bytes(int d);
 CORE_API Swept swept_at(void *memory);
 /* Make a block of swept_bytes(d) bytes a state with the bounds lb, ub (d); swept_begin comes next. */
 CORE_API int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal);

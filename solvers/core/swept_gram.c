@@ -8,16 +8,10 @@
 
 enum { SWEPT_VECTORS = 17 };
 
-int64_t swept_kept_bytes(int d)
-{
-    const int64_t ld = padded(d + 1);
-    return HEAD_BYTES + ld * (SWEPT_VECTORS + 2 * ld) * (int64_t)sizeof(real) + ld * 8;
-}
-
 static int64_t cold_at(int d)
 {
     const int64_t ld = padded(d + 1);
-    return swept_kept_bytes(d) + ld * (d + 4 + ld) * (int64_t)sizeof(real) + ld * 8;
+    return HEAD_BYTES + ld * (SWEPT_VECTORS + d + 4 + 3 * ld) * (int64_t)sizeof(real) + 2 * ld * 8;
 }
 
 int64_t swept_bytes(int d) { return room_bytes(cold_at(d)) + box_bytes(d); }

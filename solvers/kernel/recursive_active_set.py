@@ -160,15 +160,17 @@ class RecursiveActiveSet(Ours, Solver):
 
     def problem(self) -> Problem:
         """Return the program whose optimum the answer is, proximal term included, in the user's variables."""
+        return self._problem_of(self._numbers)
+
+    def _problem_of(self, numbers: Vector) -> Problem:
         d, width = self._lb.size, self._lb.size // 8 * 8 + 8
-        row_weight, root_weight = self._numbers[self._places["row_weight"]:self._places["row_weight"] + 2]
+        row_weight, root_weight = numbers[self._places["row_weight"]:self._places["row_weight"] + 2]
         decay = row_weight / root_weight**2
-        first = self._places["G"]
-        G = self._numbers[first:first + width * width].reshape(width, width)[:d + 1, :d + 1]
+        G = numbers[self._places["G"]:][:width * width].reshape(width, width)[:d + 1, :d + 1]
         G = (np.triu(G) + np.triu(G, 1).T) * decay
-        rho, origin, sign = self.part("rho") * decay, self.part("origin"), self.part("sign")
-        P = sign[:, None] * G[:d, :d] * sign + np.diag(rho)
-        q = sign * (G[:d, d] - rho * self.part("centre"))
+        rho, origin, sign, centre = (numbers[self._places[name]:][:d] for name in ("rho", "origin", "sign", "centre"))
+        P = sign[:, None] * G[:d, :d] * sign + np.diag(rho * decay)
+        q = sign * (G[:d, d] - rho * decay * centre)
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
 
     def part(self, name: str) -> Vector:
@@ -180,16 +182,18 @@ class RecursiveActiveSet(Ours, Solver):
         """Return the answer; ``extras`` count exchanges, refreshes and cold starts, and say what is left of the optimality conditions.
 
         Found is what meets them to FOUND, relative to the terms of the gradient. Rounding of the rows since the last refresh may have
-        left more (the cost errs to second order in it); the factor is then made anew here, and the cold solver asked where that
-        is not enough.
+        left more (the cost errs to second order in it); then a copy's factor is made anew, and the cold solver asked where that is not
+        enough. This solver itself is not changed, so that looking at it changes no answer to come.
         """
+        state, capped = block(self.state.size), self._capped
+        state[:] = self.state
         for renew in (face.swept_refresh, face.swept_recover):
-            if not self._capped and not face.swept_error(self.state) <= FOUND:
-                self._capped = renew(self.state) == CAPPED
-        first = self._places["counts"]
-        exchanges, refreshes, cold_starts = self._head[first:first + 3].view(np.uint32).tolist()
-        error = face.swept_error(self.state)
-        return box_solution(self.problem(), self.solve().copy(), error <= FOUND, status="capped" if self._capped else "solved",
+            if not capped and not face.swept_error(state) <= FOUND:
+                capped = renew(state) == CAPPED
+        first, numbers = self._places["counts"], state.view(np.float64)
+        exchanges, refreshes, cold_starts = state.view(np.int32)[first:first + 3].view(np.uint32).tolist()
+        error, x = face.swept_error(state), numbers[self._places["answer"]:][:self._lb.size].copy()
+        return box_solution(self._problem_of(numbers), x, error <= FOUND, status="capped" if capped else "solved",
                             exchanges=exchanges, refreshes=refreshes, cold_starts=cold_starts, error=error)
 
     def _accept(self, status: int) -> None:
