@@ -206,11 +206,15 @@ class SelfLearningCompensator:
         done = 0
         while done < y_ref.size:
             chunk = slice(done, min(done + self.samples_until_change(), y_ref.size))
-            x[chunk] = self._learning.drive(y_ref[chunk])
+            x[chunk] = self.drive(y_ref[chunk])
             y[chunk] = actuator(x[chunk])
             self.observe(x[chunk], y[chunk])
             done = chunk.stop
         return x, y
+
+    def drive(self, y_ref: ArrayLike) -> Vector:
+        """Drives (N,) for references (N,), at most `samples_until_change` of them; their outputs are to be observed next."""
+        return self._learning.drive(np.ascontiguousarray(y_ref, dtype=np.float64))
 
     def observe(self, x: ArrayLike, y: ArrayLike) -> None:
         """Learn from drive samples (N,) of the compensator and the outputs (N,) that they produced, NaN where unknown."""

@@ -75,10 +75,10 @@ static void fall_back(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
     const num noted = both(which, m->noted);
-    const int whole = symmetric_nums(l->d + 1);
+    const int entries = symmetric_nums(l->d + 1);
     copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* an offer made before the fault is not taken */
     set_where(which, &m->pending, constant(0));
-    copy_where(noted, l->gram, l->older.gram, whole);
+    copy_where(noted, l->gram, l->older.gram, entries);
     copy_where(noted, l->candidate, l->older.in_use, l->d);
     copy_where(noted, &m->level, l->older.level, 1);
     set_where(noted, &m->established, constant(1));
@@ -191,9 +191,9 @@ int N(continuous_block)(const Learner *l, const Passed *b)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
-    const num resets = less(constant(0), m->left), whole = both(m->learning, is_not(b->fault));
+    const num resets = less(constant(0), m->left), sound = both(m->learning, is_not(b->fault));
     const num failed = both(m->learning, both(b->fault, is_not(resets))), failed_again = both(m->learning, both(b->fault, resets));
-    const num probed = both(whole, resets), in_phase = both(whole, is_not(resets));
+    const num probed = both(sound, resets), in_phase = both(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
     const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
     num ended;

@@ -80,7 +80,7 @@ class SelfLearningStage:
             ahead = min(learner.samples_until_change() for learner in self.learners)
             chunk = slice(done, min(done + ahead, len(wanted)))
             for i, learner in enumerate(self.learners):
-                x[chunk, i] = learner.compensator.run(wanted[chunk, i])
+                x[chunk, i] = learner.drive(wanted[chunk, i])
             y[chunk] = stage(x[chunk])
             measured = self.to_axes(y[chunk])
             for i, learner in enumerate(self.learners):

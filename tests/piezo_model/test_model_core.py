@@ -50,9 +50,15 @@ int main(void)
     model_simulate(&m, x, SAMPLES, play, creep, y);
     for (int k = 0; k < SAMPLES; ++k) {
         basis_count(&b, x[k], y[k]);
-        y[k] = compensator_step(&c, y[k]);
+        y[k] = compensator_step(&c, y[k], NULL);
         if (k == SAMPLES / 2) {
-            compensator_hand_over(&c, (const double *)c.weights);
+            const int n = c.shape.n + 1, zones = c.shape.zones;
+            double weights[64];
+            memcpy(weights, c.inverse.w_H, (size_t)n * sizeof *weights);
+            memcpy(weights + n, c.inverse.w_S, (size_t)zones * sizeof *weights);
+            memcpy(weights + n + zones, c.inverse.w_K, (size_t)n * sizeof *weights);
+            weights[2 * n + zones] = 2 * c.inverse.offset[0];
+            compensator_take(&c, weights);
         }
     }
     fwrite(y, 1, sizeof y, stdout);
@@ -102,7 +108,9 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
     for k in range(samples):
         drive[k] = face.compensator_step(compensator._core.block, float(y[k]))
         if k == samples // 2:
-            face.compensator_hand_over(compensator._core.block, compensator._core["weights"].copy())
+            weights = compensator.model.all_weights.copy()
+            weights[-1] *= 2.0
+            face.compensator_take(compensator._core.block, weights)
     expected = drive.tobytes() + basis._core.block.tobytes() + compensator._core.block.tobytes()
 
     source, target = tmp_path / "main.c", tmp_path / "program"
