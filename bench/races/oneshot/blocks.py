@@ -143,7 +143,7 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
     the solver works while nobody times it, and whether it answers from memory.
     """
     form, tally, size = problem.forms[task.scaling], Tally(), 1
-    compiled = child.entry.times_itself  # by a loop of this package, which cannot be lied to
+    compiled = child.entry.times_itself
     outcome = child.ask(OneShot.of(task, form, times_itself=compiled))
     if outcome.failure:
         return outcome, tally
@@ -156,7 +156,7 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
             return block, tally
         tally.take(block)
         n, found = len(block.answers), _impossible(block, compiled)
-        if look_closer and child is not idle and not (found or tally.fault or compiled) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
+        if look_closer and child is not idle and not (found or tally.fault) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
             found = _works_elsewhere(child, idle, task, form, fresh, n, block.used_ns / n)
         tally.fault = tally.fault or ((Status.MISTIMED, found) if found else None)
         each = max(tally.spent_ns / tally.count, 1.0)
