@@ -12,7 +12,7 @@ from conftest import Race
 from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
-from bench.passed.task import Task
+from bench.passed.task import Setting, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -104,6 +104,13 @@ from solvers.kernel import box_active_set
 class WorksBeside(box_active_set.{cls}):
     name = "works_beside"
 
+    @classmethod
+    def ladder(cls, c):
+        return ({{"refinements": 1}}, {{"refinements": 2}})
+
+    def __init__(self, **settings):
+        super().__init__()
+
     def time_kernel(self, P, *more, **named):
         end = perf_counter_ns() + {beside_ns} * len(P)
         while perf_counter_ns() < end:
@@ -122,7 +129,7 @@ def test_a_compiled_solver_that_works_while_its_loop_does_not_time_it_is_told_by
     assert entry.times_itself
     qp = Problem(np.eye(18), -np.linspace(-1.0, 1.0, 18), lb=np.zeros(18), ub=np.full(18, np.inf))
     unit = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
-    task = Task("none", "none", "scaled", entry.name, entry.lane)
+    task = Task("none", "none", "scaled", entry.name, entry.lane, Setting('{"refinements": 2}', 1, False))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
         outcome, tally = timed(child, idle, task, RaceProblem("none", "none", {"scaled": unit}), FreshData(unit, 300), Effort(0.0, 60, 60))
     assert outcome.failure == "", outcome.message

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -115,7 +115,7 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
     does nothing for the same blocks. A solver to which some data come harder is told from that by the same data in another
     order: they come harder again.
     """
-    found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane)
+    found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane, setting=NO_SETTING)
     idle.ask(OneShot.of(nothing, form))
     calls = min(max(n, LEAST_CALLS), fresh.calls_at_once, max(FEWEST_CALLS, int(LONG_NS / each)))
     for left in reversed(range(AGAIN)):
