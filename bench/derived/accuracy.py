@@ -53,6 +53,15 @@ def tainted(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(status=rows.status.mask((rows.status == Status.OK) & said.notna(), said))
 
 
+def measured(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows but those not run of what another repeat has measured: a ladder ends by the clock, and nothing is known against the answer."""
+    skipped = rows.status == Status.NOT_RUN
+    if not skipped.any():
+        return rows
+    known = (~skipped).groupby([rows[name] for name in (*MEASURED, "setting", "start")]).transform("any")
+    return rows[~(skipped & known)]
+
+
 def right(rows: pd.DataFrame, tier: Tier, margin: float = 1.0) -> pd.Series[bool]:
     """Whether each answer is so many times as exact as a tier asks."""
     return margin * error(rows, tier) <= 1.0

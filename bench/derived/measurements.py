@@ -6,7 +6,8 @@ the spread
 
     (max p50 − min p50) / median p50
 
-of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong now and then is lost.
+of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong now and then is lost; a
+repeat in which it was not run counts only where it was run in none.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from bench.derived.accuracy import applies, right, tainted
+from bench.derived.accuracy import applies, measured, right, tainted
 from bench.derived.tier_settings import LANE, tier_settings
 from solvers import Status, Tier
 
@@ -101,7 +102,8 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
 
 
 def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a task, with ``repeats`` and ``solve_us_spread``."""
+    """One row a task, with ``repeats``, of which it was run, and ``solve_us_spread``."""
+    rows = measured(rows)
     if not (rows.repeat > 0).any():
         return rows.assign(repeats=1, solve_us_spread=np.nan)
     groups = rows.sort_values("repeat").groupby("task", sort=False)

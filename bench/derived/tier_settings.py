@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.accuracy import applies, error, tainted
+from bench.derived.accuracy import applies, error, measured, tainted
 from solvers import Tier
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
@@ -33,7 +33,7 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     ``problems``, ``right`` (on how many the setting is right, or where none is right on all, the one that is on most),
     ``furthest`` (that setting) and ``left_out``, the share that stays right with the judged problem left out.
     """
-    rows = tainted(rows)
+    rows = measured(tainted(rows))
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
     cold = cold.assign(number=cold.groupby(PROBLEM).ngroup())
     found = []

@@ -42,8 +42,8 @@ def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str
 
 def _reservation(drift: float) -> Iterator[str]:
     if drift > MUCH:
-        yield (f"With reservation: the machine's own speed drifted by {100.0 * drift:.0f} % in the course of the race, so times that differ by less "
-               "than that cannot be distinguished.")
+        yield (f"With reservation: in one fifth of the race the machine took {100.0 * drift:.0f} % more or less time for a fixed piece of work than "
+               "in all of it, so times that differ by less than that cannot be distinguished.")
 
 
 def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:

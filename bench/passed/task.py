@@ -24,11 +24,15 @@ UNASKED = -1
 class Setting:
     """What a solver is asked for, by what its ladder has for a problem whose constant is 1."""
 
-    text: str = setting_text({})
+    text: str
     rung: int = UNASKED
     """Its place in the ladder, from loose to tight."""
     is_default: bool = True
     """Whether it is what the solver does unasked."""
+
+
+NO_SETTING = Setting(setting_text({}))
+"""Of whatever is asked for nothing, neither on top nor always: the solver that does nothing, and a batch."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Task:
     scaling: Scaling
     solver: str
     lane: Lane
-    setting: Setting = field(default_factory=Setting)
+    setting: Setting
     more: Mapping[str, Any] = field(default_factory=dict)
     """Solver settings on top, such as the number of steps."""
     repeat: int = 0

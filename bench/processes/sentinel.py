@@ -2,8 +2,12 @@
 
     x ← Q x, 64 times, with Q orthogonal (32, 32): nothing that a solver, a problem or this project's kernels change
 
-One *look* is some dozens of timed runs in a process of its own, on the core of the race. Its level is the median; the
-drift of a race is how far the level of a look is from the median level of all looks on the same core.
+One *look* is some dozens of timed runs in a process of its own, on the core of the race; its level is their median. What slows a core is of
+two kinds, which are told apart. Neighbours: whoever has the other thread of the same core slows it to two thirds or half of its speed for
+milliseconds to seconds at a time, and no counter of a virtual machine shows that; hence the share of the looks that are slow. The *drift* of a
+race is of what remains in a figure, a median over problems that are spread over the race:
+
+    max |median level of a fifth of the looks / median level of all − 1|,    over the looks of each core in order of time
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bench.processes.forked_child import ForkedChild
 from bench.timing.clock import Effort, no_garbage_collection, time_call
@@ -25,7 +30,12 @@ SIZE, TIMES = 32, 64
 EFFORT = Effort(budget_s=0.004, fewest=20, most=60)
 EVERY_S = 2.0
 TOLERATED = 0.1
-"""Drift above this is a warning."""
+"""Drift above this is a warning, and a look is slow that takes longer than undisturbed ones by more than this share."""
+FIFTHS = 5
+UNDISTURBED = 0.1
+"""The share of the looks, the quickest of a core, that are taken as undisturbed."""
+TOLERATED_SLOW = 0.05
+"""A larger share of slow looks is a warning."""
 
 
 def work() -> list[int]:
@@ -83,21 +93,37 @@ def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def drift(looks: pd.DataFrame) -> float:
-    """The largest distance of a level from the median level, as a share of it.
+    """How far the median level of a fifth of the looks on a core is from that of all of them, at most, as a share of it.
 
     Examples
     --------
-    >>> notes = [{"host": "a", "core": 0, "sentinel": [(0.0, [100]), (1.0, [100]), (2.0, [112])]}]
+    >>> levels = [100, 100, 190, 100, 100, 100, 112, 112, 180, 100]
+    >>> notes = [{"host": "a", "core": 0, "sentinel": [(float(i), [level]) for i, level in enumerate(levels)]}]
     >>> round(drift(table(notes)), 9)
-    0.12
+    0.45
     """
-    return float((looks.ratio - 1.0).abs().max()) if len(looks) else 0.0
+    return float(np.abs(_of_fifths(looks) - 1.0).max(initial=0.0))
+
+
+def _of_fifths(looks: pd.DataFrame) -> NDArray[np.float64]:
+    """The median ratio in each fifth of the looks on each core; of each look where there are fewer."""
+    return np.array([np.median(part) for _, core in looks.groupby(["host", "core"]) for part in np.array_split(core.ratio.to_numpy(), FIFTHS)
+                     if part.size])
 
 
 def sentences(looks: pd.DataFrame) -> list[str]:
-    """A warning where the machine drifted."""
-    if drift(looks) <= TOLERATED:
+    """A warning where the machine drifted, and one where it was slow now and then."""
+    if looks.empty:
         return []
-    return [f"The machine drifted: a fixed piece of work took from {100 * (looks.ratio.min() - 1):+.0f} % to "
-            f"{100 * (looks.ratio.max() - 1):+.0f} % of its median time in the course of the run, so a difference of that "
-            f"size between two rows may be the machine's."]
+    found = []
+    if drift(looks) > TOLERATED:
+        fifths = 100.0 * (_of_fifths(looks) - 1.0)
+        found.append(f"The machine drifted: a fixed piece of work was timed {len(looks)} times in the course of the run, and the medians of the "
+                     f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a difference of that size "
+                     "between two figures may be the machine's.")
+    more = looks.ratio / looks.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
+    if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
+        found.append(f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % longer than when undisturbed in "
+                     f"{100.0 * slow:.0f} % of {len(looks)} trials, at most {100.0 * more.max():.0f} % longer, as where a neighbour uses the same "
+                     "core, so the times of a single row may be too long by as much.")
+    return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -59,15 +60,27 @@ def table_of(run: str) -> tuple[pd.DataFrame, str]:
         The run is not there, not finished, or no one-shot race in scaled data.
     """
     if not run:
-        with as_file(files("bench.races") / SHIPPED) as path:
-            return tier_settings(columns.read(path, ACCURACY)), REFERENCE
+        return _shipped(), REFERENCE
     opened = Run.open(Path(run))
     if (race := opened.settings.get("race", "oneshot")) != "oneshot":
         raise RaceError(f"{run}: settings are taken from a one-shot race, and this is one of the kind {race!r}")
-    rows = opened.rows(ONESHOT)
+    file = opened.path / ONESHOT.file
+    return _of_run(opened.path.resolve(), file.stat().st_mtime_ns if file.is_file() else 0), opened.path.name
+
+
+@lru_cache(maxsize=1)
+def _shipped() -> pd.DataFrame:
+    with as_file(files("bench.races") / SHIPPED) as path:
+        return tier_settings(columns.read(path, ACCURACY))
+
+
+@lru_cache(maxsize=1)
+def _of_run(path: Path, written_ns: int) -> pd.DataFrame:
+    """The table of a finished run, made once for a file that was written then: a race asks for it when it is checked and when it begins."""
+    rows = Run(path).rows(ONESHOT)
     if not (rows.scaling == SCALING).any():
-        raise RaceError(f"{run}: settings are taken from a race in scaled data, and this one has none")
-    return tier_settings(rows), opened.path.name
+        raise RaceError(f"{path}: settings are taken from a race in scaled data, and this one has none")
+    return tier_settings(rows)
 
 
 def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> list[Choice]:

@@ -21,11 +21,11 @@ import numpy as np
 
 from bench.derived.table import ONESHOT
 from bench.passed.row import who
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane
 
-TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT) for i in range(2)]
+TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING) for i in range(2)]
 
 MACHINE = {"processor": "abacus", "cores": 1, "system": "", "python": "", "core": "", "versions": {}, "load_at_start": [], "warnings": []}
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cheating_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
 from conftest import Race
+from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
+from bench.passed.task import Setting, Task
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.solver_child import SolverChild
+from bench.races import null_solver
+from bench.races.oneshot.blocks import timed
 from bench.store import Run
-from solvers import Status, Tier
+from bench.timing.clock import Effort
+from solvers import Lane, Status, Tier, find
+from solvers.certificate import certify
+from solvers.registry import Entry
 
 STATUS = {
     "honest": Status.OK, "caches": Status.CACHED, "caches_at_some_setting": Status.CACHED,
@@ -83,3 +95,42 @@ def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats
     assert gaps.min()["honest"] >= 0.0
     assert max(gaps.max()[["honest", "daqp"]]) <= 1e-6
     assert np.isfinite(gaps.max()["stale"])
+
+
+COMPILED = """
+from time import perf_counter_ns
+from solvers.kernel import box_active_set
+
+class WorksBeside(box_active_set.{cls}):
+    name = "works_beside"
+
+    @classmethod
+    def ladder(cls, c):
+        return ({{"refinements": 1}}, {{"refinements": 2}})
+
+    def __init__(self, **settings):
+        super().__init__()
+
+    def time_kernel(self, P, *more, **named):
+        end = perf_counter_ns() + {beside_ns} * len(P)
+        while perf_counter_ns() < end:
+            pass
+        return super().time_kernel(P, *more, **named)
+"""
+
+
+@pytest.mark.parametrize(("beside_ns", "status"), [(0, None), (200_000, Status.MISTIMED)])
+def test_a_compiled_solver_that_works_while_its_loop_does_not_time_it_is_told_by_the_processor_time(
+        beside_ns: int, status: Status | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    base = find("box_active_set", "kernel").load()
+    (tmp_path / "works_beside.py").write_text(COMPILED.format(cls=base.__name__, beside_ns=beside_ns))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    entry = Entry("works_beside", Lane.KERNEL, "works_beside")
+    assert entry.times_itself
+    qp = Problem(np.eye(18), -np.linspace(-1.0, 1.0, 18), lb=np.zeros(18), ub=np.full(18, np.inf))
+    unit = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
+    task = Task("none", "none", "scaled", entry.name, entry.lane, Setting('{"refinements": 2}', 1, False))
+    with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
+        outcome, tally = timed(child, idle, task, RaceProblem("none", "none", {"scaled": unit}), FreshData(unit, 300), Effort(0.0, 60, 60))
+    assert outcome.failure == "", outcome.message
+    assert (tally.fault and tally.fault[0]) == status

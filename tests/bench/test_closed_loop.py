@@ -13,7 +13,7 @@ from browser import Browser
 from bench.passed.outcome import Outcome
 from bench.passed.progress import silent
 from bench.passed.race_error import RaceError
-from bench.passed.task import Setting, Task
+from bench.passed.task import NO_SETTING, Setting, Task
 from bench.races.chosen_settings import Choice
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopSettings
@@ -114,7 +114,7 @@ def test_errors_in_percent_and_micrometres_agree(rows: pd.DataFrame) -> None:
 
 def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
     def rig(settings: dict[str, Any]) -> Any:
-        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, more=settings))
+        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, NO_SETTING, more=settings))
 
     np.testing.assert_array_equal(rig({"steps": 1}).y_ref, rig({"steps": 15200}).y_ref)
     assert rig({"steps": 1}).stage().seed == rig({"steps": 15200}).stage().seed

@@ -22,7 +22,7 @@ from qpsolvers import Problem
 
 from bench.passed import user_cache
 from bench.passed.outcome import Outcome
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.problem_files import read
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import Prover, Provers
@@ -287,7 +287,7 @@ def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
     problem = foreign[0]["other"]
     with SolverChild(find(solver, lane)) as child:
         for scaling in SCALINGS:
-            task = Task("foreign", problem.name, scaling, solver, lane)
+            task = Task("foreign", problem.name, scaling, solver, lane, NO_SETTING)
             outcome = child.ask(OneShot.of(task, problem.forms[scaling]))
             found = judge(problem, scaling, outcome)
             assert str(found.status) == status, outcome.message

@@ -12,7 +12,8 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.passed.task import Task, settings_of
+from bench.derived.tier_settings import tier_settings
+from bench.passed.task import NO_SETTING, Task, settings_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -111,7 +112,7 @@ def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_eac
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
-    settings = clean_race.found.settings
+    settings = tier_settings(clean_race.rows[clean_race.rows.solver != "null"].assign(timed_gap=np.nan))  # by first answers
     high = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
     assert (high.setting != "").all()
     chosen = {*zip(high.scaling, high.solver, high.setting, strict=True)}
@@ -148,7 +149,7 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
         children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(from_file, files)}
-        tasks = [Task("none", "none", "scaled", name, Lane(lane)) for name, lane in children]
+        tasks = [Task("none", "none", "scaled", name, Lane(lane), NO_SETTING) for name, lane in children]
         times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
@@ -183,7 +184,7 @@ def test_the_solver_that_does_nothing_answers_what_it_is_told_to_start_from() ->
 
 
 def test_a_start_is_part_of_the_tasks_key_and_cold_tasks_keep_theirs() -> None:
-    task = Task("set", "problem", "scaled", "daqp", find("daqp").lane)
+    task = Task("set", "problem", "scaled", "daqp", find("daqp").lane, NO_SETTING)
     keys = {replace(task, start=start, repeat=repeat).key for start in ("cold", "warm") for repeat in (0, 1)}
     assert len(keys) == 4
     assert task.key in keys

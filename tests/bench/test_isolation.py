@@ -13,7 +13,7 @@ from command_line import CommandLine, command_lines, wait_until_gone
 from conftest import Race
 
 from bench.passed.race_error import RaceError
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import entries_of
 from bench.races.oneshot.worker import OneShot
@@ -172,7 +172,7 @@ def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
     with SolverChild(entry) as child:
         before = child.describe()
         assert before.absent == ""
-        task = Task("none", "none", "scaled", entry.name, entry.lane)
+        task = Task("none", "none", "scaled", entry.name, entry.lane, NO_SETTING)
         lost = child.ask(OneShot(task, {"P": np.eye(2), "q": np.array([-1.0, 1.0]), "lb": np.zeros(2)}))
         assert lost.failure == Status.CRASHED
         assert child.describe() == before

@@ -36,6 +36,19 @@ def test_what_goes_wrong_in_one_repeat_is_what_the_row_says() -> None:
         assert (one["solve_us_p50"], one["solve_us_spread"]) == (2.5, pytest.approx(0.4))
 
 
+def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was() -> None:
+    skipped = row(status="not_run", message="a looser setting took longer than 0.1 s on this problem", cost_gap=NAN, solve_us_p50=NAN, samples=0)
+    for at in range(3):
+        repeats = [row(solve_us_p50=2.0, samples=5), row(solve_us_p50=4.0, samples=5)]
+        repeats.insert(at, skipped)
+        (one,) = over_repeats(table([{**each, "repeat": i} for i, each in enumerate(repeats)])).to_dict("records")
+        assert (one["status"], one["message"], one["cost_gap"], one["repeats"], one["samples"]) == ("ok", "", 0.0, 2, 10)
+        assert one["solve_us_p50"] == 3.0
+    crashed = row(repeat=2, status="crashed", cost_gap=NAN)
+    assert over_repeats(table([row(), {**skipped, "repeat": 1}, crashed])).status.tolist() == ["crashed"]
+    assert over_repeats(table([skipped, {**skipped, "repeat": 1}])).status.tolist() == ["not_run"]
+
+
 def test_without_repeats_rows_stay_as_they_are_and_have_no_spread() -> None:
     rows = table([row(), row(problem="p2", solve_us_p50=7.0)])
     merged = over_repeats(rows)

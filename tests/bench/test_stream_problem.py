@@ -9,7 +9,7 @@ import pytest
 from qpsolvers import Problem, Solution
 
 import solvers
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.problems.simulation import Experiment
 from bench.races.stream import worker as stream_worker
 from bench.races.stream.staleness import Judge
@@ -160,7 +160,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, short: StreamProblem, wall_s: floa
     monkeypatch.setattr(stream_worker, "KERNEL_BLOCK", 70)
     monkeypatch.setattr(stream_worker, "KERNEL_WALL_S", wall_s)
     Recorder.seen.clear()
-    task = Task("stream", "short", "scaled", "recorder", Lane.KERNEL)
+    task = Task("stream", "short", "scaled", "recorder", Lane.KERNEL, NO_SETTING)
     fields = {"P": short.start.P, "q": short.start.q, "lb": short.start.lb, "ub": short.start.ub}
     outcome = StreamRequest(task, fields, short.c, short.answer, short.rows, short.forgetting, 950, 0).answer(Recorder, True)
     assert isinstance(outcome, stream_worker.Streamed), outcome.message

@@ -70,6 +70,11 @@ def test_a_problem_of_the_same_name_in_another_set_is_another_problem() -> None:
     assert settings(rows).loc[Tier.LOW, ["setting", "problems", "right"]].tolist() == ["", 2, 1]
 
 
+def test_a_setting_that_was_run_in_one_repeat_is_judged_by_that() -> None:
+    skipped = [row(problem="p1", setting="s1", rung=1, repeat=1, status="not_run", cost_gap=NAN)]
+    assert settings([*ladder({"p1": [1e-5, 1e-11]}), *skipped]).setting[Tier.HIGH] == "s1"
+
+
 @pytest.mark.parametrize("other", [{"repeat": 1}, {"host": "there"}])
 def test_a_setting_is_judged_by_all_its_repeats_on_all_hosts(other: dict[str, object]) -> None:
     rows = [*ladder({"p1": [1e-8, 1e-11]}), *ladder({"p1": [1e-5, 1e-11]}, **other)]

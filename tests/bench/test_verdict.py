@@ -47,7 +47,7 @@ def test_figures_have_as_many_digits_as_the_drift_allows(drift: float, told: str
 
 def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_machine_has_none() -> None:
     first, second = verdict(measured(field()), CORE, 2.0)
-    assert first.startswith("With reservation: the machine's own speed drifted by 200 % in the course of the race")
+    assert first.startswith("With reservation: in one fifth of the race the machine took 200 % more or less time for a fixed piece of work")
     assert second.endswith("(clang 18, AVX2; drift 200 %).")
     assert "box_active_set† 0.9 µs (0.007 of a period)" in second
     assert "box_active_set† 2 µs (0.01 of a period) beside daqp 7 µs" in second

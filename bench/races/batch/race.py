@@ -22,7 +22,7 @@ from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.row import Row, who
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.processes.engine import Workers
 from bench.processes.line_up import LineUp
 from bench.races.batch.contestant import ContestantFile, contestants, of_file
@@ -108,7 +108,7 @@ def race(run: Run, progress: Progress, workers: Workers) -> None:
 
 def task_of(entry: Entry, d: int, batch: int, threads: int, turn: int) -> Task:
     """A contestant's turn at a batch size."""
-    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, more={"batch": batch, "threads": threads}, repeat=turn)
+    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, more={"batch": batch, "threads": threads}, repeat=turn)
 
 
 def _turn(run: Run, settings: BatchSettings, programs: Programs, line_ups: Mapping[int, LineUp], players: Sequence[tuple[int, Entry]],

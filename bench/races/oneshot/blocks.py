@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -115,7 +115,7 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
     does nothing for the same blocks. A solver to which some data come harder is told from that by the same data in another
     order: they come harder again.
     """
-    found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane)
+    found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane, setting=NO_SETTING)
     idle.ask(OneShot.of(nothing, form))
     calls = min(max(n, LEAST_CALLS), fresh.calls_at_once, max(FEWEST_CALLS, int(LONG_NS / each)))
     for left in reversed(range(AGAIN)):
@@ -143,7 +143,7 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
     the solver works while nobody times it, and whether it answers from memory.
     """
     form, tally, size = problem.forms[task.scaling], Tally(), 1
-    compiled = child.entry.times_itself  # by a loop of this package, which cannot be lied to
+    compiled = child.entry.times_itself
     outcome = child.ask(OneShot.of(task, form, times_itself=compiled))
     if outcome.failure:
         return outcome, tally
@@ -156,7 +156,7 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
             return block, tally
         tally.take(block)
         n, found = len(block.answers), _impossible(block, compiled)
-        if look_closer and child is not idle and not (found or tally.fault or compiled) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
+        if look_closer and child is not idle and not (found or tally.fault) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
             found = _works_elsewhere(child, idle, task, form, fresh, n, block.used_ns / n)
         tally.fault = tally.fault or ((Status.MISTIMED, found) if found else None)
         each = max(tally.spent_ns / tally.count, 1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bench.passed.progress import Progress
-from bench.passed.task import Task
+from bench.passed.task import NO_SETTING, Task
 from bench.problems.protocol import RaceProblem
 from bench.processes import engine
 from bench.processes.engine import Workers
@@ -42,7 +42,7 @@ def units_of(run: Run, settings: OneshotSettings, field: Sequence[Described], pr
     """The first pass, in order; the solver that does nothing opens each unit."""
     floor = null_solver.ENTRY
     return [Unit(run.path.resolve(), settings, problem, scaling, repeat,
-                 (Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, repeat=repeat),
+                 (Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, NO_SETTING, repeat=repeat),
                   *tasks_of(settings, field, problems, i, scaling, repeat)))
             for repeat in range(settings.repeats) for i, problem in enumerate(problems) for scaling in settings.scalings]
 

@@ -53,6 +53,8 @@ DEFINITIONS = (
     "periods: update and solve in sampling periods of 125 µs, or the steps of a method that takes one step a period.",
     "warm: started from the optimum of the problem before, where problems follow each other; cold: from nothing.",
     "floor: a solver that does nothing, which is what clock, call and machine cost.",
+    "drift: a fixed piece of work is timed every few seconds; this is how far the median of any fifth of these times is from that of all, at most. "
+    "Moments in which a neighbour slows the core leave medians over problems alone as long as they are few, and are counted apart.",
     OURS_NOTE)
 
 

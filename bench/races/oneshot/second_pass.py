@@ -1,8 +1,9 @@
 """The second pass, after all settings were measured on all problems: turns, starts from the optimum before, and more calls of the fastest.
 
-Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked. The run notes which when the pass
-begins, since it measures some of the rows again from which that follows, and a resumed race has to go on as it began. Solvers that take
-turns must sit in one place, so a problem is never divided between workers.
+Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked, by first answers alone. Timed
+answers are to data that each race draws anew, and with them two races of the same problems would take turns at different settings, which
+cannot be compared. The run notes the settings when the pass begins, since it measures some of the rows again from which they follow, and a
+resumed race has to go on as it began. Solvers that take turns must sit in one place, so a problem is never divided between workers.
 """
 
 from __future__ import annotations
@@ -108,7 +109,8 @@ def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described],
 
 
 def planned(rows: pd.DataFrame) -> list[Planned]:
-    """The setting of each solver lane in each scaling: that of the first of PREFERRED that it reaches, else the default."""
+    """The setting of each solver lane in each scaling: that of the first of PREFERRED that its first answers reach, else the default."""
+    rows = rows.assign(timed_gap=math.nan)
     tiers = tier_settings(rows)
     near = near_fastest(at_tiers(rows, tiers))
     found: dict[Who, str] = {}

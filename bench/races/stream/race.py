@@ -21,7 +21,7 @@ from bench.derived.accuracy import TOLERANCE
 from bench.passed.outcome import Outcome
 from bench.passed.progress import Progress
 from bench.passed.row import Row, who
-from bench.passed.task import Setting, Task, settings_of
+from bench.passed.task import NO_SETTING, Task, settings_of
 from bench.problem_files.program import fields_of
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
@@ -133,7 +133,7 @@ def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: Strea
         chance.shuffle(tasks)
         for i, each in enumerate(tasks):
             if i % FLOOR_EVERY == 0:
-                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(Setting(), {Tier.DEFAULT: DEFAULT}), floors)
+                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(NO_SETTING, {Tier.DEFAULT: DEFAULT}), floors)
                 floors += 1
             yield each
 
