@@ -31,7 +31,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import median_abs_deviation
 
-from bench.derived.accuracy import MEASURED, right
+from bench.derived.accuracy import CHEATS, MEASURED, right
 from bench.derived.answer_times import HOT, IN_TURNS, by_task
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
@@ -197,11 +197,16 @@ def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], 
     tier = Tier(str(line["tier"]))
     here = (a[[*LANE, "setting"]] == [line[name] for name in (*LANE, "setting")]).all(axis=1) & (a.start == "cold")
 
-    def became_wrong(**known: float) -> int:
-        first, second = (right(rows[here].assign(**known), tier) for rows in (a, b))
-        return int(first.sum() - second.sum())
+    def became_wrong(first: pd.DataFrame, second: pd.DataFrame) -> int:
+        return int(right(first[here], tier).sum() - right(second[here], tier).sum())
 
-    return became_wrong(timed_gap=math.nan) >= least or became_wrong() >= BY_CHANCE
+    return became_wrong(_first_answers(a), _first_answers(b)) >= least or became_wrong(a, b) >= BY_CHANCE
+
+
+def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:
+    """Without what is of the timed answers: their gap, and whether a solver was caught, which is looked for at a setting that is drawn."""
+    caught = rows.status.isin([str(status) for status in CHEATS])
+    return rows.assign(timed_gap=math.nan, status=rows.status.mask(caught, str(Status.OK)))
 
 
 def _is_in(rows: pd.DataFrame, other: pd.DataFrame) -> np.ndarray:

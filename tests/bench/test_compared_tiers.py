@@ -51,6 +51,13 @@ def test_on_other_problems_first_answers_are_subject_to_chance_too(count: int, i
     assert lost(run(), other, least=6) == (["high"] if is_lost else [])
 
 
+@pytest.mark.parametrize(("count", "is_lost"), [(1, False), (6, True)])
+def test_to_be_caught_cheating_once_is_chance_and_on_most_problems_is_none(count: int, is_lost: bool) -> None:
+    caught = run()
+    caught.loc[caught.problem.isin(PROBLEMS[:count]), "status"] = str(Status.STALE)
+    assert lost(run(), caught) == (["low", "mid", "high"] if is_lost else [])
+
+
 def test_a_solver_that_crashes_loses_every_tier() -> None:
     crashed = run().assign(status=str(Status.CRASHED), cost_gap=math.nan)
     assert lost(run(), crashed) == ["low", "mid", "high"]
