@@ -105,7 +105,7 @@ class Comparison:
 def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
     """Compare run b with run a; RunError where one is not a finished one-shot race. ``smallest`` is above 1."""
     for run in (a, b):
-        if (race := run.settings.get("race", "oneshot")) != "oneshot":
+        if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
             raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
     first, second = (Measurements(run.rows(ONESHOT), run.times()) for run in (a, b))
     times, field = compare_times(levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest)

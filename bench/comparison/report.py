@@ -93,8 +93,9 @@ def sentences(each: Comparison) -> list[str]:
     said = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
     if count := each.count(CANNOT_TELL):
         noise = joined(f"{100.0 * deviation:.1f} % {timed}" for timed, deviation in each.field.deviation.items() if np.isfinite(deviation))
-        said.append(f"In {solver_lanes(count, lanes)} a change by a factor of {each.smallest:g} may have gone unseen: lanes deviate from each other "
-                    f"by {noise or 'nobody knows how much, since there are too few'}. A quiet machine, more problems and --repeats help.")
+        why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
+        said.append(f"In {solver_lanes(count, lanes)} a change by a factor of {each.smallest:g} may have gone unseen: {why}. "
+                    "A quiet machine, more problems and --repeats help.")
     factors = joined(f"{factor:.2f} {timed}" for timed, factor in each.field.factor.items())
     beside = (f", and the fixed piece of work timed beside it by {each.sentinel:.2f}: either the machine changed in a way that this work does not "
               "feel, or most solvers did" if each.moved else ", which is divided out")
