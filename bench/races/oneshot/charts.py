@@ -74,6 +74,8 @@ def performance_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
 def anytime(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     """Gap within a budget of sampling periods."""
     table = table[np.isfinite(table.median_gap)].assign(drawn=lambda known: np.maximum(known.median_gap, LEAST_GAP))
+    if table.empty:
+        return []
     table = table.assign(name=table.name + " (" + table.lane + ")")
     return lines(table, alt.X(**log("budget", f"sampling periods of {PERIOD_US:g} µs", table.budget)),
                  alt.Y(**log("drawn", "relative cost gap within them, median over the problems", table.drawn, power_of_ten=True)),
