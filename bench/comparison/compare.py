@@ -53,7 +53,7 @@ BETTER = "in turns"
 WAYS = {BETTER: IN_TURNS, "hot": HOT}
 """How answers are timed, and how the names begin under which a run keeps it."""
 BLOCK = ["timed", "problem_set", "problem", "scaling"]
-WHO = ["solver", "lane"]
+SOLVER_LANE = ["solver", "lane"]
 NAMES = [*MEASURED, "setting", "start"]
 """What a row of one run has in common with that of another one."""
 
@@ -135,22 +135,22 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
     Parameters
     ----------
     pairs : DataFrame
-        One row a task and way of timing: BLOCK, WHO, ``level_a`` and ``level_b``.
+        One row a task and way of timing: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``.
     smallest : float
         Smallest ratio that matters, above 1.
 
     Returns
     -------
     times : DataFrame
-        One row a solver lane: WHO, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and ``finding``.
+        One row a solver lane: SOLVER_LANE, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and ``finding``.
     field : DataFrame
         By way of timing, ``factor`` and ``deviation``.
     """
-    keys = [pairs[name] for name in [*BLOCK, *WHO]]
+    keys = [pairs[name] for name in [*BLOCK, *SOLVER_LANE]]
     own = (pairs.level_b - pairs.level_a).groupby(keys).median()
     machine = own.groupby(level=BLOCK).median()
     own -= own.groupby(level=BLOCK).transform("median")
-    lanes = own.groupby(level=["timed", *WHO])
+    lanes = own.groupby(level=["timed", *SOLVER_LANE])
     field = pd.DataFrame({"factor": np.exp(machine.groupby(level="timed").median()),
                           "deviation": lanes.median().groupby(level="timed").agg(_deviation)})
     chance, lines = np.random.default_rng(0), []
@@ -159,9 +159,9 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
         values, deviation = part.dropna().to_numpy(), float(field.deviation[timed])
         low, high = interval(values, deviation, chance)
         lines.append((timed, solver, lane, values.size, *np.exp([part.median(), low, high]), _finding(low, high, deviation, smallest)))
-    times = pd.DataFrame(lines, columns=["timed", *WHO, "problems", "ratio", "ratio_low", "ratio_high", "finding"])
+    times = pd.DataFrame(lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"])
     order = 2 * (times.problems < FEWEST_PROBLEMS) + (times.timed != BETTER)
-    return times.loc[order.sort_values(kind="stable").index].drop_duplicates(WHO).sort_values(WHO, ignore_index=True), field
+    return times.loc[order.sort_values(kind="stable").index].drop_duplicates(SOLVER_LANE).sort_values(SOLVER_LANE, ignore_index=True), field
 
 
 def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, WHO, Comparison
+from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
 from bench.derived.ranking import ASKED
 from bench.rendering import markdown_templates
 from bench.report import charts
@@ -25,6 +25,7 @@ from solvers import Tier
 
 FORMAT, VERSION = "piezobench-comparison", 4
 HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "problems", "tiers")
+TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.3, 1.5, 2, 3, 5, 10, 20, 50, 100]
 COLOURS = {SLOWER: "#d55e00", FASTER: "#009e73", CANNOT_TELL: "#cc79a7", SAME: "#999999"}
 MOST_NAMED, MOST_TOLD = 4, 2
 """Solver lanes in a sentence on what only one run has, and differences in a warning."""
@@ -106,7 +107,7 @@ def notes(each: Comparison) -> list[str]:
     """What only one of the runs has, a sentence each."""
     found = []
     for run, rows in zip((each.a, each.b), each.alone, strict=True):
-        names = [f"{marked(solver)} ({lane})" for solver, lane in rows[WHO].value_counts().index]
+        names = [f"{marked(solver)} ({lane})" for solver, lane in rows[SOLVER_LANE].value_counts().index]
         more = f" and {len(names) - MOST_NAMED} others" if len(names) > MOST_NAMED else ""
         count = f"{len(rows)} row{'s' if len(rows) > 1 else ''}"
         found += [f"Only {run.path.name} has {count}, of {', '.join(names[:MOST_NAMED])}{more}."] if names else []
@@ -142,8 +143,8 @@ def _table(each: Comparison) -> pd.DataFrame:
     """The times with what was lost and gained, the findings first."""
     parts = [tiers.assign(tiers=what + tiers.tier.map(lambda tier: ASKED[Tier(tier)]) + " " + tiers.scaling)
              for what, tiers in (("lost ", each.lost), ("gained ", each.gained)) if len(tiers)]
-    changed = pd.concat([pd.DataFrame(columns=[*WHO, "tiers"], dtype=str), *parts]).groupby(WHO).tiers.agg(", ".join).reset_index()
-    table = each.times.merge(changed, on=WHO, how="outer").fillna({"tiers": "–", "timed": "–", "finding": "–"})
+    changed = pd.concat([pd.DataFrame(columns=[*SOLVER_LANE, "tiers"], dtype=str), *parts]).groupby(SOLVER_LANE).tiers.agg(", ".join).reset_index()
+    table = each.times.merge(changed, on=SOLVER_LANE, how="outer").fillna({"tiers": "–", "timed": "–", "finding": "–"})
     order = table.finding.map({finding: i for i, finding in enumerate(COLOURS)}) - len(COLOURS) * (table.tiers != "–")
     return table.assign(order=order, size=-np.log(table.ratio).abs()).sort_values(
         ["order", "size"], ignore_index=True).drop(columns=["order", "size"])
@@ -165,7 +166,9 @@ def _picture(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     colour = alt.Color("finding:N", scale=alt.Scale(domain=[*COLOURS], range=[*COLOURS.values()]), legend=alt.Legend(columns=2))
     base = alt.Chart(charts.data(table)).encode(y=y, color=colour, tooltip=[
         alt.Tooltip("name:N"), alt.Tooltip("finding:N"), *(alt.Tooltip(f"{name}:Q", format=".3f") for name in ("ratio", "ratio_low", "ratio_high"))])
-    x = alt.X(**charts.log("ratio", "second run over first", pd.concat([table.ratio_low, table.ratio_high])))
-    intervals = base.mark_rule(strokeWidth=2).encode(x=alt.X("ratio_low:Q", title=None), x2="ratio_high:Q")
+    x: dict[str, Any] = {"title": "second run over first", "axis": alt.Axis(values=TICKS, format="~g", labelOverlap=True),
+                         "scale": alt.Scale(type="log", nice=False, padding=8)}
+    intervals = base.mark_rule(strokeWidth=2).encode(x=alt.X("ratio_low:Q", **x), x2="ratio_high:Q")
     same = alt.Chart(charts.data(pd.DataFrame({"same": [1.0]}))).mark_rule(strokeDash=[5, 4]).encode(x="same:Q")
-    return [charts.finished(alt.layer(same, intervals, base.mark_point(filled=True, size=60).encode(x=x)), None, 40 + charts.ROW * len(table))]
+    points = base.mark_point(filled=True, size=60).encode(x=alt.X("ratio:Q", **x))
+    return [charts.finished(alt.layer(same, intervals, points), None, 40 + charts.ROW * len(table))]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from simulated_pairs import pair, ratios, resampled
 
-from bench.comparison.compare import BETTER, BLOCK, CANNOT_TELL, NAMES, SAME, WHO, compare_times, levels
+from bench.comparison.compare import BETTER, BLOCK, CANNOT_TELL, NAMES, SAME, SOLVER_LANE, compare_times, levels
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
 from bench.store import Run
@@ -43,9 +43,9 @@ def noise_of(a: Run, b: Run) -> list[Vector]:
     both = [levels(Measurements(run.rows(ONESHOT), run.times())) for run in (a, b)]
     found = both[0].merge(both[1], on=[*NAMES, "timed"], suffixes=("_a", "_b"))
     found = found[found.timed == BETTER]
-    own = (found.level_b - found.level_a).groupby([found[name] for name in [*BLOCK, *WHO]]).median().dropna()
+    own = (found.level_b - found.level_a).groupby([found[name] for name in [*BLOCK, *SOLVER_LANE]]).median().dropna()
     own -= own.groupby(level=BLOCK).transform("median")
-    return [part.to_numpy() for _, part in own.groupby(level=WHO)]
+    return [part.to_numpy() for _, part in own.groupby(level=SOLVER_LANE)]
 
 
 def main() -> None:
@@ -56,7 +56,7 @@ def main() -> None:
     asked = parser.parse_args()
     kinds: dict[str, Callable[[np.random.Generator], list[Vector]]] = {
         f"{lanes} lanes, {problems} problems, offset {offset}": lambda chance, size=(lanes, problems, offset): ratios(chance, *size)
-        for lanes, problems in ((68, 36), (40, 18), (10, 6), (5, 3)) for offset in (0.004, 0.008, 0.015)}
+        for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3)) for offset in (0.004, 0.008, 0.015)}
     if asked.runs:
         own = noise_of(*map(Run.open, asked.runs))
         kinds = {" and ".join(path.name for path in asked.runs): lambda chance: resampled(chance, own)}
