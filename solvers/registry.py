@@ -92,6 +92,8 @@ class Described:
     """Of the rungs, where they have such."""
     absent: str = ""
     """Empty, or why the solver is absent."""
+    iteration_setting: str = ""
+    """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
 
 
 def import_file(path: Path) -> ModuleType:
@@ -245,7 +247,7 @@ def describe(entry: Entry) -> Described:
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))
     return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, ladder, dict(cls.always),
-                     cls.exponents)
+                     cls.exponents, iteration_setting=getattr(cls, "iteration_setting", None) or "")
 
 
 def available() -> list[Entry]:

@@ -9,22 +9,22 @@ from typing import Annotated
 import typer
 
 from bench.cli.given_options import refuse
-from bench.comparison import page as pages
+from bench.comparison import report as comparison_report
 from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy.actuator_model import model_for
 from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
 from bench.races.registry import open_run
-from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
+from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_screen, progress_bar
 from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
 FAILED, CANNOT_TELL = 3, 4
 """Exit status of a comparison that found what it was told to fail on, and of one that could not have found it."""
-MOST_ROWS, NEAREST = 40, 5
-"""Rows of a comparison that the terminal shows, the worst first; solvers of which it says why they do not qualify."""
+NEAREST = 5
+"""Solvers of which it says why they do not qualify."""
 
 
 class FailOn(StrEnum):
@@ -44,10 +44,10 @@ def compare_verb(
     smallest: Annotated[float, typer.Option(help="Smallest change of times that matters, as a ratio above 1.")] = SMALLEST,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs: what is faster, slower, less accurate or gone.
+    """Compare runs: what is faster, slower, more or less accurate.
 
     Times count as different, solver lane by solver lane, only beyond the noise that the runs themselves show; where a change
-    that matters could not have been seen, it says so, and which effort would do.
+    that matters could not have been seen, it says so.
     """
     if not smallest > 1.0:
         raise typer.BadParameter(f"a change of times is a ratio above 1, and not {smallest:g}", param_hint="--smallest")
@@ -61,21 +61,13 @@ def compare_verb(
             found.append(compare_runs(opened[0], other, smallest))
         progress("writing the page", len(found), len(found))
         names = "-".join(run.path.resolve().name for run in opened)
-        page = pages.write(found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out)
+        report = comparison_report.report(found)
+        page = comparison_report.write(found, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out)
     if as_json:
-        print_json(pages.to_dict(found))
+        print_json(comparison_report.to_dict(found))
     else:
-        for each in found:
-            for warning in each.warnings:
-                console.print(f"WARNING: {warning}", style="bold")
-            for sentence in (*each.verdict, *each.doubts, *each.notes):
-                console.print(sentence)
-            for grid in (pages.line_grid(each, told=False), pages.tier_grid(each, other=False), pages.grid(each)):
-                if grid.rows:
-                    console.print(f"\n{grid.title}:")
-                    print_table(grid.headings, grid.rows[:MOST_ROWS], left=grid.left)
-                if (more := len(grid.rows) - MOST_ROWS) > 0:
-                    console.print(f"{more} more are on the page.")
+        shown, said = report.terminal or report.ranking, [*(f"WARNING: {warning}" for warning in report.limits), *report.verdict, *report.notes]
+        print_screen(lines_of(said), shown, len(shown.rows), [])
         console.print(f"\n{OURS_NOTE}\nComparison: {page}")
     bad = sum(each.differences if fail_on is FailOn.difference else each.regressions for each in found)
     if fail_on is not FailOn.nothing and (bad or any(each.cannot_tell for each in found)):

@@ -146,7 +146,7 @@ def race_verb(
                              "scalings": [choice.value for choice in scaling or ()]}
     values: dict[str, Any] = {
         "solvers": names, "solver_files": solver_files,
-        "limit": FEW if limit is None and kind == DEFAULT and not sets else limit,
+        "limit": FEW if limit is None and race.schema is kinds()[DEFAULT].schema and not sets else limit,
         "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
         "settings_run": settings and str(settings.resolve()),
         "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,

@@ -1,232 +1,213 @@
-"""Two runs against each other: what became faster or slower, more or less accurate, came, went or changed its status.
+"""Two runs against each other: which solver lanes became slower or faster, and which tiers they lost or gained.
 
-A row of one run is compared with that of the other at the same setting. Times are compared solver lane by solver lane, and row by row
-only in those that differ; see `lines`. Which tiers a solver lane reaches follows from its rows; see `tiers`.
+What both runs measured is compared, at equal settings. With r the logarithm of update and solve in run b over that in run a, l a solver lane
+and u a problem in one scaling:
 
-The accuracy of the first answer is exact, so it needs no statistics: a row is more or less accurate where its cost gap differs by
-more than a factor of GAP_FACTOR and the larger one is above LEAST_GAP.
+    r_lu = median of r over the settings of l on u
+    e_lu = r_lu − median over l of r_lu                    what the field has in common is the machine's
+    θ_l  = median over u of e_lu                           exp θ_l is the ratio of the lane
+    D    = 1.4826 · median over l of |θ_l − median θ|      the deviation of the field
+    I_l  = 95 % bootstrap interval of θ_l over the u, wider by 5 D at either end
+
+The problems of a lane share its process, so the bootstrap does not see what changes from process to process, where memory lies and how the core
+fares; D does, since most lanes do not change. A lane is slower or faster where I_l excludes 0. There is no difference where it holds 0 and
+excludes ±log(smallest); otherwise, or where D is above a sixth of log(smallest) (3 % of 1.2 times), it cannot be told.
+
+Times in turns, when all solvers share the machine's moment, are taken where both runs have them for enough problems, and hot ones elsewhere.
+
+The accuracy of a first answer is exact, that of timed answers is of data that each run draws anew: a tier is lost that run a reaches with one
+setting and run b with none, if with that setting more problems than by chance became wrong: BY_CHANCE (the least of six coins that all
+fall on one side has p = 3 %), or one by the first answers where both runs have the same seed and so the same problems.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pandas as pd
+from scipy.stats import median_abs_deviation
 
-from bench.comparison import tiers
-from bench.comparison.levels import FEWEST, NAMES, log_ratios, sentinel_level
-from bench.comparison.lines import CANNOT_TELL, CHANGES, WITNESSES, Times, compare_times
-from bench.derived.accuracy import tainted
-from bench.derived.measurements import over_repeats
+from bench.derived.accuracy import CHEATS, MEASURED, right
+from bench.derived.answer_times import HOT, IN_TURNS, by_task
+from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.races import null_solver
-from bench.report.words import joined, marked, solver_lanes
+from bench.derived.tier_settings import LANE, tier_settings
 from bench.store import Run, RunError
-from solvers import Status
+from bench.timing.clock import Effort
+from solvers import Status, Tier
 
-GAP_FACTOR = 10.0
-LEAST_GAP = 1e-12
 SMALLEST = 1.2
 """Smallest ratio of times that matters, unless the user says otherwise."""
-MANY = 1.0 / 3.0
-"""Share of the solver lanes that differ above which what all share may be theirs and not the machine's."""
-OTHER_KINDS = ("less accurate", "more accurate", "status changed", "gone", "new")
-"""What may change in a row beside its time."""
-WORSE = ("less accurate", "gone")
-PREDICATES = {"status changed": ("changed status", "changed status"),
-              **{kind: (f"is {kind}", f"are {kind}") for kind in OTHER_KINDS if kind != "status changed"}}
-"""How a sentence says it of one solver lane and of several."""
-MOST_NAMED = 6
-"""Solver lanes that have a sentence each."""
-IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
-"""Settings that change nothing of what is compared, or which the time itself shows."""
+WIDER, SHARE = 5.0, 1.0 / 6.0
+"""Deviations of the field that an interval is wider by at either end, and the largest of log(smallest) at which anything can be told."""
+FEWEST_LANES, FEWEST_PROBLEMS = 5, 3
+"""Solver lanes, and problems of one, that it takes to tell anything."""
+DRAWS = 1_000
+BY_CHANCE = 6
+SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
+BETTER = "in turns"
+WAYS = {BETTER: IN_TURNS, "hot": HOT}
+"""How answers are timed, and how the names begin under which a run keeps it."""
+BLOCK = ["timed", "problem_set", "problem", "scaling"]
+SOLVER_LANE = ["solver", "lane"]
+NAMES = [*MEASURED, "setting", "start"]
+"""What a row of one run has in common with that of another one."""
 
 
 @dataclass(frozen=True)
-class RunComparison:
+class Comparison:
     """What changed from run a to run b."""
 
     a: Run
     b: Run
-    warnings: tuple[str, ...]
-    """Why the two may not be comparable."""
-    notes: tuple[str, ...]
-    """Versions that differ."""
-    doubts: tuple[str, ...]
-    """Why what all solvers share may be theirs and not the machine's."""
-    times: Times
-    rows: pd.DataFrame
-    """One row a task of either run: names, ``timed`` (how), ``ratio``, ``ratio_low``, ``ratio_high``, ``adjusted``, ``gap_a``, ``gap_b``,
-    ``status_a``, ``status_b``, ``changes`` (of CHANGES and OTHER_KINDS) and ``regression`` (worse otherwise than by its time)."""
-    tiers: pd.DataFrame
-    """One row a scaling, solver lane and tier that one of the runs reaches; see `compare_tiers`."""
-
-    @property
-    def changed(self) -> pd.DataFrame:
-        """Rows with any change."""
-        return self.rows[self.rows.changes.map(len) > 0]
+    smallest: float
+    times: pd.DataFrame
+    """One row a solver lane; see `compare_times`."""
+    field: pd.DataFrame
+    """By way of timing, the common ``factor`` and the ``deviation`` D of the field."""
+    sentinel: float
+    """The factor of the fixed piece of work that is timed beside the solvers."""
+    lost: pd.DataFrame
+    """One row a tier: LANE, ``tier``."""
+    gained: pd.DataFrame
+    alone: tuple[pd.DataFrame, pd.DataFrame]
+    """Rows of one run only."""
 
     @property
     def regressions(self) -> int:
-        """Solver lanes that became slower, rows that became worse otherwise, and tiers that were lost otherwise than by chance."""
-        return self.times.lanes("slower") + int(self.rows.regression.sum()) + self._tiers(tiers.LOST)
+        """Solver lanes that became slower, and tiers that were lost."""
+        return self.count(SLOWER) + len(self.lost)
 
     @property
     def differences(self) -> int:
-        """Solver lanes that became slower or faster, rows with any other change, and tiers lost or gained otherwise than by chance."""
-        return self.times.differ + len(self._with(*OTHER_KINDS)) + self._tiers(tiers.LOST, tiers.GAINED)
+        """These, and the other way round."""
+        return self.regressions + self.count(FASTER) + len(self.gained)
+
+    @property
+    def moved(self) -> bool:
+        """Whether the field as a whole changed and the fixed piece of work did not, so that nobody knows whose change it is."""
+        return bool((np.abs(np.log(self.field.factor / self.sentinel)) > math.log(self.smallest)).any())
 
     @property
     def cannot_tell(self) -> bool:
         """Whether a change of times that matters may have gone unseen."""
-        untimed, timed = self._untimed, self.rows[self.rows.ratio.notna()]
-        right = untimed[(untimed.status_a == Status.OK) & (untimed.status_b == Status.OK)]
-        hidden = set(zip(right.solver, right.lane, strict=True)) - set(zip(timed.solver, timed.lane, strict=True))
-        return bool(self.doubts or self.times.lanes(CANNOT_TELL) or hidden)
+        return self.moved or bool(self.count(CANNOT_TELL))
 
-    @property
-    def _untimed(self) -> pd.DataFrame:
-        """Rows of both runs, but for the floor, whose times are not compared."""
-        rows = self.rows[self.rows.solver != null_solver.ENTRY.name]
-        return rows[rows.ratio.isna() & (rows.in_run == "both")]
-
-    def _tiers(self, *changes: str) -> int:
-        return int((self.tiers.change.isin(changes) & ~self.tiers.by_chance).sum())
-
-    def _with(self, *kinds: str) -> pd.DataFrame:
-        return self.rows[self.rows.changes.map(lambda changes: bool(set(changes) & set(kinds)))]
-
-    @property
-    def verdict(self) -> list[str]:
-        """In words: "no difference", or one sentence a solver lane and kind of change."""
-        names = f"{self.b.path.name} against {self.a.path.name}"
-        untimed = len(self._untimed)
-        left_out = [f"The times of {untimed} rows are not compared, since one of the runs timed them fewer than {FEWEST} times."] if untimed else []
-        if not self.differences:
-            unseen = ", though some may have gone unseen" if self.cannot_tell else ""
-            return [f"{names}: no difference in {len(self.rows)} rows{unseen}.", *self.times.sentences(), *left_out]
-        other = [f"{len(self._with(*OTHER_KINDS))} of {len(self.rows)} rows in something else"]
-        if changed := self._tiers(tiers.LOST, tiers.GAINED):
-            other.append(f"{changed} of {len(self.tiers)} tiers in whether {'it is' if changed == 1 else 'they are'} reached")
-        sentences = [f"{names}: {joined([solver_lanes(self.times.differ, verb='differ') + ' in time', *other])}.",
-                     *self.times.sentences(), *tiers.sentences(self.tiers)]
-        for kind in OTHER_KINDS:
-            sentences += self._said_of(kind)
-        return sentences + left_out
-
-    def _said_of(self, kind: str) -> list[str]:
-        """One sentence a solver lane, or one for all where they are many."""
-        those = self._with(kind)
-        lanes = those.groupby(["solver", "lane"], sort=False)
-        if len(lanes) > MOST_NAMED:
-            most = [f"{marked(solver)} ({lane})" for solver, lane in lanes.size().sort_values(ascending=False, kind="stable").index[:3]]
-            return [f"{solver_lanes(len(lanes))} {PREDICATES[kind][1]} in {len(those)} rows{_how(kind, those)}; most of these rows are of "
-                    f"{', '.join(most)}."]
-        rows = self.rows.groupby(["solver", "lane"]).size().to_dict()
-        return [f"{marked(str(solver))} ({lane}) {PREDICATES[kind][0]} in {len(part)} of {rows[solver, lane]} rows{_how(kind, part)}."
-                for (solver, lane), part in lanes]
+    def count(self, finding: str) -> int:
+        """Solver lanes of which that is found."""
+        return int((self.times.finding == finding).sum())
 
 
-def _how(kind: str, those: pd.DataFrame) -> str:
-    if kind == "status changed":
-        first = those.iloc[0]
-        return f", for example from {first.status_a} to {first.status_b}"
-    if kind.endswith("accurate"):
-        worst = those.loc[(np.log10(those.gap_b) - np.log10(those.gap_a)).abs().idxmax()]
-        return f", at worst from a cost gap of {worst.gap_a:.1e} to {worst.gap_b:.1e}"
-    return ""
-
-
-def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> RunComparison:
-    """Compare run b with run a; RunError where one is not a finished one-shot race.
-
-    Ratios of times that matter begin at ``smallest``, which is above 1.
-    """
+def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
+    """Compare run b with run a; RunError where one is not a finished one-shot race. ``smallest`` is above 1."""
     for run in (a, b):
-        if (race := run.settings.get("race", "oneshot")) != "oneshot":
+        if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
             raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
-    warnings, notes = _conditions(a.settings, b.settings)
-    times = compare_times(log_ratios(a, b), null_solver.ENTRY.name, smallest)
-    first, second = (over_repeats(tainted(run.rows(ONESHOT))) for run in (a, b))
-    of_tiers = tiers.compare_tiers(first, second)
-    rows = _matched(first, second).merge(times.rows, on="task", how="left")
-    records = cast(list[dict[str, Any]], rows.to_dict("records"))
-    changes = [_changes(row) for row in records]
-    rows["changes"] = changes
-    rows["regression"] = [bool(set(found) & set(WORSE)) or _broke(row) for found, row in zip(changes, records, strict=True)]
-    return RunComparison(a, b, warnings, (*notes, *tiers.notes(of_tiers)), tuple(_doubts(a, b, times, smallest)), times, rows, of_tiers)
+    first, second = (Measurements(run.rows(ONESHOT), run.times()) for run in (a, b))
+    times, field = compare_times(levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest)
+    rows = [found.field[found.field.status != Status.NOT_RUN].sort_values(NAMES, ignore_index=True) for found in (first, second)]
+    before, after = (part[_is_in(part, other)].reset_index(drop=True) for part, other in (rows, rows[::-1]))
+    least = 1 if a.settings["settings"].get("seed") == b.settings["settings"].get("seed") else BY_CHANCE
+    return Comparison(a, b, smallest, times, field, float(b.looks().level_ns.median() / a.looks().level_ns.median()),
+                      lost_tiers(before, after, least), lost_tiers(after, before, least),
+                      (rows[0][~_is_in(*rows)], rows[1][~_is_in(*rows[::-1])]))
 
 
-def _doubts(a: Run, b: Run, times: Times, smallest: float) -> list[str]:
-    """Why what all solvers share may be theirs and not the machine's."""
-    found, work = [], sentinel_level(b) / sentinel_level(a)
-    if 0 < times.witnesses < WITNESSES:
-        found.append(f"Only {times.witnesses} solvers have times in both runs, counting the one that does nothing: too few to tell a change "
-                     "of the machine from a change of theirs.")
-    lanes = times.lines.groupby(["solver", "lane"]).ngroups
-    if times.differ > MANY * lanes:
-        found.append(f"{solver_lanes(times.differ, lanes, 'differ')} from the median of the field. With so many, that median, which is "
-                     "taken for the change of the machine, may have moved with them.")
-    found += [f"{str(timed).capitalize()}, the field as a whole changed by a factor of {ratio:.2f}, and the fixed piece of work timed beside it by "
-              f"{work:.2f}: either the machine changed in a way that this work does not feel, or most solvers did."
-              for timed, ratio in times.machine.items() if abs(np.log(ratio / work)) > np.log(smallest)]
-    return found
+def levels(found: Measurements) -> pd.DataFrame:
+    """One row an answer and way of timing: NAMES, ``timed`` and ``level``, the log of the median of update and solve, NaN of too few calls."""
+    parts = []
+    for timed, way in WAYS.items():
+        calls = by_task(found.times, (way,))
+        rows = found.field.loc[found.field.task.isin(calls.keys()) & (found.field.status == Status.OK), ["task", *NAMES]]
+        us = [np.concatenate(calls[task]) for task in rows.task]
+        parts.append(rows.assign(timed=timed, level=[math.log(max(np.median(part), 1e-3)) if part.size >= Effort().fewest else math.nan
+                                                     for part in us]))
+    return pd.concat(parts, ignore_index=True)
 
 
-def _conditions(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sentences on machines and settings that differ, and on versions."""
-    warnings, notes = [], []
-    for what in ("processor", "cores", "system", "python"):
-        first, second = a["machine"].get(what), b["machine"].get(what)
-        if first != second:
-            warnings.append(f"Different machines: {what} is {first} in the first run and {second} in the second; times cannot be compared.")
-    for name in sorted(set(a["settings"]) | set(b["settings"])):
-        first, second = _said(a["settings"].get(name)), _said(b["settings"].get(name))
-        if first != second and name not in IGNORED:
-            warnings.append(f"Different settings: {name} is {first} in the first run and {second} in the second.")
-    efforts = [run["settings"].get("effort") or {} for run in (a, b)]
-    warnings += [f"Different timing effort: {name} is {efforts[0].get(name)} in the first run and {efforts[1].get(name)} in the second."
-                 for name in sorted(efforts[0].keys() | efforts[1].keys()) if efforts[0].get(name) != efforts[1].get(name)]
-    for title, first, second in (("package", a["machine"].get("versions", {}), b["machine"].get("versions", {})),
-                                 ("solver", a.get("field", {}), b.get("field", {}))):
-        notes += [f"The {title} {name} is {first[name]} in the first run and {second[name]} in the second."
-                  for name in sorted(first.keys() & second.keys()) if first[name] != second[name]]
-    return tuple(warnings), tuple(notes)
+def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What two runs say about times.
 
+    Parameters
+    ----------
+    pairs : DataFrame
+        One row a task and way of timing: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``.
+    smallest : float
+        Smallest ratio that matters, above 1.
 
-def _said(value: Any) -> str:
-    """A setting in words; the order in a list means nothing."""
-    return (", ".join(sorted(map(str, value))) or "all") if isinstance(value, list) else str(value)
-
-
-def _matched(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
-    """The rows of both runs side by side, with NaN where one has none; without those that one of them did not run.
-
-    Why a setting was not run is in the row of a looser one: a crash in its status, a slow answer in its times.
+    Returns
+    -------
+    times : DataFrame
+        One row a solver lane: SOLVER_LANE, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and ``finding``.
+    field : DataFrame
+        By way of timing, ``factor`` and ``deviation``.
     """
-    columns = ["task", *NAMES, "status", "cost_gap"]
-    both = a[columns].merge(b[columns], on=NAMES, how="outer", suffixes=("_a", "_b"), indicator="in_run")
-    both = both[(both.status_a != Status.NOT_RUN) & (both.status_b != Status.NOT_RUN)]
-    both = both.rename(columns={"cost_gap_a": "gap_a", "cost_gap_b": "gap_b"}).assign(task=both.task_a.fillna(both.task_b))
-    return both.assign(in_run=both.in_run.astype(str), status_a=both.status_a.fillna(""), status_b=both.status_b.fillna(""))
+    keys = [pairs[name] for name in [*BLOCK, *SOLVER_LANE]]
+    own = (pairs.level_b - pairs.level_a).groupby(keys).median()
+    machine = own.groupby(level=BLOCK).median()
+    own -= own.groupby(level=BLOCK).transform("median")
+    lanes = own.groupby(level=["timed", *SOLVER_LANE])
+    field = pd.DataFrame({"factor": np.exp(machine.groupby(level="timed").median()),
+                          "deviation": lanes.median().groupby(level="timed").agg(_deviation)})
+    chance, lines = np.random.default_rng(0), []
+    for names, part in lanes:
+        timed, solver, lane = cast(tuple[str, str, str], names)
+        values, deviation = part.dropna().to_numpy(), float(field.deviation[timed])
+        low, high = interval(values, deviation, chance)
+        lines.append((timed, solver, lane, values.size, *np.exp([part.median(), low, high]), _finding(low, high, deviation, smallest)))
+    times = pd.DataFrame(lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"])
+    order = 2 * (times.problems < FEWEST_PROBLEMS) + (times.timed != BETTER)
+    return times.loc[order.sort_values(kind="stable").index].drop_duplicates(SOLVER_LANE).sort_values(SOLVER_LANE, ignore_index=True), field
 
 
-def _changes(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Everything that changed in a row, of CHANGES and OTHER_KINDS."""
-    if row["in_run"] != "both":
-        return ("gone",) if row["in_run"] == "left_only" else ("new",)
-    found = [row["change"]] if row["change"] in CHANGES else []
-    gaps = (row["gap_a"], row["gap_b"])
-    if max(gaps) > LEAST_GAP and max(gaps) > GAP_FACTOR * min(gaps):
-        found.append("less accurate" if gaps[1] > gaps[0] else "more accurate")
-    if row["status_a"] != row["status_b"]:
-        found.append("status changed")
-    return tuple(found)
+def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) -> tuple[float, float]:
+    """The interval of the median of what a lane has of its own on each problem; infinite for too few."""
+    if values.size < FEWEST_PROBLEMS or not math.isfinite(deviation):
+        return -math.inf, math.inf
+    medians = np.median(values[chance.integers(0, values.size, (DRAWS, values.size))], axis=1)
+    low, high = np.quantile(medians, (0.025, 0.975))
+    return float(low) - WIDER * deviation, float(high) + WIDER * deviation
 
 
-def _broke(row: Mapping[str, Any]) -> bool:
-    """Whether a row was right and is so no more."""
-    return bool(row["status_a"] == Status.OK and row["status_b"] != Status.OK)
+def _deviation(theta: pd.Series) -> float:
+    return float(median_abs_deviation(theta, scale="normal", nan_policy="omit")) if theta.count() >= FEWEST_LANES else math.inf
+
+
+def _finding(low: float, high: float, deviation: float, smallest: float) -> str:
+    if low > 0.0 or high < 0.0:
+        return SLOWER if low > 0.0 else FASTER
+    return SAME if max(-low, high, deviation / SHARE) < math.log(smallest) else CANNOT_TELL
+
+
+def lost_tiers(a: pd.DataFrame, b: pd.DataFrame, least: int = 1) -> pd.DataFrame:
+    """LANE and ``tier`` of what rows a reach and rows b, the same tasks in the same order, do not.
+
+    ``least`` is the number of problems of which the first answer has to become wrong for that.
+    """
+    both = tier_settings(a).merge(tier_settings(b), on=[*LANE, "tier"], suffixes=("", "_b"))
+    found = both[(both.setting != "") & (both.setting_b == "")].to_dict("records")
+    return pd.DataFrame([[line[name] for name in (*LANE, "tier")] for line in found if _is_lost(a, b, line, least)], columns=[*LANE, "tier"])
+
+
+def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], least: int) -> bool:
+    tier = Tier(str(line["tier"]))
+    here = (a[[*LANE, "setting"]] == [line[name] for name in (*LANE, "setting")]).all(axis=1) & (a.start == "cold")
+
+    def became_wrong(first: pd.DataFrame, second: pd.DataFrame) -> int:
+        return int(right(first[here], tier).sum() - right(second[here], tier).sum())
+
+    return became_wrong(_first_answers(a), _first_answers(b)) >= least or became_wrong(a, b) >= BY_CHANCE
+
+
+def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:
+    """Without what is of the timed answers: their gap, and whether a solver was caught, which is looked for at a setting that is drawn."""
+    caught = rows.status.isin([str(status) for status in CHEATS])
+    return rows.assign(timed_gap=math.nan, status=rows.status.mask(caught, str(Status.OK)))
+
+
+def _is_in(rows: pd.DataFrame, other: pd.DataFrame) -> np.ndarray:
+    return pd.MultiIndex.from_frame(rows[NAMES]).isin(pd.MultiIndex.from_frame(other[NAMES]))

@@ -54,8 +54,8 @@ class Measurements:
 
     @cached_property
     def field(self) -> pd.DataFrame:
-        """Without the floor."""
-        return self.rows[self.rows.solver != FLOOR]
+        """Settings and defaults, without the floor and limits of iterations."""
+        return self.rows[(self.rows.solver != FLOOR) & ((self.rows.rung >= 0) | self.rows.is_default)]
 
     @cached_property
     def settings(self) -> pd.DataFrame:

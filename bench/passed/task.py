@@ -29,6 +29,8 @@ class Setting:
     """Its place in the ladder, from loose to tight."""
     is_default: bool = True
     """Whether it is what the solver does unasked."""
+    rung_text: str = ""
+    """Of a limit of iterations, the setting that it is put on; the limit itself is in `Task.more`."""
 
 
 NO_SETTING = Setting(setting_text({}))
@@ -60,7 +62,7 @@ class Task:
 
     def asked(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The settings for a problem whose constant is c."""
-        return {**cls.at(self.setting.text, c), **self.more}
+        return {**cls.at(self.setting.rung_text or self.setting.text, c), **self.more}
 
 
 def settings_of(solver: Described) -> Sequence[Setting]:
@@ -68,6 +70,12 @@ def settings_of(solver: Described) -> Sequence[Setting]:
     unasked = setting_text(solver.unasked)
     rungs = [Setting(setting_text(rung), i, setting_text(rung) == unasked) for i, rung in enumerate(solver.ladder)]
     return rungs if any(rung.is_default for rung in rungs) else [Setting(unasked), *rungs]
+
+
+def limited(solver: Described, limit: int) -> Setting:
+    """The tightest setting with a limit of iterations, so that it is the limit that ends a solve."""
+    rung = tightest(solver)
+    return Setting(setting_text({**solver.ladder[-1], solver.iteration_setting: limit}), is_default=False, rung_text=rung.text)
 
 
 def tightest(solver: Described) -> Setting:

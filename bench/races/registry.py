@@ -1,4 +1,4 @@
-"""The folder is the registry: each folder beside this file with a ``kind.py`` is one kind of race."""
+"""The folder is the registry: each ``kind.py`` in a folder beside this file has a kind of race, or several that share all but settings and report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ DEFAULT = "oneshot"
 def kinds() -> dict[str, Kind]:
     """The kinds of race by name, the default one first."""
     names = sorted((path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name))
-    return {name: import_module(f"{__package__}.{name}.kind").KIND for name in names}
+    found = [each for name in names for each in vars(import_module(f"{__package__}.{name}.kind")).values() if isinstance(each, Kind)]
+    return {each.name: each for each in found}
 
 
 def kind_of(run: Run) -> Kind:

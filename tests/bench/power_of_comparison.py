@@ -1,64 +1,67 @@
-"""How often a comparison of independent races is right on this machine: an hour or more, so no test runs it.
+"""How often a comparison is right, by simulated pairs of runs: some minutes, so no test runs it all.
 
-    python tests/bench/power_of_comparison.py FOLDER [--pairs 6] [OPTIONS OF THE RACE]
+    python tests/bench/power_of_comparison.py [--pairs 200] [RUN_A RUN_B]
 
-Beside the default field races a solver of one's own that can be made to wait. Compared are pairs of races in which nothing
-changed, pairs in which it takes 1.5 times as long, and, with the repeats that the pairs without a change recommend for it, pairs in
-which it takes 1.2 times as long. What is raced already is not raced again, so that an interrupted measurement is carried on.
+In each pair nothing changed, or one solver lane by 1.2 times, slower or faster. The noise is made up, for fields from small to that of a default
+race and machines from quiet to noisy, or that of two real runs between which nothing changed. Said are the shares of pairs without a change in
+which a lane differs, of changes that are found, and of those that are missed though it was said that there is no difference.
 """
 
 import argparse
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
-import slowed_solver
+import numpy as np
+from simulated_pairs import pair, ratios, resampled
 
-from bench.comparison.compare import RunComparison, compare_runs
-from bench.comparison.lines import CHANGES
+from bench.comparison.compare import BETTER, BLOCK, CANNOT_TELL, NAMES, SAME, SOLVER_LANE, compare_times, levels
+from bench.derived.measurements import Measurements
+from bench.derived.table import ONESHOT
 from bench.store import Run
+from solvers.arrays import Vector
+
+CHANGE = 1.2
 
 
-def race(folder: Path, factor: float, repeats: int, number: int, words: list[str]) -> Run:
-    """A race with the solver that waits, or what is there of it."""
-    name = f"slowed{factor:g}-repeats{repeats}-{number}"
-    if not (folder / name / "report.md").is_file():
-        file = slowed_solver.write(folder / f"solver-{factor:g}", factor)
-        subprocess.run([sys.executable, "-m", "bench", "race", *words, "--solver", str(file), "--repeats", str(repeats),
-                        "--out", str(folder), "--name", name], check=True, stdout=subprocess.DEVNULL)
-    return Run.open(folder / name)
+def rates(make: Callable[[np.random.Generator], list[Vector]], pairs: int) -> dict[str, float]:
+    """Shares of pairs: false findings, changes that are found, changes that are missed in silence, lanes of which nothing can be told."""
+    chance = np.random.default_rng(1)
+    counts = dict.fromkeys(("false", "found", "silent", "cannot tell"), 0.0)
+    for _ in range(pairs):
+        same = compare_times(pair(make(chance)), CHANGE)[0].finding
+        counts["false"] += (~same.isin([SAME, CANNOT_TELL])).any()
+        counts["cannot tell"] += (same == CANNOT_TELL).mean()
+        times, _ = compare_times(pair(make(chance), {"s0": CHANGE ** chance.choice((-1, 1))}), CHANGE)
+        finding = times.finding[times.solver == "s0"].item()
+        counts["found"] += finding not in (SAME, CANNOT_TELL)
+        counts["silent"] += finding == SAME
+    return {name: count / pairs for name, count in counts.items()}
 
 
-def pair(folder: Path, number: int, factor: float, repeats: int, words: list[str]) -> RunComparison:
-    """Two races, the second with the solver slowed by a factor; says what is found. A first race is the first of every factor."""
-    second = race(folder, factor, repeats, 2 * number + 1, words)
-    found = compare_runs(race(folder, 1.0, repeats, 2 * number, words), second)
-    lines = found.times.lines
-    own, others = lines[lines.solver == "slowed"], lines[lines.solver != "slowed"]
-    false = others if factor != 1.0 else lines
-    print(f"{second.path.name}: "
-          + "; ".join(f"{line.timed} {line.ratio:.2f} ({line.ratio_low:.2f} to {line.ratio_high:.2f}), {line.finding}, could have shown "
-                      f"{line.shown:.2f}" for line in own.itertuples())
-          + f"; false lines {false.finding.isin(CHANGES).sum()} of {len(false)}", flush=True)
-    return found
+def noise_of(a: Run, b: Run) -> list[Vector]:
+    """What each lane has of its own on each problem of two runs."""
+    both = [levels(Measurements(run.rows(ONESHOT), run.times())) for run in (a, b)]
+    found = both[0].merge(both[1], on=[*NAMES, "timed"], suffixes=("_a", "_b"))
+    found = found[found.timed == BETTER]
+    own = (found.level_b - found.level_a).groupby([found[name] for name in [*BLOCK, *SOLVER_LANE]]).median().dropna()
+    own -= own.groupby(level=BLOCK).transform("median")
+    return [part.to_numpy() for _, part in own.groupby(level=SOLVER_LANE)]
 
 
 def main() -> None:
-    """Race and compare."""
+    """Simulate and say the rates."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--pairs", type=int, default=6)
-    asked, words = parser.parse_known_args()
-    same = [pair(asked.folder, i, 1.0, 1, words) for i in range(asked.pairs)]
-    half = [pair(asked.folder, i, 1.5, 1, words) for i in range(asked.pairs)]
-    repeats = max(int(each.times.lines[each.times.lines.solver == "slowed"].repeats.min()) for each in same)
-    fifth = [pair(asked.folder, i, 1.2, repeats, words) for i in range(asked.pairs)]
-    changed = [each.times.lines.finding.isin(CHANGES) for each in same]
-    print(f"Nothing changed: {sum(map(sum, changed))} of {sum(map(len, changed))} lines differ.")
-    for text, pairs in (("1.5 times, default effort", half), (f"1.2 times, {repeats} repeats", fifth)):
-        lines = [each.times.lines for each in pairs]
-        hits = sum(((line.solver == "slowed") & (line.finding == "slower")).any() for line in lines)
-        print(f"{text}: found in {hits} of {len(pairs)} pairs.")
+    parser.add_argument("runs", type=Path, nargs="*")
+    parser.add_argument("--pairs", type=int, default=200)
+    asked = parser.parse_args()
+    kinds: dict[str, Callable[[np.random.Generator], list[Vector]]] = {
+        f"{lanes} lanes, {problems} problems, offset {offset}": lambda chance, size=(lanes, problems, offset): ratios(chance, *size)
+        for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3)) for offset in (0.004, 0.008, 0.015)}
+    if asked.runs:
+        own = noise_of(*map(Run.open, asked.runs))
+        kinds = {" and ".join(path.name for path in asked.runs): lambda chance: resampled(chance, own)}
+    for name, make in kinds.items():
+        print(f"{name}: {', '.join(f'{what} {100.0 * share:.1f} %' for what, share in rates(make, asked.pairs).items())}", flush=True)
 
 
 if __name__ == "__main__":

@@ -140,7 +140,7 @@ def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_pa
 
 EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory")
 OF_PROBLEMS = {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "limit", "budget", "repeats"}
-READS = {"oneshot": OF_PROBLEMS | {"rounds"}, "anytime": OF_PROBLEMS, "stream": {"tier", "settings", "repeats", "samples"},
+READS = {"oneshot": OF_PROBLEMS | {"rounds"}, "anytime": OF_PROBLEMS | {"rounds"}, "stream": {"tier", "settings", "repeats", "samples"},
          "loop": {"tier", "settings", "repeats"}, "batch": {"limit", "budget", "largest", "turns"}}
 """What each kind of race goes by beside what every one does."""
 VALUES = {"set": "paper", "recording": "stage.csv", "time": "time_s", "sheet": "one", "folder": ".", "test-set": "some.py", "scaling": "raw",

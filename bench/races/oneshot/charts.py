@@ -71,6 +71,18 @@ def performance_profile(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
                  "share", log_y=False, step=True)
 
 
+def anytime(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+    """Gap within a budget of sampling periods."""
+    table = table[np.isfinite(table.median_gap)].assign(drawn=lambda known: np.maximum(known.median_gap, LEAST_GAP))
+    if table.empty:
+        return []
+    table = table.assign(name=table.name + " (" + table.lane + ")")
+    return lines(table, alt.X(**log("budget", f"sampling periods of {PERIOD_US:g} µs", table.budget)),
+                 alt.Y(**log("drawn", "relative cost gap within them, median over the problems", table.drawn, power_of_ten=True)),
+                 [alt.Tooltip("name:N"), alt.Tooltip("budget:Q"), alt.Tooltip("median_gap:Q", format=".1e"),
+                  alt.Tooltip("worst_gap:Q", format=".1e")], "drawn", log_y=True, step=True)
+
+
 def sizes(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
     """Time against the number of unknowns."""
     x = alt.X("d:Q", scale=alt.Scale(type="log", nice=False, padding=8), title="unknowns d",

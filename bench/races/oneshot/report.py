@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pandas as pd
 
-from bench.derived import pictures
+from bench.derived import anytime, pictures
 from bench.derived import summary as summaries
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
@@ -101,7 +102,18 @@ def report(run: Run) -> Report:
             Figure.of("stages", "Where the time goes",
                       f"Medians over the problems of what each part takes, for the fastest {charts.MOST_BARS} of each lane at the most exact tier "
                       "that it reaches. The time beside a name is update and solve, which every answer costs; set-up is paid once. "
-                      f"{where}", pictures.stages(summary), charts.stages)])
+                      f"{where}", pictures.stages(summary), charts.stages),
+            Figure.of("anytime", "Accuracy within sampling periods",
+                      "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median over the problems; "
+                      f"lower and further left is better. Gaps below 1e-17 are drawn at that. {where}", anytime.anytime(found), charts.anytime)])
+
+
+def anytime_report(run: Run) -> Report:
+    """The same, beginning with how exact an answer is after so many sampling periods."""
+    whole = report(run)
+    *figures, first = whole.figures
+    return replace(whole, verdict=[*anytime.sentences(first.data), *whole.verdict], ranking=anytime.accuracy_table(first.data), terminal=None,
+                   figures=[first, *figures], tables=[whole.ranking, *whole.tables])
 
 
 def _where(found: Measurements, settings: RunFile, drift: float) -> str:

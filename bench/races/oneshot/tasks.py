@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bench.passed.task import Setting, Task, settings_of
+from bench.passed.task import Setting, Task, limited, settings_of
 from bench.problems.protocol import RaceProblem
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model.identification_problem import Scaling
@@ -23,13 +23,20 @@ MOST_OF_CVXPY = 5
 
 def tasks_of(settings: OneshotSettings, field: Sequence[Described], problems: Sequence[RaceProblem], number: int, scaling: Scaling,
              repeat: int = 0) -> Iterator[Task]:
-    """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from loose to tight."""
+    """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from loose to tight,
+    then by growing limit of iterations."""
     problem = problems[number]
     for solver in field:
         if solver.lane is not Lane.CVXPY or number in spread(len(problems), MOST_OF_CVXPY):
             for setting in measured(solver) if scaling == settings.scalings[0] else settings_of(solver):
                 if setting.is_default or scaling == settings.scalings[0]:
                     yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, repeat=repeat)
+            if solver.iteration_setting and scaling == settings.scalings[0]:
+                rungs = {setting.text for setting in settings_of(solver)}
+                for limit in settings.iteration_limits:
+                    if (setting := limited(solver, limit)).text not in rungs:
+                        more = {solver.iteration_setting: limit}
+                        yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, more, repeat)
 
 
 def measured(solver: Described) -> Sequence[Setting]:

@@ -10,6 +10,7 @@ or works while nobody times it; where that one has no answer, another that has i
 
 from __future__ import annotations
 
+import math
 import secrets
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -26,7 +27,7 @@ from bench.processes.sentinel import EVERY_S
 from bench.races import null_solver
 from bench.races.conditions import watched
 from bench.races.oneshot.blocks import timed
-from bench.races.oneshot.rows import ends_ladder, not_run, row_of, times_of
+from bench.races.oneshot.rows import LONGEST_US, ends_ladder, not_run, row_of, times_of
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.run_problems import watched_folders
 from bench.store import Run
@@ -99,6 +100,8 @@ def _ladder(unit: Unit, run: Run, fresh: Sequence[FreshData], line_up: LineUp, t
     left = [task for task in tasks if not run.is_done(task)]
     drawn, looked = secrets.choice(left or tasks), not left
     for task, data in zip(tasks, fresh, strict=False):
+        if rows and _came_to_its_end(tasks[len(rows) - 1], rows[-1]):
+            break
         tell(task)
         if run.is_done(task):
             rows += run.task(task)[0]
@@ -116,6 +119,12 @@ def _ladder(unit: Unit, run: Run, fresh: Sequence[FreshData], line_up: LineUp, t
         unseen = FreshData(unit.form, unit.settings.effort.most)
         rows[i] = measure(run, unit.problem, tasks[i], unseen, line_up, unit.settings.effort, look_closer=True)
     return rows
+
+
+def _came_to_its_end(task: Task, row: Row) -> bool:
+    """Whether larger limits of iterations than that of a task change nothing, or take too long."""
+    limit = max(task.more.values(), default=math.inf)
+    return bool(task.setting.rung_text and (0 <= row["iterations"] < limit or row["update_us"] + row["solve_us_p50"] > LONGEST_US))
 
 
 def measure(run: Run, problem: RaceProblem, task: Task, fresh: FreshData, line_up: LineUp, effort: Effort, look_closer: bool) -> Row:

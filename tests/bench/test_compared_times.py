@@ -1,0 +1,108 @@
+"""What two runs say about times, on tables whose truth is known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from simulated_pairs import pair, ratios
+
+from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, compare_times
+
+PAIRS = 15
+
+
+def times(by_lane: list[np.ndarray], smallest: float = 1.2, **changed: float) -> pd.DataFrame:
+    return compare_times(pair(by_lane, changed), smallest)[0].set_index("solver")
+
+
+def quiet(lanes: int = 8, problems: int = 6, offset: float = 0.01) -> list[np.ndarray]:
+    """Lanes evenly spread from −offset to offset, on problems that the machine meets at different speeds."""
+    return [np.full(problems, own) + 0.3 * np.arange(problems) for own in np.linspace(-offset, offset, lanes)]
+
+
+def test_two_runs_of_the_same_hardly_ever_differ() -> None:
+    chance = np.random.default_rng(0)
+    findings = [set(times(ratios(chance, 40, 18)).finding) for _ in range(PAIRS)]
+    assert sum(bool(found & {SLOWER, FASTER}) for found in findings) <= 1
+
+
+@pytest.mark.parametrize(("factor", "finding"), [(1.2, SLOWER), (1 / 1.2, FASTER)])
+def test_a_change_that_matters_is_found_on_a_quiet_machine_and_never_missed_in_silence(factor: float, finding: str) -> None:
+    chance = np.random.default_rng(0)
+    found = [times(ratios(chance, 40, 18, offset=0.008), s3=factor).finding["s3"] for _ in range(PAIRS)]
+    assert found.count(finding) >= 0.8 * PAIRS
+    assert SAME not in found
+
+
+def test_what_all_lanes_share_on_a_problem_is_the_machines_and_is_divided_out() -> None:
+    found, field = compare_times(pair(quiet(), {"s5": 1.5}), 1.2)
+    assert found.set_index("solver").finding.to_dict() == {f"s{i}": SLOWER if i == 5 else SAME for i in range(8)}
+    assert found.ratio[found.solver == "s5"].item() == pytest.approx(1.5, rel=0.01)
+    assert field.factor["in turns"] == pytest.approx(np.exp(0.75), rel=0.02)
+
+
+def test_several_changes_of_either_sign_are_found_with_their_ratios() -> None:
+    changed = {"s1": 1.5, "s2": 0.6, "s3": 2.0}
+    found = times(ratios(np.random.default_rng(4), 40, 18), **changed)
+    assert found.ratio[list(changed)].tolist() == pytest.approx(list(changed.values()), rel=0.12)
+    assert found.finding[list(changed)].tolist() == [SLOWER, FASTER, SLOWER]
+
+
+def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_the_lanes() -> None:
+    lanes = quiet()
+    found, field = compare_times(pair(lanes, {"s4": 1.08}), 1.2)
+    middle = np.log(found.ratio)
+    assert field.deviation["in turns"] == pytest.approx(1.4826 * np.median(np.abs(middle - np.median(middle))), rel=1e-4)
+    for end in (found.ratio / found.ratio_low, found.ratio_high / found.ratio):
+        assert np.log(end).to_numpy() == pytest.approx(5.0 * field.deviation["in turns"])
+
+
+def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_tell() -> None:
+    lanes = quiet()
+    lanes[0] = lanes[0] + np.linspace(-0.3, 0.3, 6)
+    assert times(lanes).finding.to_dict() == {"s0": CANNOT_TELL, **{f"s{i}": SAME for i in range(1, 8)}}
+    assert times(lanes, smallest=2.0).finding["s0"] == SAME
+
+
+@pytest.mark.parametrize(("offset", "finding"), [(0.02, SAME), (0.06, CANNOT_TELL)])
+def test_a_field_that_deviates_by_more_than_three_per_cent_cannot_tell_of_any_lane(offset: float, finding: str) -> None:
+    found, field = compare_times(pair(quiet(9, offset=offset)), 1.2)
+    assert (field.deviation["in turns"] > 0.03) == (finding == CANNOT_TELL)
+    assert finding in set(found.finding)
+    assert (finding == SAME) or set(found.finding) == {CANNOT_TELL}
+
+
+def test_the_interval_of_a_lane_holds_its_ratio_and_is_wider_for_problems_that_disagree() -> None:
+    lanes = quiet()
+    lanes[0] = lanes[0] + np.linspace(-0.2, 0.2, 6)
+    found = times(lanes)
+    assert ((found.ratio_low < found.ratio) & (found.ratio < found.ratio_high)).all()
+    widths = found.ratio_high / found.ratio_low
+    assert widths["s0"] > widths.drop("s0").max()
+
+
+@pytest.mark.parametrize("shape", [(4, 6), (8, 2)])
+def test_fewer_than_five_lanes_or_three_problems_cannot_tell(shape: tuple[int, int]) -> None:
+    found = times(quiet(*shape), s0=3.0)
+    assert set(found.finding) == {CANNOT_TELL}
+    assert np.isinf(found.ratio_high).all()
+
+
+def test_times_in_turns_come_before_hot_ones_unless_there_are_too_few() -> None:
+    hot, turns = pair(quiet(), {"s0": 2.0}, "hot"), pair(quiet())
+    few = turns[(turns.solver != "s1") | (turns.problem == "p0")]
+    found = compare_times(pd.concat([hot, few]), 1.2)[0].set_index("solver")
+    assert found.timed.to_dict() == {f"s{i}": "hot" if i == 1 else "in turns" for i in range(8)}
+    assert set(found.finding) == {SAME}
+
+
+def test_a_lane_that_answers_and_was_timed_too_seldom_cannot_tell() -> None:
+    table = pair(quiet())
+    table.loc[table.solver == "s2", "level_b"] = np.nan
+    found = compare_times(table, 1.2)[0].set_index("solver")
+    assert (found.finding["s2"], found.problems["s2"]) == (CANNOT_TELL, 0)
+    assert set(found.finding.drop("s2")) == {SAME}
+
+
+def test_runs_without_any_times_in_common_have_no_lanes() -> None:
+    found, field = compare_times(pair(quiet())[:0].astype({"level_a": float, "level_b": float}), 1.2)
+    assert (len(found), len(field)) == (0, 0)
