@@ -278,11 +278,10 @@ class CompensatorBank:
             first, last = (self._tiles * end // self.threads for end in (i, i + 1))
             face.bank_run(self._core.block, y_ref, y, x, self._room[i], first, last)
 
-        if self.threads == 1:
-            share(0)
-        else:
-            self._pool = self._pool or ThreadPoolExecutor(self.threads - 1)
-            others = [self._pool.submit(share, i) for i in range(1, self.threads)]
+        with self._core.alone():
+            if self.threads > 1:
+                self._pool = self._pool or ThreadPoolExecutor(self.threads - 1)
+            others = [self._pool.submit(share, i) for i in range(1, self.threads)] if self._pool else []
             share(0)
             for other in others:
                 other.result()

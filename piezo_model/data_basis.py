@@ -75,7 +75,8 @@ class DataBasis:
 
     def clear(self) -> None:
         """Forget P, q and c; the operator states stay, since they follow the actuator for as long as it is powered."""
-        face.basis_clear(self._core.block)
+        with self._core.alone():
+            face.basis_clear(self._core.block)
 
     @property
     def samples(self) -> int:
@@ -106,10 +107,11 @@ class DataBasis:
                 raise ValueError(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not a finite number")
         if x.size == 0:
             return
-        if count:
-            face.basis_update(self._core.block, s.unit_input(x), s.unit_output(y))
-        else:
-            face.basis_advance(self._core.block, s.unit_input(x))
+        with self._core.alone():
+            if count:
+                face.basis_update(self._core.block, s.unit_input(x), s.unit_output(y))
+            else:
+                face.basis_advance(self._core.block, s.unit_input(x))
 
     @property
     def total_weight(self) -> float:
@@ -123,7 +125,8 @@ class DataBasis:
             raise ValueError("the data basis is empty: no sample was counted")
         width, stride = self._regressors.width, self._regressors.stride
         gram = np.empty((width, padded(width)))
-        face.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
+        with self._core.alone():
+            face.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
         upper = np.triu(gram[:width, :width])
         full: Matrix = (upper + np.triu(upper, 1).T) / self.total_weight
         return full
@@ -171,10 +174,17 @@ class DataBasis:
         Raises
         ------
         ValueError
-            Where an array is missing or of another size; nothing is changed then.
+            Where an array is missing, of another size, or holds what cannot be; nothing is changed then.
         """
         for name in MEMORY:
             if name not in memory or memory[name].shape != self._core[name].shape:
                 raise ValueError(f"the memory of the data basis has no array {name!r} of the size that this structure needs")
-        for name in MEMORY:
-            self._core[name][:] = memory[name]
+        filled, samples = np.ascontiguousarray(memory["counts"]).view(np.int64)
+        if not 0 <= filled < BLOCK or samples < filled:
+            raise ValueError(f"the memory of the data basis counts {filled} rows that wait and {samples} samples, which cannot be")
+        for name in set(MEMORY) - {"counts", "span"}:
+            if not np.all(np.isfinite(memory[name])):
+                raise ValueError(f"the memory of the data basis has a number in {name!r} that is not finite")
+        with self._core.alone():
+            for name in MEMORY:
+                self._core[name][:] = memory[name]

@@ -5,7 +5,9 @@ The headers of this folder say what each function does, ``solvers/core/README.md
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,7 @@ class State:
         self.block = solvers.core.block(size)
         self.places = setup(self.block)
         self._views = {name: self.block[at:at + 8 * length].view(np.float64) for name, (at, length) in self.places.items()}
+        self._in_use = threading.Lock()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._views[name]
@@ -50,6 +53,16 @@ class State:
     def whole(self, name: str) -> NDArray[np.int64]:
         """A part that holds whole numbers."""
         return self._views[name].view(np.int64)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep a second thread out with a RuntimeError: two that change one state leave it wrong, and crash where it grows meanwhile."""
+        if not self._in_use.acquire(blocking=False):
+            raise RuntimeError("it is in use by another thread; give each thread one of its own")
+        try:
+            yield
+        finally:
+            self._in_use.release()
 
     def restore(self, block: NDArray[np.uint8]) -> None:
         """Become what a block of the same kind and size was; ValueError for another one, and nothing is changed."""

@@ -7,7 +7,6 @@ something to tell: an event for the log, a program for a solver, a range to look
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Mapping
 from typing import Any, TypedDict
 
@@ -50,7 +49,6 @@ class Learner:
 
     def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:
         self._compensator, self._settings, self._log = compensator, settings, log
-        self._busy = threading.Lock()
         s = compensator.model.structure
         self.cyclic = settings.mode == "cyclic"
         self._problem: IdentificationProblem | None = None
@@ -103,7 +101,7 @@ class Learner:
 
     def step(self, y_ref: float, y: float | None) -> float:
         """Observe the output of the last drive, None where there was none, then the drive for a reference."""
-        with self._alone():
+        with self.core.alone():
             x, brought = face.learner_step(self.core.block, self._compensator.block, y_ref, math.nan if y is None else y, y is not None)
             if brought:
                 self._follow(Brought(brought))
@@ -112,14 +110,14 @@ class Learner:
 
     def drive(self, y_ref: Vector) -> Vector:
         """Drives (N,) for references, N at most `samples_until_change`; their outputs are to be observed next."""
-        with self._alone():
+        with self.core.alone():
             x = np.empty_like(y_ref)
             face.learner_drive(self.core.block, self._compensator.block, y_ref, x)
             return x
 
     def observe(self, x: Vector, y: Vector) -> None:
         """Learn from drive samples and the outputs that they produced."""
-        with self._alone():
+        with self.core.alone():
             done = 0
             while done < x.size:
                 done, brought = face.learner_observe(self.core.block, self._compensator.block, y, x, done)
@@ -128,16 +126,13 @@ class Learner:
 
     def replay(self, y_ref: Vector, y: Vector) -> Vector:
         """Drive samples (N,), each followed by learning from the output (N,) that it produced."""
-        with self._alone():
+        with self.core.alone():
             done, x = 0, np.empty_like(y_ref)
             while done < x.size:
                 done, brought = face.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done)
                 if brought:
                     self._follow(Brought(brought))
             return x
-
-    def _alone(self) -> _Alone:
-        return _Alone(self._busy)
 
     def _follow(self, brought: Brought) -> None:
         """Note what a block brought, and do what is Python's part."""
@@ -222,12 +217,12 @@ class Learner:
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied."""
-        with self._alone():
+        with self.core.alone():
             return {"core": self.core.block.copy(), "driven": self._driven.memory()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before. ValueError says why not."""
-        with self._alone():
+        with self.core.alone():
             found = convert(memory, LearningMemory)
             if found["core"].dtype != np.uint8 or found["core"].size != self.core.block.size:
                 raise ValueError("the state of the core is that of another structure")
@@ -235,17 +230,3 @@ class Learner:
             face.learner_restore(self.core.block, aligned(found["core"]))
             stepping = self.cyclic and self._clock("phase") == LEARN
             self._problem = program.gathered(self.core, self._compensator.model.structure, self._settings.proximal) if stepping else None
-
-
-class _Alone:
-    """Keeps a second thread out, with an error in place of a wait: two that use one learner are wrong in any order."""
-
-    def __init__(self, lock: threading.Lock) -> None:
-        self._lock = lock
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise RuntimeError("this compensator is in use by another thread; each thread needs one of its own")
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
