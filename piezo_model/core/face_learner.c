@@ -201,14 +201,17 @@ FACE(learner_restore)
             refuse(a, "it is the state of a learner of other sizes");
         } else {
             const Learner found = learner_at(other);
-            if (!sound(&found, then)) {
+            const size_t parameters = sizeof(real) * (size_t)(lanes(l.shape) + rate_lanes(l.shape) + 4 * zone_lanes(l.shape));
+            if (memcmp(l.settings, found.settings, sizeof *l.settings) != 0
+                || memcmp(l.regressors.operators.r, found.regressors.operators.r, parameters) != 0) {
+                refuse(a, "it is the state of a learner of other settings");
+            } else if (!sound(&found, then)) {
                 refuse(a, "a count, an index or a number in it cannot be");
             } else {
                 memcpy(a->views[0].buf, other, (size_t)now->shaped.bytes);
             }
         }
     }
-    (void)l;
     return finish_integer(a, 0);
 }
 

@@ -1,0 +1,103 @@
+"""Whatever stands in a saved learner, bank or data basis: it is refused, or the drive stays inside its limits; nothing crashes."""
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from learning_loops import MODES, sensor, structure_for
+
+from piezo_model import CompensatorBank, DataBasis, SelfLearningCompensator
+
+SCRIPT = """
+import sys
+import numpy as np
+from test_memory_from_outside import restored_or_refused
+print(*restored_or_refused(sys.argv[1], int(sys.argv[2])))
+"""
+HOSTILE = [np.array([value]).view(np.uint8) for value in (-1, 2**31 - 1, 2**62, 7, np.nan, np.inf, 1e300, -1e-300)]
+
+
+def of_kind(kind: str) -> tuple[SelfLearningCompensator | CompensatorBank, tuple[float, float]]:
+    """One that has learned for a while."""
+    plant = sensor()
+    structure = structure_for(plant, n=3, m=1, offset=False)
+    y_ref = np.linspace(*plant.y_range, 1500)[np.abs(np.arange(3000) % 400 - 200) * 7]
+    if kind == "bank":
+        bank = CompensatorBank(structure, 8, hand_over_s=0.05)
+        bank.run(np.tile(y_ref[:, None], 8), np.tile(0.9 * y_ref[:, None], 8))
+        return bank, plant.x_range
+    learner = SelfLearningCompensator(structure, 0.1, 0.5, 0.2, mode="cyclic" if kind == "cyclic" else "continuous", hand_over_s=0.05,
+                                      x_limits=plant.x_range, find_centre=False, follow_range=False)
+    learner.run(y_ref, plant.run)
+    return learner, plant.x_range
+
+
+def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
+    """How many of a few hundred damaged memories were refused, and how many ran on inside the limits."""
+    random, refused, ran = np.random.default_rng(seed), 0, 0
+    one, (low, high) = of_kind(kind)
+    good, y_ref = one.memory(), np.linspace(low, high, 150)
+    for _ in range(300):
+        damaged = one.memory() if kind == "bank" else {**good, "learning": {**good["learning"], "core": good["learning"]["core"].copy()}}
+        core = damaged["core"] if kind == "bank" else damaged["learning"]["core"]
+        for _ in range(int(random.integers(1, 4))):
+            first = 8 * int(random.integers(0, (600 if random.random() < 0.5 else core.size) // 8))
+            core[first:first + 8] = HOSTILE[int(random.integers(len(HOSTILE)))]
+        try:
+            one.restore(damaged)
+        except ValueError:
+            refused += 1
+            continue
+        if isinstance(one, CompensatorBank):
+            x = one.run(np.tile(y_ref[:, None], 8), np.tile(y_ref[:, None], 8))
+        else:
+            x = one.replay(y_ref, y_ref)
+        if not (np.all(np.isfinite(x)) and x.min() >= low and x.max() <= high):
+            raise AssertionError("the drive left its limits")
+        ran += 1
+        one.restore(good)
+    return refused, ran
+
+
+@pytest.mark.parametrize("kind", [*MODES, "bank"])
+def test_a_damaged_memory_is_refused_or_drives_inside_the_limits(kind: str) -> None:
+    done = subprocess.run([sys.executable, "-c", SCRIPT, kind, "0"], env={"PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"},
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    refused, ran = map(int, done.stdout.split())
+    assert refused > 50
+    assert ran > 10
+
+
+@pytest.mark.parametrize("name", ["counts", "gram", "play"])
+def test_a_data_basis_takes_no_memory_that_cannot_be(name: str) -> None:
+    basis = DataBasis(structure_for(sensor()))
+    basis.update(np.linspace(-1.0, 1.0, 100), np.linspace(-1.0, 1.0, 100))
+    before, memory = basis.P.copy(), basis.memory()
+    memory[name][0] = np.array([2**40]).view(np.float64)[0] if name == "counts" else np.nan
+    with pytest.raises(ValueError, match="the memory of the data basis"):
+        basis.restore(memory)
+    np.testing.assert_array_equal(basis.P, before)
+
+
+def test_a_second_thread_is_refused_while_the_first_is_at_work() -> None:
+    basis, x, said = DataBasis(structure_for(sensor(), n=30, m=9)), np.sin(np.arange(300_000) / 50.0), []
+
+    def update() -> None:
+        try:
+            for _ in range(5):
+                basis.update(x, x)
+        except RuntimeError as error:
+            said.append(str(error))
+
+    threads = [threading.Thread(target=update) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert 1 <= len(said) <= 2
+    assert set(said) == {"it is in use by another thread; give each thread one of its own"}
+    assert basis.samples >= 5 * x.size
