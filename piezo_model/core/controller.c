@@ -5,7 +5,8 @@ static SensorGuard *guard_of(const Controller *c) { return (SensorGuard *)(void 
 void N(controller_begin_block)(const Controller *c, const num *play, const num *creep)
 {
     MailboxHead *const m = c->mailbox.head;
-    const Block b = block_at(&c->mailbox, m->published);
+    const int32_t place = (int32_t)(m->published % (uint32_t)m->blocks);
+    const Block b = block_in(&c->mailbox, place);
     const int k = play_vectors(c->compensator.shape), states = k + creep_vectors(c->compensator.shape);
     for (int i = 0; i < states; ++i) {
         store((real *)(void *)b.play + LANES * i, i < k ? vector(play, i) : flushed8(vector(creep, i - k)));
@@ -13,6 +14,7 @@ void N(controller_begin_block)(const Controller *c, const num *play, const num *
     b.head->first = m->samples;
     b.head->epoch = m->epoch;
     b.head->answered = m->answered;
+    m->place = place;
     m->filled = 0;
     m->to_go = m->block - (int32_t)(m->samples % m->block);
 }
@@ -31,7 +33,7 @@ int N(controller_observe)(const Controller *c, num x, num y)
 {
     const DriveSettings *const p = c->compensator.settings;
     MailboxHead *const m = c->mailbox.head;
-    const Block b = block_at(&c->mailbox, m->published);
+    const Block b = block_in(&c->mailbox, m->place);
     const num unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
     num fault;
     const num good = guard_judge(guard_of(c), x, unit_y, &fault), faults = plus(from_shared(c->mailbox.faults, 0), fault);

@@ -156,9 +156,9 @@ static int sound(const Learner *l, const LearnerHead *head)
     const MailboxHead *const m = l->mailbox.head;
     const LearnerSettings *const p = l->settings;
     const LearnerClock *const t = l->clock;
-    const Block block = block_at(&l->mailbox, m->published);
+    const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
     const int cyclic = head->way == CYCLIC;
-    int fine = m->block == head->block && m->blocks == head->blocks && m->delay >= 0 && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0
+    int fine = m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0
         && m->filled + m->to_go <= m->block && m->published == m->consumed && m->offered - m->answered <= 1;
     fine = fine && p->way == head->way && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0 && p->middle < l->shape.zones
         && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET && t->phase <= LEARN && t->next_interval >= 0;

@@ -21,14 +21,28 @@ void N(learner_take)(Learner *l, Room *own, Room *notes)
     l->newer = take_note(notes, s);
 }
 
-/* Write the rows of a block, judge weights in use and candidate by them, and note what was driven. */
-static Passed pass_through(const Learner *l, const Block *block)
+/* How many samples of a block are good. */
+static Passed count_good(const Block *block)
+{
+    Passed b;
+    memset(&b, 0, sizeof b);
+    b.count = block->head->count;
+    b.end = block->head->first + b.count;
+    for (int k = 0; k < b.count; ++k) {
+        b.good = plus(b.good, is_finite(from_shared(block->y, k)));
+    }
+    return b;
+}
+
+/* Write the rows of a block, note what was driven, and where it `judges` the errors of weights in use and candidate. */
+static Passed pass_through(const Learner *l, const Block *block, int judges)
 {
     const Shape s = l->shape;
     const Workspace work = workspace_of(l), *const w = &work;
     const num infinite = constant(REAL_INFINITY), low = infinite, high = minus(constant(0), infinite);
-    Passed b = {block->head->count, block->head->first + block->head->count, constant(0), constant(0), {low, high, low, high},
-                constant(0), constant(0)};
+    Passed b = count_good(block);
+    b.span[0] = b.span[2] = low;
+    b.span[1] = b.span[3] = high;
     for (int i = 0; i < play_vectors(s) * (LANES / WIDTH); ++i) {
         w->play[i] = from_shared(block->play, i);
     }
@@ -38,13 +52,13 @@ static Passed pass_through(const Learner *l, const Block *block)
     for (int k = 0; k < b.count; ++k) {
         num *const row = w->rows + k * row_nums(s);
         const num x = from_shared(block->x, k), y = from_shared(block->y, k), good = is_finite(y);
-        num error, other;
         write_row(&l->regressors, s, good, x, choose(good, y, constant(0)), w->play, w->creep, row);
-        error = plus(dot(l->in_use, row + 1, VECTORS(l->d)), row[0]);
-        other = plus(dot(l->candidate, row + 1, VECTORS(l->d)), row[0]);
-        b.squares_in_use = plus_times(b.squares_in_use, error, error);
-        b.squares_candidate = plus_times(b.squares_candidate, other, other);
-        b.good = plus(b.good, good);
+        if (judges) {
+            const num error = plus(dot(l->in_use, row + 1, VECTORS(l->d)), row[0]);
+            const num other = plus(dot(l->candidate, row + 1, VECTORS(l->d)), row[0]);
+            b.squares_in_use = plus_times(b.squares_in_use, error, error);
+            b.squares_candidate = plus_times(b.squares_candidate, other, other);
+        }
         b.span[0] = choose(good, lowest(x, b.span[0]), b.span[0]);
         b.span[1] = choose(good, greatest(x, b.span[1]), b.span[1]);
         b.span[2] = choose(good, lowest(y, b.span[2]), b.span[2]);
@@ -131,7 +145,8 @@ int N(learner_learn)(const Learner *l)
         l->memory->fault_count = from_shared(block.faults, 0);
     }
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
-        Passed b = pass_through(l, &block);
+        const int cyclic = l->settings->way == CYCLIC;
+        Passed b = cyclic && l->clock->phase != BUILD ? count_good(&block) : pass_through(l, &block, !cyclic);
         b.fault = less(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
             l->memory->pending = constant(0);
@@ -139,7 +154,7 @@ int N(learner_learn)(const Learner *l)
 #ifdef CORE_TILE
         brought = tile_continuous_block(l, &b);
 #else
-        brought = l->settings->way == CYCLIC ? cyclic_block(l, &b) : continuous_block(l, &b);
+        brought = cyclic ? cyclic_block(l, &b) : continuous_block(l, &b);
 #endif
     }
     CORE_RELEASE(&m->consumed, m->consumed + 1);

@@ -38,6 +38,7 @@ typedef struct {
     int64_t delay;
     int64_t samples;       /* taken so far, those that a tile began late included */
     int32_t filled, to_go; /* samples in the present block, and samples that it has not yet got */
+    int32_t place;         /* of the present block in the ring */
     uint32_t published, consumed, offered, answered, epoch;
     uint32_t dropped, late; /* blocks, and offers */
 } MailboxHead;
@@ -98,9 +99,9 @@ CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
     return m;
 }
 
-CORE_INLINE Block block_at(const Mailbox *m, uint32_t number)
+CORE_INLINE Block block_in(const Mailbox *m, int32_t place)
 {
-    char *const at = m->ring + block_bytes(m->shape, m->head->block) * (int64_t)(number % (uint32_t)m->head->blocks);
+    char *const at = m->ring + block_bytes(m->shape, m->head->block) * place;
     Block b;
     b.head = (BlockHead *)(void *)at;
     b.play = (shared *)(void *)(at + 64);
@@ -110,6 +111,8 @@ CORE_INLINE Block block_at(const Mailbox *m, uint32_t number)
     b.faults = b.y + WIDTH * m->head->block;
     return b;
 }
+
+CORE_INLINE Block block_at(const Mailbox *m, uint32_t number) { return block_in(m, (int32_t)(number % (uint32_t)m->head->blocks)); }
 
 CORE_INLINE num from_shared(const shared *p, int i)
 {
