@@ -22,7 +22,7 @@ int64_t bank_bytes(Shape s, int64_t tiles, int block)
     return HEAD_BYTES + parameter_bytes(s) + tiles * (driver_bytes(s, block) + learner_part_bytes(s) + note_bytes(s));
 }
 
-int64_t bank_room_bytes(Shape s, int block) { return workspace_bytes(s, block) + box_bytes(unknowns(s)); }
+int64_t bank_room_bytes(Shape s, int block) { return workspace_bytes(s, block, CONTINUOUS) + box_bytes(unknowns(s)); }
 
 Bank bank_at(void *memory)
 {
@@ -125,7 +125,7 @@ CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
 void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples, void *room)
 {
     const int64_t width = b->head->tiles * LANES;
-    const Workspace work = tile_workspace_at(room, b->shape, b->head->block);
+    const Workspace work = tile_workspace_at(room, b->shape, b->head->block, CONTINUOUS);
     for (int64_t begin = first; begin < last; begin += TOGETHER) {
         const int64_t end = begin + TOGETHER < last ? begin + TOGETHER : last;
         for (int64_t k = 0; k < samples; ++k) {

@@ -50,7 +50,7 @@ int N(controller_observe)(const Controller *c, num x, num y)
     if (m->blocks == 1 || m->published + 1 - CORE_ACQUIRE(&m->consumed) < (uint32_t)m->blocks) {
         CORE_RELEASE(&m->published, m->published + 1);
     } else {
-        ++m->dropped;
+        CORE_RELEASE(&m->dropped, m->dropped + 1);
     }
     return 1;
 }
@@ -72,7 +72,7 @@ static int take_offer(const Controller *c, Change *change)
         const num unknown = less(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
         change->inverse = take_inverse(&room, c->compensator.shape);
         change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
-        m->late += m->samples > *o->due;
+        CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));
     }
     CORE_RELEASE(&m->answered, offered);
     return current;

@@ -1,14 +1,19 @@
 #include "learner.h"
 
-Workspace N(workspace_at)(void *memory, Shape s, int block)
+Workspace N(workspace_at)(void *memory, Shape s, int block, int way)
 {
     const int d = unknowns(s);
     Workspace w;
     Room room = {memory};
+    memset(&w, 0, sizeof w);
     w.rows = nums(&room, block * row_nums(s) + LANES);
     w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
     w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
     w.inverse = take_inverse(&room, s);
+    w.exact = (char *)memory + workspace_bytes(s, block, way);
+    if (way == CYCLIC) {
+        return w;
+    }
     w.program = pivoting_at(&room, d);
     w.P = reals(&room, 1, padded(d * d));
     w.q = reals(&room, 1, padded(d));
@@ -19,7 +24,6 @@ Workspace N(workspace_at)(void *memory, Shape s, int block)
     w.owner = integers(&room, LANES);
     w.rounds = integers(&room, LANES);
 #endif
-    w.exact = (char *)memory + workspace_bytes(s, block);
     return w;
 }
 
@@ -163,7 +167,7 @@ int N(learner_learn)(const Learner *l)
 #ifdef CORE_TILE
         brought = tile_continuous_block(l, &b);
 #else
-        brought = l->settings->way == CYCLIC ? cyclic_block(l, &b) : continuous_block(l, &b);
+        brought = WAY(l->settings) == CYCLIC ? cyclic_block(l, &b) : continuous_block(l, &b);
 #endif
     }
     CORE_RELEASE(&m->consumed, m->consumed + 1);
@@ -175,13 +179,13 @@ int64_t learner_bytes(Shape s, int block, int blocks, int way)
 {
     return HEAD_BYTES + mailbox_bytes(s, block, blocks) + room_bytes(sizeof(LearnerSettings)) + room_bytes(sizeof(LearnerClock))
         + (int64_t)sizeof(real) * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s) + (way == CYCLIC ? 0 : 2 * note_nums(s)))
-        + (way == CYCLIC ? cyclic_bytes(s) : 0) + workspace_bytes(s, block) + box_bytes(unknowns(s));
+        + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
 }
 
 Learner learner_at(void *memory)
 {
     const LearnerHead *const head = memory;
-    const int way = head->way;
+    const int way = (int)WAY(head);
     Learner l;
     Room room = after_head(memory);
     l.shape = SHAPE(&head->shaped);
@@ -198,7 +202,7 @@ Learner learner_at(void *memory)
     if (way == CYCLIC) {
         l.cyclic = take_cyclic_room(&room, l.shape);
     }
-    l.work = workspace_at(room.at, l.shape, head->block);
+    l.work = workspace_at(room.at, l.shape, head->block, way);
     return l;
 }
 
@@ -222,7 +226,7 @@ void learner_begin(const Learner *l)
     m->fault_count = (num)l->mailbox.faults[0];
     m->pending = 0;
     memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
-    if (p->way == CYCLIC) {
+    if (WAY(p) == CYCLIC) {
         cyclic_enter(l, RESET);
     } else {
         l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
