@@ -21,11 +21,11 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
-from piezo_model.compensator import DriveLimits
-from piezo_model.core import State, face
+from piezo_model.compensator import DriveLimits, drive_settings
+from piezo_model.core import State, aligned, face
 from piezo_model.json_file import Number, convert, decoded
-from piezo_model.learning.layout import CHECKPOINT_S, PROXIMAL
-from piezo_model.learning.settings import MIN_SLOPE, require_seconds
+from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
+from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operators import creep_gain
 from piezo_model.regressors import RegressorArrays
@@ -36,16 +36,14 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LANES, BLOCK = 8, 32
-"""Actuators of a tile; most rows that are gathered before they are added, as of ``core/bank.h``."""
+LANES = 8
+"""Actuators of a tile."""
 GOLDEN = 0.6180339887498949
 """Tile t begins the fraction of t times this of an interval late, evenly spread however many tiles there are, and t whole ones, so that
 checkpoints are spread, too."""
-MEMORY = ("learning", "left", "probation", "level", "squares_in_use", "squares_candidate", "predicted", "established", "noted", "revert",
-          "wait", "in_half", "low", "high", "low_before", "high_before", "last_x", "last_y", "way", "x_lowest", "x_highest", "hand_overs",
-          "refusals", "faults", "alone")
-"""What each learner remembers beside vectors, in the order of ``core/bank.h``."""
-FORMAT, VERSION = "piezobench-bank", 2
+LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
+"""Parts of a tile that have a number for each of its actuators."""
+FORMAT, VERSION = "piezobench-bank", 3
 MOST_TILES = 2**24
 
 
@@ -56,6 +54,7 @@ class Options(TypedDict):
     hand_over_s: float
     reset_s: float
     fade_s: float
+    integral_gain: float
     rate_limit: Number | None
 
 
@@ -80,7 +79,7 @@ class CompensatorBank:
         Limits of the drives in the input unit; the structure's range by default.
     learn : bool or array (count,)
         Which actuators learn; see :attr:`learning`.
-    memory_s, reset_s, fade_s, rate_limit
+    memory_s, reset_s, fade_s, rate_limit, integral_gain
         As of ``SelfLearningCompensator``.
     hand_over_s : float
         Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples (:attr:`interval`).
@@ -98,18 +97,18 @@ class CompensatorBank:
 
     def __init__(self, structure: ModelStructure, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None,
                  learn: ArrayLike = True, *, memory_s: float = 2.0, hand_over_s: float = 0.1, reset_s: float = 0.1,
-                 fade_s: float = 0.002, rate_limit: float | None = None, threads: int = 1) -> None:
+                 fade_s: float = 0.002, integral_gain: float = 0.0, rate_limit: float | None = None,
+                 threads: int = 1) -> None:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
         for name, value in (("memory_s", memory_s), ("hand_over_s", hand_over_s), ("reset_s", reset_s), ("fade_s", fade_s)):
             require_seconds(name, value)
         self.structure, self.threads = structure, threads
         self.rate_limit = rate_limit
-        self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s}
-        blocks = -(-structure.samples(hand_over_s) // BLOCK)
-        self.block = structure.samples(hand_over_s) // blocks
+        self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s, "integral_gain": integral_gain}
+        self.block, self._numbers = continuous_numbers(structure, hand_over_s, memory_s, reset_s)
         """Samples of a block."""
-        self.interval = self.block * blocks
+        self.interval = int(self._numbers["interval"])
         """Samples from one optimum of an actuator to the next."""
         self._pool: ThreadPoolExecutor | None = None
         self._tiles = 0
@@ -122,37 +121,30 @@ class CompensatorBank:
         """Make room for so many tiles, the first of them as they are."""
         s, shape, before, tiles_before = self.structure, self.structure.shape, self._tables, self._tiles
         self._tiles = tiles
-        core = State(face.bank_bytes(*shape, tiles), lambda block: face.bank_setup(block, *shape, tiles))
+        core = State(face.bank_bytes(*shape, tiles, self.block), lambda block: face.bank_setup(block, *shape, tiles, self.block))
         self._core = core
-        o, limits, arrays = self.options, DriveLimits.of(s, None, self.rate_limit), RegressorArrays.of(s, "slope")
-        whole = core["settings"].view(np.int64)
-        checkpoint = self.interval * max(1, s.samples(CHECKPOINT_S) // self.interval)
-        whole[:6] = self.block, self.interval, checkpoint, s.samples(o["reset_s"]), s.samples(o["memory_s"]), s.middle
-        core["settings"][6:] = (math.exp(-s.sample_time / o["memory_s"]), PROXIMAL, math.exp(-s.sample_time / o["fade_s"]),
-                                1.0 / s.samples(1.0), MIN_SLOPE, limits.max_step, s.x_centre, s.x_scale, s.y_centre, s.y_scale)
-        core["r"][1:] = s.play_thresholds
-        core["a"][:] = creep_gain(s.creep_rates, s.sample_time)
-        for name, values in (("zone_low", arrays.dead_zones.low), ("zone_high", arrays.dead_zones.high),
-                             ("outer_low", arrays.outer.low), ("outer_high", arrays.outer.high)):
-            core[name][:] = values[:s.dead_zones]
+        limits = DriveLimits.of(s, None, self.rate_limit)
+        core["drive_settings"][:] = drive_settings(s, limits, self.options["fade_s"], self.options["integral_gain"])
+        write_settings(self._numbers, core["settings"])
+        RegressorArrays.of(s, "slope").write(core)
         places = core.places
         self._views, self._tables = {}, []
         for part in ("driver", "learner", "note"):
             first, numbers = places[part]
             table = core.block[first:first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
             self._tables.append(table)
-            for name, (at, length) in places.items():
-                begin = (at - first) // 8
-                if begin >= 0 and begin + length <= numbers and name != part:
+            for name in LANE_BY_LANE:
+                begin, length = (places[name][0] - first) // 8, places[name][1]
+                if begin >= 0 and begin + length <= numbers:
                     self._views[name] = table[:, begin:begin + length].reshape(tiles, length // LANES, LANES)
         for table, old in zip(self._tables, before, strict=False):
             table[:tiles_before] = old
-        counts = self._views["counts"].view(np.int64)
-        number = np.arange(tiles)
-        late = np.floor(number * GOLDEN % 1.0 * self.interval).astype(np.int64) + number % (checkpoint // self.interval) * self.interval
-        counts[tiles_before:, 0, 0] = late[tiles_before:]
+        checkpoints = int(self._numbers["checkpoint"]) // self.interval
+        for tile in range(tiles_before, tiles):
+            late = math.floor(tile * GOLDEN % 1.0 * self.interval) + tile % checkpoints * self.interval
+            face.bank_prepare(core.block, tile, late)
         self._views["w_H"][tiles_before:, 0] = 1.0
-        self._room = [block(face.bank_room_bytes(*shape)) for _ in range(self.threads)]
+        self._room = [block(face.bank_room_bytes(*shape, self.block)) for _ in range(self.threads)]
 
     def _place(self, slots: Index) -> None:
         """Say in which lane of all tiles each actuator is."""
@@ -191,15 +183,10 @@ class CompensatorBank:
         new = free[:count]
         self._place(np.concatenate([taken, new]))
         for name in self._views:
-            if name != "counts":
-                self._set(name, new, 0.0)
-        self._views["seen"][new // LANES, 1::2, new % LANES] = math.nan
-        self._set("limits", new, np.column_stack([low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale]))
-        self._set("fade", new, np.array([0.0, s.y_centre]))
-        memory = np.zeros(len(MEMORY))
-        memory[[MEMORY.index(name) for name in ("last_x", "last_y", "x_lowest", "x_highest")]] = math.nan
-        memory[MEMORY.index("left")] = s.samples(self.options["reset_s"])
-        self._set("memory", new, memory)
+            self._set(name, new, 0.0)
+        nothing = np.zeros(count)
+        self._set("drive_memory", new, np.column_stack([low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, nothing,
+                                                        nothing + s.y_centre, nothing, nothing + math.nan, nothing]))
         straight = HysteresisCreepModel.from_weights(s, s.straight_line)
         self._take(new, [straight] * count)
         learning = self.learning
@@ -317,7 +304,9 @@ class CompensatorBank:
         slots, lanes = memory["slots"], self._tiles * LANES
         if not (slots.dtype == np.int64 and slots.ndim == 1 and np.all((slots >= 0) & (slots < lanes)) and np.unique(slots).size == slots.size):
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
-        self._core.restore(memory["core"])
+        if memory["core"].dtype != np.uint8 or memory["core"].size != self._core.block.size:
+            raise ValueError("the memory is that of another structure or number of tiles")
+        face.bank_restore(self._core.block, aligned(memory["core"]))
         self._place(slots.copy())
 
     def save(self, path: str | Path) -> None:
@@ -336,9 +325,11 @@ class CompensatorBank:
                 if (about["format"], about["version"]) != (FORMAT, VERSION):
                     raise ValueError(f"it is none of version {VERSION}")
                 found, memory = convert(about, About), {"core": file["core"], "slots": file["slots"]}
-                if memory["core"].size != face.bank_bytes(*found["structure"].shape, found["tiles"]):
+                options = found["options"]
+                samples, _ = continuous_numbers(found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"])
+                if memory["core"].size != face.bank_bytes(*found["structure"].shape, found["tiles"], samples):
                     raise ValueError(f"the field 'tiles' is {found['tiles']}, and the memory is of another number or of another structure")
-                bank = cls(found["structure"], found["tiles"] * LANES, threads=threads, **found["options"])
+                bank = cls(found["structure"], found["tiles"] * LANES, threads=threads, **options)
                 bank.restore(memory)
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ModelError(f"{path}: does not hold a whole bank: {error}") from None

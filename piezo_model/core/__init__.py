@@ -16,6 +16,14 @@ import solvers.core
 
 face: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.face.processor_level())
 
+
+def aligned(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A copy of bytes from a cache line on, as the core wants them."""
+    copied = solvers.core.block(data.size)
+    copied[:] = data
+    return copied
+
+
 HEAD = 32
 """Bytes of a state that say what it is: kind, sizes, shape (``ShapedHead`` of ``shape.h``)."""
 

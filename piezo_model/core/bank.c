@@ -39,35 +39,41 @@ Bank bank_at(void *memory)
     return b;
 }
 
-Tile tile_at(const Bank *b, int64_t tile, Workspace work)
+Controller tile_controller(const Bank *b, int64_t tile)
 {
     const Shape s = b->shape;
-    Tile t;
-    Compensator *const c = &t.controller.compensator;
-    Room room = {b->drivers + tile * driver_bytes(s, b->head->block)}, notes = {b->notes + tile * note_bytes(s)};
-    c->head = NULL;
-    c->shape = s;
-    c->settings = b->drive_settings;
-    c->operators = b->regressors.operators;
-    c->low = b->regressors.low;
-    c->high = b->regressors.high;
-    c->memory = (DriveMemory *)(void *)nums(&room, memory_nums());
-    c->play = nums(&room, play_vectors(s));
-    c->creep = nums(&room, creep_vectors(s));
-    c->inverse = take_inverse(&room, s);
-    t.controller.mailbox = mailbox_at(room.at, s);
-    room.at = b->learners + tile * learner_part_bytes(s);
-    t.learner.shape = s;
-    t.learner.d = unknowns(s);
-    t.learner.settings = b->learner_settings;
-    t.learner.regressors = b->regressors;
-    t.learner.mailbox = t.controller.mailbox;
-    t.learner.clock = room_for(&room, sizeof *t.learner.clock);
-    t.learner.work = work;
-    t.learner.bank = b;
-    t.learner.number = (int)tile;
-    tile_learner_take(&t.learner, &room, &notes);
-    return t;
+    Controller c;
+    Room room = {b->drivers + tile * driver_bytes(s, b->head->block)};
+    c.compensator.head = NULL;
+    c.compensator.shape = s;
+    c.compensator.settings = b->drive_settings;
+    c.compensator.operators = b->regressors.operators;
+    c.compensator.low = b->regressors.low;
+    c.compensator.high = b->regressors.high;
+    c.compensator.memory = (DriveMemory *)(void *)nums(&room, memory_nums());
+    c.compensator.play = nums(&room, play_vectors(s));
+    c.compensator.creep = nums(&room, creep_vectors(s));
+    c.compensator.inverse = take_inverse(&room, s);
+    c.mailbox = mailbox_at((char *)c.compensator.memory + bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)), s);
+    return c;
+}
+
+Learner tile_learner(const Bank *b, int64_t tile, void *thread_room)
+{
+    const Shape s = b->shape;
+    Learner l;
+    Room room = {b->learners + tile * learner_part_bytes(s)}, notes = {b->notes + tile * note_bytes(s)};
+    l.shape = s;
+    l.d = unknowns(s);
+    l.settings = b->learner_settings;
+    l.regressors = b->regressors;
+    l.mailbox = tile_controller(b, tile).mailbox;
+    l.clock = room_for(&room, sizeof *l.clock);
+    l.room = thread_room;
+    l.bank = b;
+    l.number = (int)tile;
+    tile_learner_take(&l, &room, &notes);
+    return l;
 }
 
 Bank bank_setup(void *memory, Shape s, int64_t tiles, int block)
@@ -78,12 +84,22 @@ Bank bank_setup(void *memory, Shape s, int64_t tiles, int block)
     return bank_at(memory);
 }
 
+void tile_prepare(const Bank *b, int64_t tile, int64_t late)
+{
+    const Learner l = tile_learner(b, tile, NULL);
+    MailboxHead *const m = l.mailbox.head;
+    m->block = b->head->block;
+    m->blocks = 1;
+    m->delay = b->head->block;
+    m->samples = late;
+    l.clock->next_interval = (late / b->learner_settings->interval + 1) * b->learner_settings->interval;
+}
+
 void tile_begin(const Bank *b, int64_t tile, num which)
 {
-    const Workspace none = {0};
-    const Tile t = tile_at(b, tile, none);
-    const Compensator *const c = &t.controller.compensator;
-    const Learner *const l = &t.learner;
+    const Controller controller = tile_controller(b, tile);
+    const Compensator *const c = &controller.compensator;
+    const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
     SensorGuard *const guard = (SensorGuard *)(void *)l->mailbox.guard;
     const Block block = block_at(&l->mailbox, l->mailbox.head->published);
     SensorGuard fresh;
@@ -101,43 +117,43 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     tile_learner_begin_anew(l, which, constant(0));
 }
 
-static num tile_step(const Tile *t, num y_ref, num y)
+static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *room)
 {
-    const Controller *const c = &t->controller;
-    if (c->mailbox.head->to_go > 0 && tile_controller_observe(c, c->compensator.play[0], y)) { /* there has been a drive */
-        bank_wait(t->learner.bank, &t->learner.work, t->learner.number, t->learner.number);
-        tile_learner_learn(&t->learner);
+    const Controller c = tile_controller(b, tile);
+    if (c.mailbox.head->to_go > 0 && tile_controller_observe(&c, c.compensator.play[0], y)) { /* there has been a drive */
+        const Learner l = tile_learner(b, tile, room);
+        bank_wait(b, room, l.number, l.number);
+        tile_learner_learn(&l);
     }
-    return tile_controller_drive(c, y_ref);
+    return tile_controller_drive(&c, y_ref);
 }
 
 /* Have the memory on its way that the next step of this tile needs, while the tile before it is at work. */
 CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
 {
-    const Workspace none = {0};
-    const Tile t = tile_at(b, tile, none);
-    fetch(t.controller.compensator.memory, driver_bytes(b->shape, b->head->block) - block_bytes(b->shape, b->head->block));
-    if (t.controller.mailbox.head->to_go == 1) {
-        fetch(t.learner.clock, learner_part_bytes(b->shape));
+    const char *const driver = b->drivers + tile * driver_bytes(b->shape, b->head->block);
+    const int64_t own = bytes_of(memory_nums() + state_nums(b->shape) + inverse_nums(b->shape));
+    const MailboxHead *const m = (const MailboxHead *)(const void *)(driver + own);
+    fetch(driver, own + room_bytes(sizeof *m) + shared_bytes(GUARD_NUMS));
+    if (m->to_go == 1) {
+        fetch(b->learners + tile * learner_part_bytes(b->shape), learner_part_bytes(b->shape));
     }
 }
 
 void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples, void *room)
 {
     const int64_t width = b->head->tiles * LANES;
-    const Workspace work = tile_workspace_at(room, b->shape, b->head->block, CONTINUOUS);
     for (int64_t begin = first; begin < last; begin += TOGETHER) {
         const int64_t end = begin + TOGETHER < last ? begin + TOGETHER : last;
         for (int64_t k = 0; k < samples; ++k) {
             for (int64_t i = begin; i < end; ++i) {
-                const Tile t = tile_at(b, i, work);
                 const int64_t at = k * width + i * LANES;
                 if (i + 1 < last) {
                     fetch_tile(b, i + 1);
                 }
-                store(x + at, tile_step(&t, load(y_ref + at), load(y + at)));
+                store(x + at, tile_step(b, i, load(y_ref + at), load(y + at), room));
             }
         }
     }
-    bank_wait(b, &work, 0, (int)b->head->tiles - 1);
+    bank_wait(b, room, 0, (int)b->head->tiles - 1);
 }

@@ -4,10 +4,9 @@
 #include "bank.h"
 
 /* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none. */
-static void finish(const Bank *b, const Workspace *w, const Pivoting *program, int lane, int actuator, int solved)
+static void finish(const Bank *b, void *room, const Pivoting *program, int lane, int actuator, int solved)
 {
-    const Tile t = tile_at(b, actuator / LANES, *w);
-    const Learner *const l = &t.learner;
+    const Learner learner = tile_learner(b, actuator / LANES, room), *const l = &learner;
     const int to = actuator % LANES;
     if (!solved) {
         ((real *)&l->memory->alone)[to] += 1;
@@ -24,27 +23,29 @@ static void finish(const Bank *b, const Workspace *w, const Pivoting *program, i
 }
 
 /* Solve one system of each program in the queue. */
-static void move_queue_on(const Bank *b, const Workspace *w)
+static void move_queue_on(const Bank *b, void *room)
 {
+    const Workspace work = workspace_at(room, b->shape, b->head->block, CONTINUOUS), *const w = &work;
     real solved[LANES], broken[LANES];
     num more;
     store(solved, tile_pivoting_round(&w->queue, &more));
     store(broken, more);
     for (int lane = 0; lane < LANES; ++lane) {
         if (w->owner[lane] > 0 && (++w->rounds[lane] == MOST_ROUNDS || !(broken[lane] > 0))) {
-            finish(b, w, &w->queue, lane, w->owner[lane] - 1, solved[lane] > 0);
+            finish(b, room, &w->queue, lane, w->owner[lane] - 1, solved[lane] > 0);
             w->owner[lane] = 0;
         }
     }
 }
 
-static void line_up(const Bank *b, const Workspace *w, int lane, int actuator)
+static void line_up(const Bank *b, void *room, int lane, int actuator)
 {
+    const Workspace work = workspace_at(room, b->shape, b->head->block, CONTINUOUS), *const w = &work;
     int into = 0;
     while (w->owner[into] > 0) {
         into = (into + 1) % LANES;
         if (into == 0) {
-            move_queue_on(b, w);
+            move_queue_on(b, room);
         }
     }
     pivoting_move(&w->program, lane, &w->queue, into);
@@ -52,18 +53,19 @@ static void line_up(const Bank *b, const Workspace *w, int lane, int actuator)
     w->rounds[into] = 1;
 }
 
-void bank_wait(const Bank *b, const Workspace *w, int first, int last)
+void bank_wait(const Bank *b, void *room, int first, int last)
 {
+    const int32_t *const owner = workspace_at(room, b->shape, b->head->block, CONTINUOUS).owner;
     for (int lane = 0; lane < LANES; ++lane) {
-        while (w->owner[lane] > first * LANES && w->owner[lane] <= (last + 1) * LANES) {
-            move_queue_on(b, w);
+        while (owner[lane] > first * LANES && owner[lane] <= (last + 1) * LANES) {
+            move_queue_on(b, room);
         }
     }
 }
 
 int tile_learner_optimum(const Learner *l, num which)
 {
-    const Workspace *const w = &l->work;
+    const Workspace work = workspace_of(l), *const w = &work;
     real wanted[LANES], solved[LANES], broken[LANES];
     num found, more, fine;
     tile_learner_program(l);
@@ -76,9 +78,9 @@ int tile_learner_optimum(const Learner *l, num which)
     for (int lane = 0; lane < LANES; ++lane) {
         const int actuator = l->number * LANES + lane;
         if (wanted[lane] > 0 && broken[lane] > 0) {
-            line_up(l->bank, w, lane, actuator);
+            line_up(l->bank, l->room, lane, actuator);
         } else if (wanted[lane] > 0 && !(solved[lane] > 0)) {
-            finish(l->bank, w, &w->program, lane, actuator, 0);
+            finish(l->bank, l->room, &w->program, lane, actuator, 0);
         }
     }
     return 0;

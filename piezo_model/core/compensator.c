@@ -61,11 +61,12 @@ static void move_on(const Compensator *c, num x)
 void N(compensator_correct)(const Compensator *c, num y, num trusted)
 {
     DriveMemory *const m = c->memory;
-    const num error = minus(m->given, y), most_added = constant(MAGNITUDE(c->settings->y_scale));
-    const num beyond = less(constant(0), times(m->held, divided(error, constant(c->settings->y_scale))));
-    const num sum = plus_times(m->correction, constant(c->settings->gain), error);
-    if (c->settings->gain > 0) {
-        set_where(both(trusted, both(is_finite(error), is_not(beyond))), &m->correction, within(sum, minus(constant(0), most_added), most_added));
+    const DriveSettings *const p = c->settings;
+    if (p->gain > 0) {
+        const num error = minus(m->given, y), most_added = constant(MAGNITUDE(p->y_scale));
+        const num beyond = less(constant(0), times(m->held, divided(error, constant(p->y_scale))));
+        const num sum = within(plus_times(m->correction, constant(p->gain), error), minus(constant(0), most_added), most_added);
+        set_where(both(trusted, both(is_finite(error), is_not(beyond))), &m->correction, sum);
     }
 }
 

@@ -27,7 +27,6 @@ FACE(bank_setup)
     const Shape s = take_shape(a);
     const int64_t tiles = take_integer(a, 1, 1 << 24);
     const int block = (int)take_integer(a, 1, MOST_OPERATORS);
-    const Workspace none = {0};
     if (good(a)) {
         need_bytes(a, 0, bank_bytes(s, tiles, block));
     }
@@ -35,9 +34,9 @@ FACE(bank_setup)
         return finish(a, NULL);
     }
     const Bank b = bank_setup(memory, s, tiles, block);
-    const Tile t = tile_at(&b, 0, none), next = tile_at(&b, 1, none);
-    const Compensator *const c = &t.controller.compensator, *const d = &next.controller.compensator;
-    const Learner *const l = &t.learner;
+    const Controller controller = tile_controller(&b, 0), beside = tile_controller(&b, 1);
+    const Compensator *const c = &controller.compensator, *const d = &beside.compensator;
+    const Learner learner = tile_learner(&b, 0, NULL), next = tile_learner(&b, 1, NULL), *const l = &learner;
     const Regressors *const p = &b.regressors;
     const Part parts[] = {
         {"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
@@ -45,8 +44,8 @@ FACE(bank_setup)
         {"a", p->operators.a, s.rates}, {"low", p->low, zone_lanes(s)}, {"high", p->high, zone_lanes(s)},
         {"outer_low", p->outer_low, zone_lanes(s)}, {"outer_high", p->outer_high, zone_lanes(s)},
         {"driver", c->memory, (real *)d->memory - (real *)c->memory},
-        {"learner", l->clock, (real *)next.learner.clock - (real *)l->clock},
-        {"note", l->older.gram, (real *)next.learner.older.gram - (real *)l->older.gram},
+        {"learner", l->clock, (real *)next.clock - (real *)l->clock},
+        {"note", l->older.gram, (real *)next.older.gram - (real *)l->older.gram},
         {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)}, {"play", c->play, play_vectors(s) * LANES},
         {"creep", c->creep, creep_vectors(s) * LANES}, {"w_H", c->inverse.w_H, (s.n + 1) * LANES}, {"w_S", c->inverse.w_S, s.zones * LANES},
         {"w_K", c->inverse.w_K, creep_weights(s) * LANES}, {"offset", c->inverse.offset, LANES},
@@ -54,6 +53,65 @@ FACE(bank_setup)
         {"memory", l->memory, sizeof *l->memory / sizeof(real)}, {"in_use", l->in_use, l->d * LANES},
         {"candidate", l->candidate, l->d * LANES}, {"gram", l->gram, symmetric_nums(l->d + 1) * LANES}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
+}
+
+FACE(bank_prepare)
+{
+    Bank b = take_bank(a);
+    const int64_t tile = take_integer(a, 0, good(a) ? b.head->tiles - 1 : 0);
+    const int64_t late = take_integer(a, 0, INT64_MAX / 4);
+    if (good(a)) {
+        tile_prepare(&b, tile, late);
+    }
+    return finish_integer(a, 0);
+}
+
+static int all_finite(const num *v, int count)
+{
+    real sum = 0;
+    for (int i = 0; i < count * LANES; ++i) {
+        sum += ((const real *)v)[i] - ((const real *)v)[i]; /* 0, or NaN */
+    }
+    return sum == 0;
+}
+
+/* Whether a tile from outside could be followed: counts within their bounds, numbers finite that have to be. */
+static int sound(const Bank *b, int64_t tile)
+{
+    const Controller controller = tile_controller(b, tile);
+    const Compensator *const c = &controller.compensator;
+    const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
+    const MailboxHead *const m = l->mailbox.head;
+    const int fine = m->block == b->head->block && m->blocks == 1 && m->delay == m->block && m->samples >= 0 && m->filled >= 0
+        && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->published == m->consumed && m->offered - m->answered <= 1
+        && l->clock->next_interval >= 0;
+    return fine && all_finite(c->play, play_vectors(b->shape)) && all_finite(c->creep, creep_vectors(b->shape))
+        && all_finite(c->inverse.w_H, inverse_nums(b->shape)) && all_finite(l->in_use, 3 * NUMS(l->d))
+        && all_finite(l->gram, symmetric_nums(l->d + 1)) && all_finite(l->older.gram, 2 * note_nums(b->shape))
+        && all_finite((const num *)(const void *)l->mailbox.offer.inverse, inverse_nums(b->shape));
+}
+
+/* Become what another bank of the same settings and number of tiles was; nothing is changed where that cannot be. */
+FACE(bank_restore)
+{
+    Bank b = take_bank(a);
+    void *const other = take_state(a, BANK_KIND);
+    if (!good(a)) {
+        return finish(a, NULL);
+    }
+    const Bank found = bank_at(other);
+    if (a->views[1].len < b.head->shaped.bytes || memcmp(b.head, other, (size_t)(b.drivers - (char *)b.head)) != 0) {
+        refuse(a, "it is the state of a bank of another structure, size or settings");
+    }
+    for (int64_t i = 0; good(a) && i < b.head->tiles; ++i) {
+        if (!sound(&found, i)) {
+            refuse(a, "a count or a number in it cannot be");
+        }
+    }
+    if (good(a)) {
+        memcpy(b.head, other, (size_t)b.head->shaped.bytes);
+    }
+    return finish_integer(a, 0);
 }
 
 /* Make the lanes of a tile where `which` is 1 begin anew with the weights that stand in it. */

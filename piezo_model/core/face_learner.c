@@ -114,13 +114,14 @@ FACE(learner_program)
     double *const q = take_output(a, VECTOR, l.d);
     double *const lower = take_output(a, VECTOR, l.d);
     if (good(a)) {
+        const Pivoting program = workspace_of(&l).program;
         learner_program(&l);
         for (int i = 0; i < l.d; ++i) {
             for (int j = i; j < l.d; ++j) {
-                P[i * l.d + j] = P[j * l.d + i] = l.work.program.data[symmetric_row(l.d + 1, i) + j];
+                P[i * l.d + j] = P[j * l.d + i] = program.data[symmetric_row(l.d + 1, i) + j];
             }
-            q[i] = l.work.program.q[i];
-            lower[i] = l.work.program.lb[i];
+            q[i] = program.q[i];
+            lower[i] = program.lb[i];
         }
     }
     return finish_integer(a, 0);
@@ -191,7 +192,7 @@ static int sound(const Learner *l, const LearnerHead *head)
     for (int i = 0; fine && i < inverse_nums(l->shape); ++i) {
         fine = isfinite(l->mailbox.offer.inverse[i]);
     }
-    if (fine && cyclic && t->phase == LEARN && p->solver == STEPS) {
+    if (fine && cyclic) {
         const DescentHead *const d = l->cyclic.descent.head;
         fine = d->kind == DESCENT_KIND && d->d == l->d && d->bytes == descent_bytes(l->d);
     }

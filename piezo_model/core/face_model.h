@@ -43,6 +43,8 @@
     F(bank_bytes, 6, "n, zones, rates, offset, tiles, block", "size of a bank.") \
     F(bank_room_bytes, 5, "n, zones, rates, offset, block", "size of the room that each thread needs.") \
     F(bank_setup, 7, "state, n, zones, rates, offset, tiles, block", "make a block a bank; where its parts stand.") \
+    F(bank_prepare, 3, "state, tile, late", "prepare a new tile whose samples are counted from late on.") \
+    F(bank_restore, 2, "state, other", "become what another bank was.") \
     F(bank_begin, 3, "state, tile, which", "take the weights that stand in a tile and learn anew.") \
     F(bank_run, 7, "state, y_ref, y, x, room, first, last", "drives for references, learning from outputs.") \
     F(log_creep, 5, "u, a, z, u_previous, K", "creep of an actuator.") \

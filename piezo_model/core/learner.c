@@ -1,32 +1,5 @@
 #include "learner.h"
 
-Workspace N(workspace_at)(void *memory, Shape s, int block, int way)
-{
-    const int d = unknowns(s);
-    Workspace w;
-    Room room = {memory};
-    memset(&w, 0, sizeof w);
-    w.rows = nums(&room, block * row_nums(s) + LANES);
-    w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
-    w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
-    w.inverse = take_inverse(&room, s);
-    w.exact = (char *)memory + workspace_bytes(s, block, way);
-    if (way == CYCLIC) {
-        return w;
-    }
-    w.program = pivoting_at(&room, d);
-    w.P = reals(&room, 1, padded(d * d));
-    w.q = reals(&room, 1, padded(d));
-    w.lb = reals(&room, 1, padded(d));
-    w.ub = reals(&room, 1, padded(d));
-#ifdef CORE_TILE
-    w.queue = pivoting_at(&room, d);
-    w.owner = integers(&room, LANES);
-    w.rounds = integers(&room, LANES);
-#endif
-    return w;
-}
-
 static Note take_note(Room *room, Shape s)
 {
     Note n;
@@ -52,7 +25,7 @@ void N(learner_take)(Learner *l, Room *own, Room *notes)
 static Passed pass_through(const Learner *l, const Block *block)
 {
     const Shape s = l->shape;
-    const Workspace *const w = &l->work;
+    const Workspace work = workspace_of(l), *const w = &work;
     const num infinite = constant(REAL_INFINITY), low = infinite, high = minus(constant(0), infinite);
     Passed b = {block->head->count, block->head->first + block->head->count, constant(0), constant(0), {low, high, low, high},
                 constant(0), constant(0)};
@@ -65,16 +38,10 @@ static Passed pass_through(const Learner *l, const Block *block)
     for (int k = 0; k < b.count; ++k) {
         num *const row = w->rows + k * row_nums(s);
         const num x = from_shared(block->x, k), y = from_shared(block->y, k), good = is_finite(y);
-        Sum in_use = no_sum(), candidate = no_sum();
         num error, other;
         write_row(&l->regressors, s, good, x, choose(good, y, constant(0)), w->play, w->creep, row);
-        for (int i = 0; i < VECTORS(l->d); ++i) {
-            const vec8 entries = vector(row + 1, i);
-            accumulate(&in_use, i, entries, vector(l->in_use, i));
-            accumulate(&candidate, i, entries, vector(l->candidate, i));
-        }
-        error = plus(total(&in_use), row[0]);
-        other = plus(total(&candidate), row[0]);
+        error = plus(dot(l->in_use, row + 1, VECTORS(l->d)), row[0]);
+        other = plus(dot(l->candidate, row + 1, VECTORS(l->d)), row[0]);
         b.squares_in_use = plus_times(b.squares_in_use, error, error);
         b.squares_candidate = plus_times(b.squares_candidate, other, other);
         b.good = plus(b.good, good);
@@ -90,11 +57,12 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
 {
     const LearnerSettings *const p = l->settings;
     const int stride = row_nums(l->shape);
+    num *const rows = workspace_of(l).rows + 1;
     const num forgetting = constant(p->forgetting), root_step = constant(ROOT(p->forgetting));
     const Block block = block_at(&l->mailbox, l->mailbox.head->consumed);
     num root = times(learns, constant(ROOT(p->share))), fade = constant(1);
     for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1); --k) { /* the newest row has the whole share */
-        num *const row = l->work.rows + k * stride + 1;
+        num *const row = rows + k * stride;
         const num counts = both(learns, is_finite(from_shared(block.y, k)));
         const vec8 weight = SPREAD(root);
         for (int i = 0; i < VECTORS(l->d + 1); ++i) {
@@ -103,14 +71,14 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
         root = choose(counts, times(root, root_step), root);
         fade = choose(counts, times(fade, forgetting), fade);
     }
-    gram_add(l->gram, l->d + 1, fade, l->work.rows + 1, stride, count);
+    gram_add(l->gram, l->d + 1, fade, rows, stride, count);
 }
 
 /* All weights of the unknowns v, with their inverse. */
-static void invert_unknowns(const Learner *l, const num *v)
+static Inverse invert_unknowns(const Learner *l, const num *v)
 {
     const Shape s = l->shape;
-    const Inverse *const p = &l->work.inverse;
+    const Inverse inverse = workspace_of(l).inverse, *const p = &inverse;
     const num *const slopes = v + s.n;
     const int middle = (int)l->settings->middle;
     p->w_H[0] = constant(1);
@@ -126,18 +94,20 @@ static void invert_unknowns(const Learner *l, const num *v)
     }
     p->offset[0] = s.offset ? v[l->d - 1] : constant(0);
     invert(p, s, l->regressors.operators.r);
+    return inverse;
 }
 
 int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, int64_t due)
 {
     MailboxHead *const m = l->mailbox.head;
     const Offer *const o = &l->mailbox.offer;
+    Inverse inverse;
     if (m->offered != CORE_ACQUIRE(&m->answered)) {
         return 0;
     }
-    invert_unknowns(l, v);
+    inverse = invert_unknowns(l, v);
     for (int i = 0; i < inverse_nums(l->shape); ++i) {
-        to_shared(o->inverse, i, l->work.inverse.w_H[i]);
+        to_shared(o->inverse, i, inverse.w_H[i]);
     }
     to_shared(o->which, 0, which);
     to_shared(o->fallback, 0, fallback);
@@ -156,11 +126,13 @@ int N(learner_learn)(const Learner *l)
         return 0;
     }
     const Block block = block_at(&l->mailbox, m->consumed);
+    const num known = l->memory->fault_count;
+    if (block.head->epoch == m->epoch) {
+        l->memory->fault_count = from_shared(block.faults, 0);
+    }
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
-        const num faults = from_shared(block.faults, 0);
         Passed b = pass_through(l, &block);
-        b.fault = less(l->memory->fault_count, faults);
-        l->memory->fault_count = faults;
+        b.fault = less(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
             l->memory->pending = constant(0);
         }
@@ -202,7 +174,7 @@ Learner learner_at(void *memory)
     if (way == CYCLIC) {
         l.cyclic = take_cyclic_room(&room, l.shape);
     }
-    l.work = workspace_at(room.at, l.shape, head->block, way);
+    l.room = room.at;
     return l;
 }
 
@@ -213,6 +185,10 @@ Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
     memset(memory, 0, (size_t)head.shaped.bytes);
     memcpy(memory, &head, sizeof head);
     l = learner_at(memory);
+    if (way == CYCLIC) {
+        descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);
+        l = learner_at(memory);
+    }
     l.mailbox.head->block = block;
     l.mailbox.head->blocks = blocks;
     l.memory->learning = 1;

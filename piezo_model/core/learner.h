@@ -120,7 +120,7 @@ typedef struct {
     num *in_use, *before, *candidate; /* the unknowns in use, in use before the last offer, and the next ones */
     num *gram;                        /* of rows (Xi, x) */
     Note older, newer;
-    Workspace work;
+    void *room; /* its work space */
 #ifdef CORE_TILE
     const struct Bank *bank;
     int number; /* of the tile */
@@ -153,7 +153,35 @@ CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
     const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(num) * pivoting_nums(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
     return room_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
-CORE_API Workspace N(workspace_at)(void *memory, Shape s, int block, int way);
+CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
+{
+    const int d = unknowns(s);
+    Workspace w = {0};
+    Room room = {memory};
+    w.rows = nums(&room, block * row_nums(s) + LANES);
+    w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
+    w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
+    w.inverse = take_inverse(&room, s);
+    w.exact = (char *)memory + workspace_bytes(s, block, way);
+    if (way == CYCLIC) {
+        return w;
+    }
+    w.program = pivoting_at(&room, d);
+    w.P = reals(&room, 1, padded(d * d));
+    w.q = reals(&room, 1, padded(d));
+    w.lb = reals(&room, 1, padded(d));
+    w.ub = reals(&room, 1, padded(d));
+#ifdef CORE_TILE
+    w.queue = pivoting_at(&room, d);
+    w.owner = integers(&room, LANES);
+    w.rounds = integers(&room, LANES);
+#endif
+    return w;
+}
+CORE_INLINE Workspace workspace_of(const Learner *l)
+{
+    return workspace_at(l->room, l->shape, l->mailbox.head->block, WIDTH == 1 ? (int)WAY(l->settings) : CONTINUOUS);
+}
 /* Lay out what a learner has for itself, and its two notes. */
 CORE_API void N(learner_take)(Learner *l, Room *own, Room *notes);
 

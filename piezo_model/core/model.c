@@ -29,9 +29,9 @@ Model model_setup(void *memory, Shape shape, real offset)
 real model_step(const Model *m, real x, real *play, real *creep)
 {
     /* K belongs to this sample already: the samples before determine it. */
-    const real K = weighted_sum(m->w_K, creep, creep_vectors(m->shape)) + m->head->offset;
+    const real K = dot(m->w_K, creep, creep_vectors(m->shape)) + m->head->offset;
     advance(m->operators, m->shape, x, play, creep);
-    return superposition(m->S.low, m->S.high, m->S.w, m->shape, K + weighted_sum(m->w_H, play, play_vectors(m->shape)));
+    return superposition(m->S.low, m->S.high, m->S.w, m->shape, K + dot(m->w_H, play, play_vectors(m->shape)));
 }
 
 void model_simulate(const Model *m, const real *x, int64_t count, real *play, real *creep, real *y)

@@ -89,16 +89,6 @@ CORE_INLINE void flush(num *v, int vectors)
     }
 }
 
-/* The sum of w_i z_i over so many vectors. */
-CORE_INLINE num weighted_sum(const num *w, const num *z, int vectors)
-{
-    Sum sum = no_sum();
-    for (int i = 0; i < vectors; ++i) {
-        accumulate(&sum, i, vector(w, i), vector(z, i));
-    }
-    return total(&sum);
-}
-
 /* The sum of w_i S_i(u). */
 CORE_INLINE num superposition(const real *low, const real *high, const num *w, Shape s, num u)
 {

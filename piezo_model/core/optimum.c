@@ -13,7 +13,7 @@
 void N(learner_program)(const Learner *l)
 {
     const int d = l->d;
-    const Pivoting *const s = &l->work.program;
+    const Pivoting program = workspace_of(l).program, *const s = &program;
     num mean = constant(0);
     memcpy(s->data, l->gram, sizeof(num) * (size_t)symmetric_nums(d + 1));
     for (int i = 0; i < d; ++i) {
@@ -36,7 +36,7 @@ void N(learner_program)(const Learner *l)
 int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane)
 {
     const int d = l->d;
-    const Workspace *const w = &l->work;
+    const Workspace work = workspace_of(l), *const w = &work;
     Box s;
     int solved;
     for (int i = 0; i < d; ++i) {
@@ -60,7 +60,7 @@ int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane
 int learner_optimum(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const Pivoting *const s = &l->work.program;
+    const Pivoting program = workspace_of(l).program, *const s = &program;
     num broken = which, solved = 0;
     if (SOLVER(l->settings) == ANSWERED) {
         return PROGRAM;

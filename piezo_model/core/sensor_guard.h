@@ -50,10 +50,12 @@ CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
     g->x_low = choose(changed, x, low);
     g->x_high = choose(changed, x, high);
     *fault = either(refused, jumped);
+    if (any(is_not(good))) {
+        g->verdicts[MISSING] = plus(g->verdicts[MISSING], is_not(there));
+        g->verdicts[REFUSED] = plus(g->verdicts[REFUSED], refused);
+        g->verdicts[JUMPED] = plus(g->verdicts[JUMPED], jumped);
+    }
     g->verdicts[GOOD] = plus(g->verdicts[GOOD], good);
-    g->verdicts[MISSING] = plus(g->verdicts[MISSING], is_not(there));
-    g->verdicts[REFUSED] = plus(g->verdicts[REFUSED], refused);
-    g->verdicts[JUMPED] = plus(g->verdicts[JUMPED], jumped);
     return good;
 }
 

@@ -14,14 +14,13 @@ from typing import Any, TypedDict
 import numpy as np
 
 from piezo_model.compensator import Compensator
-from piezo_model.core import State, face
+from piezo_model.core import State, aligned, face
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.json_file import convert
 from piezo_model.learning import layout, program
 from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
 from piezo_model.learning.events import LEARN, PHASES, RESET, Brought, Event, Log, Phase
 from piezo_model.learning.layout import ANSWERED, CLOCK, CONTINUOUS, CYCLIC, MEMORY, STEPS
-from piezo_model.learning.sensor_guard import fresh_memory
 from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
 from piezo_model.learning.solving import STEPPED, step_ratio
 from piezo_model.operator_state import OperatorState
@@ -55,14 +54,15 @@ class Learner:
         s = compensator.model.structure
         self.cyclic = settings.mode == "cyclic"
         self._problem: IdentificationProblem | None = None
-        block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
+        self.block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
                                                                                               settings.reset_s)
         if not self.cyclic and settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
-        sizes = *s.shape, block, 1, CYCLIC if self.cyclic else CONTINUOUS
+        """Samples of a block."""
+        sizes = *s.shape, self.block, 1, CYCLIC if self.cyclic else CONTINUOUS
         self.core = State(face.learner_bytes(*sizes), lambda memory: face.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self.core["settings"])
-        self.core.whole("delay")[:] = block
+        self.core.whole("delay")[:] = self.block
         RegressorArrays.of(s, "slope").write(self.core)
         self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.fade_over(settings.fade_s)
@@ -235,15 +235,6 @@ class Learner:
             face.learner_restore(self.core.block, aligned(found["core"]))
             stepping = self.cyclic and self._clock("phase") == LEARN
             self._problem = program.gathered(self.core, self._compensator.model.structure, self._settings.proximal) if stepping else None
-
-
-def aligned(data: np.ndarray) -> np.ndarray:
-    """The bytes on a cache line."""
-    from solvers.core import block
-
-    copied = block(data.size)
-    copied[:] = data
-    return copied
 
 
 class _Alone:

@@ -19,7 +19,7 @@ int offered(void *learner, double *inverse);
 int offered(void *learner, double *inverse)
 {
     const Learner l = learner_at(learner);
-    memcpy(inverse, l.work.inverse.w_H, (size_t)inverse_nums(l.shape) * sizeof(double));
+    memcpy(inverse, workspace_of(&l).inverse.w_H, (size_t)inverse_nums(l.shape) * sizeof(double));
     return (int)l.mailbox.head->offered;
 }
 """

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-import solvers.core
 from piezo_model import (
     CompensatorBank,
     HysteresisCreepModel,
@@ -77,17 +77,17 @@ class Loop:
         return float(np.mean((y - self.y_ref) ** 2))
 
     def counters(self) -> dict[str, tuple[int, int]]:
-        core = self.learner._learning.core
-        found = {name: (int(value), 64) for name in ("sample", "hand_overs", "refusals", "faults", "failures")
-                 for value in core.whole(name)}
-        found |= {f"verdicts[{i}]": (int(value), 64) for i, value in enumerate(core.whole("verdicts"))}
-        if self.learner.mode == "continuous":
-            state = core.block[-solvers.core.face.swept_bytes(self.learner.structure.d):]
-            places, head = solvers.core.face.swept_places(state), state.view(np.uint32)
-            found |= {f"solver's {name}": (int(head[places["counts"] + i]), 32) for i, name in
-                      enumerate(("exchanges", "refreshes", "cold starts"))}
-            found["solver's rows since a refresh"] = int(head[places["since_refresh"]]), 32
-        return found
+        learning = self.learner._learning
+        found = {"sample": (learning.count("sample"), 64)}
+        found |= {name: (learning.count(name), 53) for name in ("hand_overs", "refusals", "faults", "failures", "fault_count")}
+        return found | {f"verdicts[{i}]": (int(value), 53) for i, value in enumerate(learning.verdicts)}
+
+
+def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:
+    """Samples that each tile of a bank has counted."""
+    places, block = bank._core.places, bank._core.block
+    at, width = places["mailbox"][0] + 16, 8 * places["driver"][1]  # behind two sizes and the delay
+    return np.array([block[at + tile * width:][:8].view(np.int64)[0] for tile in range(bank._tiles)])
 
 
 class Bank:
@@ -112,7 +112,7 @@ class Bank:
         """Parts of a piece in which no weights change, but for the first sample of each."""
         done = 0
         while done < PIECE:
-            late = self.bank._views["counts"].view(np.int64)[:, 0, 0] % self.bank.interval
+            late = (tile_samples(self.bank) - self.bank.block) % self.bank.interval  # weights are taken a block behind an interval
             end = min(done + max(1, self.bank.interval - 1 - int(late.max())), PIECE)
             yield slice(done, end)
             done = end
@@ -134,7 +134,7 @@ class Bank:
         return squares / self.y_ref.size
 
     def counters(self) -> dict[str, tuple[int, int]]:
-        found = {"sample": (int(self.bank._views["counts"].view(np.int64)[:, 0, 0].max()), 64)}
+        found = {"sample": (int(tile_samples(self.bank).max()), 64)}
         return found | {name: (int(value.max()), 53) for name, value in self.bank.counts.items()}
 
 

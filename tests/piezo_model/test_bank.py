@@ -13,6 +13,7 @@ import plain_model
 import pytest
 from numpy.typing import NDArray
 from qpsolvers import Problem
+from soak import tile_samples
 
 import solvers
 from piezo_model import (
@@ -29,7 +30,7 @@ from solvers.core.compile_core import instruction_sets
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 STRUCTURE = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 1.25e-3)
-MEMORY_S, RESET_SAMPLES, BLOCK, INTERVAL = 2.0, 80, 26, 78
+MEMORY_S, RESET_SAMPLES, BLOCK, INTERVAL = 2.0, 80, 20, 80
 MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6
 
 
@@ -69,7 +70,7 @@ def close_loop(bank: CompensatorBank, actuators: Actuators, y_ref: Matrix, spoil
 
 
 def optimum(gram: Matrix, before: Vector) -> Vector:
-    """The program of core/bank_optimum.c, (Ξ, x) last, by the exact solver for one program."""
+    """The program of core/optimum.c, (Ξ, x) last, by the exact solver for one program."""
     P, q = gram[:-1, :-1].copy(), gram[:-1, -1].copy()
     rho = PROXIMAL * np.minimum(np.diag(P), np.trace(P) / len(q))
     solver = solvers.get("box_active_set")
@@ -131,13 +132,13 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
     x, y, weights = np.empty(1600), np.empty(1600), []
     for k in range(1600):
         x[k] = bank.step(y_ref[k], before)[0]
-        if k > 0 and k % INTERVAL == 0:
+        if k > INTERVAL and k % INTERVAL == BLOCK:  # weights of the interval that ended a block ago
             weights.append(bank.weights[0, 1:-1])
         y[k] = plant(x[k:k + 1])[0]
         before = y[k:k + 1].copy()
     found = oracle(x, y)
     assert int(bank.counts["hand_overs"][0]) > 5
-    for ours, plain in zip(weights, found, strict=True):
+    for ours, plain in zip(weights, found[:len(weights)], strict=True):
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
 
 
@@ -225,8 +226,8 @@ def test_after_a_fault_an_actuator_goes_back_to_what_it_had_learned_and_learns_o
 @pytest.mark.parametrize("hand_over_s", [0.1, 0.01])
 def test_no_sample_has_more_than_its_share_of_blocks_optima_and_checkpoints(hand_over_s: float) -> None:
     bank = CompensatorBank(STRUCTURE, 7000, hand_over_s=hand_over_s)
-    begins = bank._views["counts"].view(np.int64)[:, 0, 0]
-    for length in (bank.block, bank.interval, int(bank._core["settings"].view(np.int64)[2])):
+    begins = tile_samples(bank)
+    for length in (bank.block, bank.interval, int(bank._numbers["checkpoint"])):
         due = np.bincount(begins % length, minlength=length)
         assert due.max() <= due.mean() + 3.0
 
@@ -268,12 +269,12 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
 
 @pytest.mark.parametrize(("changing", "sentence"), [
     *((change("options", name, to=1e300), rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300")
-      for name in ("memory_s", "hand_over_s", "reset_s", "fade_s")),
+      for name in ("memory_s", "reset_s", "fade_s")),
     (change("options", "memory_s", to="x"), "the field 'options.memory_s' is wrong"),
     (change("options", "speed", to=1), "there is no field 'options.speed'"),
     (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
     (change("tiles", to=2**70), "the field 'tiles' is wrong"),
-    (change("version", to=99), "it is none of version 2"),
+    (change("version", to=99), "it is none of version 3"),
     (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
     (lambda parts: parts.update(slots=np.zeros(13, np.int64)), "slots must be different whole numbers from 0 to 15"),
     (lambda parts: parts.update(slots=np.linspace(0.0, 12.0, 13)), "slots must be different whole numbers from 0 to 15"),

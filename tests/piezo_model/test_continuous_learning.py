@@ -8,6 +8,7 @@ from learning_loops import learner_for, sensor
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, plants
 from piezo_model.identification.fitting import optimum
 from piezo_model.learning.events import Phase
+from piezo_model.learning.layout import MEMORY
 from piezo_model.plants.protocol import Memory
 
 
@@ -141,7 +142,7 @@ def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
     v = structure.inverse_slope_map @ w
     v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope, as flat as it may be
     learner._learning.core["candidate"][:] = v
-    learner._learning.core.whole("revert")[:] = 1  # whatever it predicts
+    learner._learning.core["memory"][MEMORY.index("revert")] = 1.0  # whatever it predicts
     learner.run(y_ref[:20], plant.run)
     y = learner.run(y_ref, plant.run)[1]
     assert error(y[-5000:], y_ref[-5000:], plant) < 1.1 * before

@@ -83,12 +83,13 @@ void piezo_learner_begin(void *learner, const double *weights)
 static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
+    void *const room = workspace_of(l).exact;
     Box box;
     int status;
-    if (box_setup(l->work.exact, l->d, c->lower, c->upper) != OK) {
+    if (box_setup(room, l->d, c->lower, c->upper) != OK) {
         return 0;
     }
-    box = box_at(l->work.exact);
+    box = box_at(room);
     if (box_take_hessian(&box, c->P) != OK || box_take_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
         return 0;
     }
