@@ -69,7 +69,7 @@ CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num 
     row[row_width(s)] = times(counts, x);
 }
 
-enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = PARTS == 1 && WIDTH == LANES ? 4 : 2 }; /* that stay in registers while the rows pass by */
+enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = PARTS == 1 && WIDTH > 1 ? 4 : 2 }; /* that stay in registers while the rows pass by */
 
 /* gram <- fade gram + sum of row_k row_k' over rows of `width` entries, `stride` nums apart. */
 CORE_INLINE void gram_add(num *gram, int width, num fade, const num *rows, int stride, int count)
