@@ -18,7 +18,7 @@ int offered(void *learner, double *inverse); /* weights with their inverse that 
 
 static piezo_axis axis;
 static double offers[MOST][NUMBERS], taken[MOST][NUMBERS];
-static long now, learned, waiting, ended;
+static long now, until, learned, ended; /* the learner waits for sample `until` */
 static int offer_count;
 static long longest;
 static unsigned seed;
@@ -39,12 +39,10 @@ static void *learn(void *unused)
         offer_count += count > offer_count && offer_count < MOST - 1;
         set(&learned, learned + 1);
         if (longest > 0 && draw() % 8 == 0) {
-            const long until = get(&now) + (long)draw() % longest;
-            set(&waiting, 1);
+            set(&until, get(&now) + (long)draw() % longest);
             while (get(&now) < until && !get(&ended)) {
                 sched_yield();
             }
-            set(&waiting, 0);
         }
     }
     return NULL;
@@ -76,7 +74,7 @@ int main(int count, char **words)
         return 2;
     }
     for (long k = 0; k < steps; ++k) {
-        while (get(&learned) + (long)piezo_get_events(&axis).dropped_blocks < k / PIEZO_BLOCK - 1 && !get(&waiting)) {
+        while (get(&learned) + (long)piezo_get_events(&axis).dropped_blocks < k / PIEZO_BLOCK - 1 && k > get(&until)) {
             sched_yield();
         }
         out[k] = piezo_step(&axis, in[2 * k], in[2 * k + 1]);
