@@ -46,7 +46,7 @@ class SolverOption(StrEnum):
 ModelArgument = Annotated[Path, typer.Argument(help="Model written by identify, or compensator written by deploy.")]
 PartChoice = Annotated[PartOption, typer.Option("--part", help="Compensation alone, or the whole self-learning loop.")]
 SolverChoice = Annotated[SolverOption | None, typer.Option("--solver", help="Of the learning: a solver that works in cycles, or "
-                                                           "recursive_active_set, the exact optimum after every sample.")]
+                                                           "recursive_active_set: continuous, exact at every interval.")]
 PrecisionChoice = Annotated[PrecisionOption, typer.Option("--precision", help="Of signals, states and model.")]
 Low = Annotated[float | None, typer.Option("--low", help="Lowest drive; the file's or the model's range by default.")]
 High = Annotated[float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")]
@@ -136,12 +136,12 @@ def realtime_verb(
     if as_json:
         print_json(found.to_dict())
         return
-    _print_figures(found)
+    _print_figures(found, settings)
     if out is not None:
         console.print(f"Figures: {out}")
 
 
-def _print_figures(found: RealTimeFigures) -> None:
+def _print_figures(found: RealTimeFigures, settings: ExportSettings) -> None:
     step, null, times = found.step, found.null, found.times_us
     for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
@@ -153,20 +153,26 @@ def _print_figures(found: RealTimeFigures) -> None:
                                          for bound in bounds])
     console.print(f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that does nothing, "
                   f"{null.missed}.")
+    if settings.learning:
+        late, dropped = (step.allowed[name] for name in ("late", "dropped"))
+        console.print(f"New weights came late {late} times, and {dropped} blocks of samples were left out.")
     if found.highest_rate_Hz is not None:
         console.print(f"Highest rate at which {100 * MET:g} % are met: {found.highest_rate_Hz:.0f} Hz." if found.highest_rate_Hz
                       else f"No rate of {SLOWEST_HZ:g} Hz and more was found at which {100 * MET:g} % are met.")
     if found.cost is not None:
-        _print_cost(found.cost)
+        _print_cost(found.cost, settings.learning)
 
 
-def _print_cost(cost: StepCost) -> None:
+def _print_cost(cost: StepCost, learns: bool) -> None:
     counted = "" if cost.instructions is None else f" and {cost.instructions:.0f} instructions"
-    console.print(f"A step takes {cost.ns:.1f} ns{counted} here, an axis {cost.axis_bytes} bytes.")
+    beside = "" if cost.learning_instructions is None else f" and {cost.learning_instructions:.0f} instructions"
+    learning = f", its share of the learning {cost.with_learning_ns - cost.ns:.1f} ns{beside}" if learns else ""
+    console.print(f"A step takes {cost.ns:.1f} ns{counted} here{learning}; an axis has {cost.axis_bytes} bytes.")
     if cost.controllers:
-        print_table(("controller", "flash, bytes", "RAM, bytes", "instructions a step", "most", "of samples"),
-                    [(each.core.name, str(each.flash_bytes), str(each.ram_bytes), "–" if each.median is None else str(each.median),
-                      "–" if each.largest is None else str(each.largest), str(each.samples)) for each in cost.controllers])
+        print_table(("controller", "flash, bytes", "RAM, bytes", "call", "instructions, median", "most", "of calls"),
+                    [(each.core.name, str(each.flash_bytes), str(each.ram_bytes), call, "–" if of.median is None else str(of.median),
+                      "–" if of.largest is None else str(of.largest), str(of.calls))
+                     for each in cost.controllers for call, of in (("step", each.step), ("learn, a block", each.learn))[:1 + learns]])
     for sentence in cost.absent:
         console.print(sentence)
 

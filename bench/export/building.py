@@ -58,7 +58,7 @@ def compiled(compiler: str, words: Sequence[str], folder: Path, what: str) -> No
 def build(folder: Path, program: str, compiler: str, flags: Sequence[str]) -> Path:
     """Build ``program`` (replay or realtime) in a folder of :func:`write_sources`; ExportError where that fails."""
     target = folder / f"{program}-{Path(compiler).name}{''.join(flags).replace('/', '_').replace('=', '_')}"[:200]
-    posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ()
+    posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ("-pthread",)
     compiled(compiler, ["-std=c99", *posix, *flags, f"{program}.c", *units(folder), "-o", str(target), "-lm"], folder, "the export")
     return target
 
@@ -68,6 +68,8 @@ class StepTime:
     """What a step takes, ns, and the memory of an axis, bytes."""
 
     fastest_ns: float
+    with_learning_ns: float
+    """The same with a step's share of the learning."""
     axis_bytes: int
 
 
@@ -78,7 +80,7 @@ class Replay:
     x: Vector
     """Drives. Shape (N,)."""
     events: tuple[int, ...]
-    """With learning: hand-overs, refusals, faults of the sensor, numerical faults."""
+    """With learning: hand-overs, refusals, faults of the sensor, numerical faults, late offers, dropped blocks."""
     time: StepTime | None
 
 
@@ -99,17 +101,17 @@ def replay(program: Path, samples: ArrayLike, repetitions: int = 0) -> Replay:
     target.unlink()
     time = None
     if repetitions:
-        fastest, size = done.stdout.split()
-        time = StepTime(float(fastest), int(size))
+        fastest, both, size = done.stdout.split()
+        time = StepTime(float(fastest), float(both), int(size))
     return Replay(x, tuple(int(word) for word in done.stderr.split()), time)
 
 
-def instructions_per_step(program: Path, samples: ArrayLike) -> float:
-    """Instructions of a step and of all that it calls, counted by valgrind's callgrind over a replay (``COUNTABLE`` build)."""
+def instructions_per_step(program: Path, samples: ArrayLike, function: str = "piezo_step") -> float:
+    """Instructions of a function and of all that it calls, a step, counted by valgrind's callgrind over a replay (``COUNTABLE`` build)."""
     samples = np.ascontiguousarray(samples, dtype=np.float64)
     source, target, counts = (program.with_suffix(suffix) for suffix in (".in", ".out", ".callgrind"))
     samples.tofile(source)
-    done = subprocess.run([tool("valgrind"), "--tool=callgrind", "--toggle-collect=piezo_step",
+    done = subprocess.run([tool("valgrind"), "--tool=callgrind", f"--toggle-collect={function}",
                            f"--callgrind-out-file={counts}", str(program), str(source), str(target)],
                           capture_output=True, text=True, check=False)
     found = re.search(r"Collected : (\d+)", done.stderr)

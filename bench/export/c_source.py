@@ -26,17 +26,12 @@ FILES = {"piezo_parameters.h": "parameters.h.jinja", "main.c": "main.c.jinja", "
          "CMakeLists.txt": "CMakeLists.txt.jinja", "README.md": "README.md.jinja"}
 """What is rendered."""
 INTERFACE = Path(__file__).parent / "c"
-SHARED = ("vec8.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
-BOX = ("status.h", "product.h", "box.h", *(f"box_{part}.c" for part in ("data", "dual", "exchange", "factor", "inverse", "pivoting")))
-CYCLIC = ("status.h", "product.h", "descent.h", "descent.c", "eigenvalue.h", "eigenvalue.c", "learning.h",
-          "sensor_guard.h", "regressors.h", "data_basis.h", "data_basis.c", "cyclic.h", "cyclic.c")
-CORE = {
-    "projected_difference": CYCLIC, "accelerated_projection": (*CYCLIC, "acceleration.c"),
-    "box_active_set": (*CYCLIC, *BOX),
-    "recursive_active_set": (*BOX, "swept.h", *(f"swept_{part}.c" for part in ("exchange", "gram", "refresh", "renewal", "rows")), "learning.h",
-                             "sensor_guard.h", "regressors.h", "continuous.h", "continuous.c"),
-}
-"""The core's files that a learner needs."""
+SHARED = ("vec8.h", "num.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
+LEARNER = ("mailbox.h", "sensor_guard.h", "controller.h", "controller.c", "status.h", "product.h", "block_pivoting.h", "block_pivoting.c", "box.h",
+           *(f"box_{part}.c" for part in ("data", "dual", "exchange", "factor", "inverse", "pivoting")),
+           "eigenvalue.h", "eigenvalue.c", "descent.h", "descent.c", "acceleration.c", "regressors.h",
+           *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")), "learner.h")
+"""The core's files, alone and with a learner; of the latter the compiler takes what the kind of learning needs."""
 FLOAT_BOUND = 1e-5
 """Largest difference of the float from the double version in unit amplitudes of the drive, over a million samples."""
 
@@ -61,12 +56,12 @@ def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
 def sources(settings: ExportSettings) -> dict[str, str]:
     """Text of the files that are the same for every model: the interface, and the core in a folder of its own."""
     interface = ("piezo.h", "piezo.c", *(("piezo_learner.h", "piezo_learner.c") if settings.learning else ()))
-    core = (*SHARED, *(CORE[settings.solver] if settings.learning else ()))
+    core = (*SHARED, *(LEARNER if settings.learning else ()))
     folders = core_folders(Path(piezo_model.core.__file__).parents[1])
     return {**{_named(name, settings.name): _named((INTERFACE / name).read_text(encoding="utf-8"), settings.name)
                for name in interface},
             **{f"core/{name}": next(folder / name for folder in folders if (folder / name).exists()).read_text(encoding="utf-8")
-               for name in dict.fromkeys(core)}}
+               for name in core}}
 
 
 def export(model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator") -> dict[str, str]:

@@ -45,6 +45,20 @@ CORES = (Core("Cortex-M4F", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single pr
 
 
 @dataclass(frozen=True)
+class Instructions:
+    """Instructions of the calls that were listed, None where there are too many for one."""
+
+    calls: int
+    median: int | None
+    largest: int | None
+
+    @classmethod
+    def of(cls, counts: NDArray[np.int64]) -> Instructions:
+        """The figures of counts, one a call."""
+        return cls(counts.size, int(np.median(counts)), int(counts.max())) if counts.size else cls(0, None, None)
+
+
+@dataclass(frozen=True)
 class ControllerCost:
     """What a step needs on one kind of controller."""
 
@@ -52,11 +66,9 @@ class ControllerCost:
     flash_bytes: int
     ram_bytes: int
     """Code and constants; the axis. The stack comes on top."""
-    samples: int
-    """That were listed."""
-    median: int | None
-    largest: int | None
-    """Instructions of a step over these samples, None where there are too many to be listed."""
+    step: Instructions
+    learn: Instructions
+    """Of blocks; without learning there are none."""
 
 
 def cross_build(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core) -> Path:
@@ -86,43 +98,45 @@ def emulate(image: Path, samples: ArrayLike) -> Vector:
     return np.frombuffer(done.stdout)
 
 
-def instructions(image: Path, samples: ArrayLike, enough: int = ENOUGH) -> NDArray[np.int64]:
-    """Instructions of each step, all that it calls included, until ``enough`` are listed; shape (at most N,).
+def instructions(image: Path, samples: ArrayLike, enough: int = ENOUGH) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Instructions of each step and of each block's learning, all that they call included, until ``enough`` are listed.
 
     Empty where the reset alone took GIVE_UP of them.
     """
     words = [tool(EMULATOR, package=PACKAGES[EMULATOR]), "-cpu", "max", "-singlestep", "-d", "nochain,exec", str(image)]
-    entry, before, counts = b"", 0, []
+    entries: dict[bytes, bytes] = {}
+    counts: dict[bytes, list[int]] = {b"piezo_step": [], b"piezo_learn": []}
+    before, current = 0, []
     with tempfile.TemporaryFile() as source:
         source.write(np.ascontiguousarray(samples, dtype=np.float64).tobytes())
         source.seek(0)
         with subprocess.Popen(words, stdin=source, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as emulator:
             assert emulator.stderr is not None
-            # A line is "Trace 0: host address [.../address/...] function"; a step begins where its first address comes again.
+            # A line is "Trace 0: host address [.../address/...] function"; a call begins where its first address comes again.
             for listed, line in enumerate(emulator.stderr):
-                if line.endswith(b" piezo_step\n"):
+                function = line[line.rfind(b" ") + 1:-1]
+                if function in counts:
                     address = line.split(b"/", 2)[1]
-                    entry = entry or address
-                    if address == entry:
+                    if address == entries.setdefault(function, address):
                         before = before or listed
-                        counts.append(0)
-                if counts and not line.endswith(b" _start\n"):
-                    counts[-1] += 1
-                if listed - before > (enough if counts else GIVE_UP):
+                        current = counts[function]
+                        current.append(0)
+                if current and function != b"_start":
+                    current[-1] += 1
+                if listed - before > (enough if before else GIVE_UP):
                     emulator.kill()
-                    counts = counts[:-1]  # it had not ended
+                    current[-1:] = []  # it had not ended
                     break
     if emulator.returncode not in (0, -signal.SIGKILL):
         raise ExportError(f"{image.name} ended with status {emulator.returncode} under {EMULATOR}")
-    return np.array(counts, dtype=np.int64)
+    step, learn = (np.array(each, dtype=np.int64) for each in counts.values())
+    return step, learn
 
 
 def controller_cost(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core,
                     samples: Vector) -> ControllerCost:
     """Build, measure and count, over as many of the samples as ENOUGH instructions allow."""
     image = cross_build(folder, model, settings, core)
-    counts = instructions(image, samples)
     flash, ram = image_bytes(image)
-    if not counts.size:
-        return ControllerCost(core, flash, ram, 0, None, None)
-    return ControllerCost(core, flash, ram, counts.size, int(np.median(counts)), int(counts.max()))
+    step, learn = instructions(image, samples)
+    return ControllerCost(core, flash, ram, Instructions.of(step), Instructions.of(learn))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from bench.export.numbers import Precision
-from bench.export.settings import ExportSettings
+from bench.export.settings import BLOCKS, ExportSettings
 from piezo_model.core import face
+from piezo_model.learning.layout import CONTINUOUS, CYCLIC
 from piezo_model.structure import ModelStructure
 from solvers.core import face as solvers_face
 
@@ -20,20 +21,20 @@ def compensator_bytes(s: ModelStructure, precision: Precision) -> int:
     return size if precision == "double" else HEAD + (size - HEAD) // 2 + 4 * len(s.creep_rates) * s.lanes
 
 
-def learner_bytes(s: ModelStructure, settings: ExportSettings) -> int:
-    """Size of the learner's state, with that of an exact solver where there is one; 0 without learning."""
+def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLOCKS) -> int:
+    """Size of the learner's state and of what it shares with the step, with that of an exact solver beside it; 0 without learning."""
     if not settings.learning:
         return 0
-    if not settings.cyclic:
-        return int(face.continuous_bytes(*s.shape))
-    size = int(face.cyclic_bytes(*s.shape))
-    return -(-size // 64) * 64 + int(solvers_face.box_bytes(s.d)) if settings.solver == "box_active_set" else size
+    numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
+    size = int(face.exported_learner_bytes(*s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4))
+    return size + int(solvers_face.box_bytes(s.d)) if settings.solver == "box_active_set" else size
 
 
 def figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:
-    """Bytes of both states, of constants and of the stack."""
+    """Bytes of both states, of a block between step and learner, of constants and of the stack."""
     learner = learner_bytes(s, settings)
     constants = 8 * (2 * (s.n + 1) + len(s.creep_rates) + s.dead_zones * (7 if learner else 3) + s.creep_weights + 1)
     stack = 8 * (2 * s.d + 2 * s.lanes * (1 + len(s.creep_rates)) + 4 * s.d)
-    return {"compensator": compensator_bytes(s, settings.precision), "learner": learner, "constants": constants,
+    return {"compensator": compensator_bytes(s, settings.precision), "learner": learner,
+            "block": learner - learner_bytes(s, settings, BLOCKS - 1), "constants": constants,
             "stack": -(-(stack + (STACK if learner else 1024)) // 256) * 256}

@@ -1,7 +1,7 @@
 """What an export is asked for, and the numbers that follow from it.
 
 Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation a sample or
-with a solver that answers once the data are there, and *continuous* with the exact optimum after every sample.
+with a solver that answers once the data are there, and *continuous* with the exact optimum at every interval.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Literal, get_args
 from bench.export.numbers import Precision
 from bench.rendering import c_identifier
 from piezo_model.compensator import integral_share
-from piezo_model.learning.layout import CHECKPOINT_S, MOST_EXCHANGES, PROXIMAL
+from piezo_model.learning.layout import block_samples, continuous_numbers
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection
@@ -21,10 +21,11 @@ from solvers.kernel.accelerated_projection import AcceleratedProjection
 Part = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
-"""Those that can be exported; the last one is that of continuous operation."""
+"""Those that can be exported; the last one means continuous operation, which is exact."""
 LEARNS = ("one projected step a sample, in cycles", "accelerated projected steps at the end of each building phase",
-          "the exact optimum at the end of each building phase", "the exact optimum after every sample")
-
+          "the exact optimum at the end of each building phase", "the exact optimum of each interval, continuously")
+BLOCKS = 8
+"""Of the ring between step and learner: it may fall so many blocks behind, less two, before samples are left out."""
 
 LONGEST_NAME = 31
 """Characters of an external identifier that C99 promises to look at."""
@@ -111,14 +112,19 @@ class ExportSettings:
         except ValueError as error:
             raise ExportError(str(error)) from None
         low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
-        forgetting, interval = math.exp(-s.sample_time / self.memory_s), s.samples(self.hand_over_s)
         return {
             "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
-            "min_slope": MIN_SLOPE, "proximal": self.proximal if self.cyclic else PROXIMAL, "step_ratio": 0.5,
-            "steps": 100_000, "tolerance": AcceleratedProjection.always["tolerance"], "smoothing": 1.0 / s.samples(1.0),
-            "reset_samples": s.samples(self.reset_s), "build_samples": s.samples(self.build_s),
-            "learn_samples": s.samples(self.learn_s), "forgetting": forgetting, "most_exchanges": MOST_EXCHANGES,
-            "interval": interval, "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval),
-            "half_window": s.samples(self.memory_s),
+            **self._learner_numbers(s),
         }
+
+    def _learner_numbers(self, s: ModelStructure) -> dict[str, float]:
+        """Those of the learner; the ring, and when new weights are taken, as of `piezo_model.learning`."""
+        if self.cyclic:
+            lasts = {f"{name}_lasts": s.samples(getattr(self, f"{name}_s")) for name in ("reset", "build", "learn")}
+            block = block_samples(tuple(lasts.values()))
+            numbers: dict[str, float] = {**lasts, "forgetting": 1.0, "share": 1.0, "proximal": self.proximal, "min_slope": MIN_SLOPE,
+                                         "step_ratio": 0.5, "steps": 100_000, "tolerance": AcceleratedProjection.always["tolerance"]}
+        else:
+            block, numbers = continuous_numbers(s, self.hand_over_s, self.memory_s, self.reset_s)
+        return {**numbers, "block": block, "blocks": BLOCKS, "delay": block}

@@ -1,6 +1,6 @@
 """What a step of the export costs: nanoseconds and instructions on this machine, memory and instructions on controllers.
 
-Learning is slow beside a sample: a cycle of 10 s has one sample at which a phase ends. Counting instructions is slow, too. So
+Learning is slow beside a sample: a cycle of 10 s has one block at which a phase ends. Counting instructions is slow, too. So
 steps are counted over cycles of the same proportions that are as short as the samples that can be counted.
 """
 
@@ -32,8 +32,12 @@ class StepCost:
 
     ns: float
     """Mean of a step in the fastest of some replays."""
+    with_learning_ns: float
+    """The same with a step's share of the learning."""
     instructions: float | None
     """Mean of a step."""
+    learning_instructions: float | None
+    """Mean of the learning a step; None without learning too."""
     axis_bytes: int
     controllers: tuple[ControllerCost, ...]
     absent: tuple[str, ...]
@@ -50,7 +54,7 @@ def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions
     Without valgrind, the cross compiler or the emulator the part that needs it is left out.
     """
     compiler, samples, absent = tool("cc", "gcc", "clang"), loop_samples(model, settings, TIMED), []
-    counted, controllers = None, []
+    counted, learning, controllers = None, None, []
     with tempfile.TemporaryDirectory(prefix="piezobench-cost-") as name:
         folder = Path(name)
         write_sources(folder, model, shortened(model, settings, TIMED))
@@ -58,7 +62,10 @@ def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions
         assert time is not None
         try:
             write_sources(folder, model, shortened(model, settings, COUNTED))
-            counted = instructions_per_step(build(folder, "replay", compiler, COUNTABLE), samples[:COUNTED])
+            countable = build(folder, "replay", compiler, COUNTABLE)
+            counted = instructions_per_step(countable, samples[:COUNTED])
+            if settings.learning:
+                learning = instructions_per_step(countable, samples[:COUNTED], "piezo_learn")
         except ExportError as error:
             absent.append(f"Instructions here were not counted: {error}.")
         for core in CORES:
@@ -66,7 +73,7 @@ def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions
                 controllers.append(controller_cost(folder, model, shortened(model, settings, LISTED), core, samples[:LISTED]))
             except ExportError as error:
                 absent.append(f"{core.name} was left out: {error}.")
-    return StepCost(time.fastest_ns, counted, time.axis_bytes, tuple(controllers), tuple(absent))
+    return StepCost(time.fastest_ns, time.with_learning_ns, counted, learning, time.axis_bytes, tuple(controllers), tuple(absent))
 
 
 def loop_samples(model: HysteresisCreepModel, settings: ExportSettings, count: int) -> Vector:

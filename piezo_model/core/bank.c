@@ -22,7 +22,7 @@ int64_t bank_bytes(Shape s, int64_t tiles, int block)
     return HEAD_BYTES + parameter_bytes(s) + tiles * (driver_bytes(s, block) + learner_part_bytes(s) + note_bytes(s));
 }
 
-int64_t bank_room_bytes(Shape s, int block) { return workspace_bytes(s, block) + box_bytes(unknowns(s)); }
+int64_t bank_room_bytes(Shape s, int block) { return workspace_bytes(s, block, CONTINUOUS) + box_bytes(unknowns(s)); }
 
 Bank bank_at(void *memory)
 {

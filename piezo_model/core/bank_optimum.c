@@ -25,7 +25,7 @@ static void finish(const Bank *b, void *room, const Pivoting *program, int lane,
 /* Solve one system of each program in the queue. */
 static void move_queue_on(const Bank *b, void *room)
 {
-    const Workspace work = workspace_at(room, b->shape, b->head->block), *const w = &work;
+    const Workspace work = workspace_at(room, b->shape, b->head->block, CONTINUOUS), *const w = &work;
     real solved[LANES], broken[LANES];
     num more;
     store(solved, tile_pivoting_round(&w->queue, &more));
@@ -40,7 +40,7 @@ static void move_queue_on(const Bank *b, void *room)
 
 static void line_up(const Bank *b, void *room, int lane, int actuator)
 {
-    const Workspace work = workspace_at(room, b->shape, b->head->block), *const w = &work;
+    const Workspace work = workspace_at(room, b->shape, b->head->block, CONTINUOUS), *const w = &work;
     int into = 0;
     while (w->owner[into] > 0) {
         into = (into + 1) % LANES;
@@ -55,7 +55,7 @@ static void line_up(const Bank *b, void *room, int lane, int actuator)
 
 void bank_wait(const Bank *b, void *room, int first, int last)
 {
-    const int32_t *const owner = workspace_at(room, b->shape, b->head->block).owner;
+    const int32_t *const owner = workspace_at(room, b->shape, b->head->block, CONTINUOUS).owner;
     for (int lane = 0; lane < LANES; ++lane) {
         while (owner[lane] > first * LANES && owner[lane] <= (last + 1) * LANES) {
             move_queue_on(b, room);

@@ -52,20 +52,21 @@ int N(controller_observe)(const Controller *c, num x, num y)
     if (m->blocks == 1 || m->published + 1 - CORE_ACQUIRE(&m->consumed) < (uint32_t)m->blocks) {
         CORE_RELEASE(&m->published, m->published + 1);
     } else {
-        ++m->dropped;
+        CORE_RELEASE(&m->dropped, m->dropped + 1);
     }
     return 1;
 }
 
-/* Answer an offer that is due; 1 where it is of this epoch. One made before a fault of the sensor that the learner did not know of is not
- * taken, unless it goes back after a fault. */
-static int take_offer(const Controller *c, Change *change)
+/* Find what an offer that is due changes; 1 where it is of this epoch. `answered` counts it. One made before a fault of the sensor that the
+ * learner did not know of is not taken, unless it goes back after a fault. */
+static int find_offer(const Controller *c, Change *change, uint32_t *answered)
 {
     MailboxHead *const m = c->mailbox.head;
     const Offer *const o = &c->mailbox.offer;
     const uint32_t offered = CORE_ACQUIRE(&m->offered);
     Room room = {(char *)o->inverse};
     int current;
+    *answered = m->answered;
     if (offered == m->answered || (*o->epoch == m->epoch && m->samples < *o->due)) {
         return 0;
     }
@@ -74,20 +75,26 @@ static int take_offer(const Controller *c, Change *change)
         const num unknown = less(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
         change->inverse = take_inverse(&room, c->compensator.shape);
         change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
-        m->late += m->samples > *o->due;
+        CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));
     }
-    CORE_RELEASE(&m->answered, offered);
+    *answered = offered;
     return current;
 }
 
 num N(controller_drive)(const Controller *c, num y_ref)
 {
+    MailboxHead *const m = c->mailbox.head;
     Change change;
+    uint32_t answered;
     int changes;
-    if (c->mailbox.head->filled > 0) {
+    num x;
+    if (m->filled > 0) {
         return N(compensator_step)(&c->compensator, y_ref, NULL);
     }
-    changes = take_offer(c, &change);
+    changes = find_offer(c, &change, &answered);
     N(controller_begin_block)(c, c->compensator.play, c->compensator.creep);
-    return N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
+    block_at(&c->mailbox, m->published).head->answered = answered;
+    x = N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
+    CORE_RELEASE(&m->answered, answered); /* from here on the learner may write over the offer */
+    return x;
 }

@@ -70,7 +70,7 @@ void cyclic_enter(const Learner *l, int phase)
     const LearnerSettings *const p = l->settings;
     LearnerMemory *const m = l->memory;
     l->clock->phase = phase;
-    l->clock->phase_left = phase == RESET ? p->reset_lasts : phase == BUILD ? p->build_lasts : p->solver == STEPS ? p->learn_lasts : p->solve_lasts;
+    l->clock->phase_left = phase == RESET ? p->reset_lasts : phase == BUILD ? p->build_lasts : SOLVER(p) == STEPS ? p->learn_lasts : p->solve_lasts;
     if (phase == RESET) {
         memset(l->gram, 0, sizeof(real) * (size_t)symmetric_nums(l->d + 1));
         m->predicted = 0;
@@ -226,7 +226,7 @@ static int end_of_build(const Learner *l, int64_t now)
     recall(l, l->in_use, c->data, c->data);
     make_program(l);
     cyclic_enter(l, LEARN);
-    return l->settings->solver != STEPS || begin_steps(l) ? PROGRAM : refuse(l, NOT_A_NUMBER);
+    return SOLVER(l->settings) != STEPS || begin_steps(l) ? PROGRAM : refuse(l, NOT_A_NUMBER);
 }
 
 /* Offer the answer if it passes. */
@@ -236,7 +236,7 @@ static int hand_over(const Learner *l, int64_t now)
     LearnerClock *const clock = l->clock;
     const real share = (c->covered[X_MAX] - c->covered[X_MIN]) / 2;
     real sum = 0, before, after;
-    if (l->settings->solver == STEPS) {
+    if (SOLVER(l->settings) == STEPS) {
         Descent descent = c->descent;
         descent_answer(&descent);
     }
@@ -294,7 +294,7 @@ int cyclic_block(const Learner *l, const Passed *b)
 {
     LearnerClock *const clock = l->clock;
     if (clock->phase == LEARN) {
-        if (l->settings->solver == STEPS) {
+        if (SOLVER(l->settings) == STEPS) {
             Descent descent = l->cyclic.descent;
             projected_steps(&descent, b->count, -1);
         }

@@ -44,6 +44,15 @@ FACE(learner_bytes)
     return finish_integer(a, good(a) ? learner_bytes(s, block, blocks, way) : 0);
 }
 
+FACE(exported_learner_bytes)
+{
+    Shape s;
+    int block, blocks, way;
+    take_sizes(a, &s, &block, &blocks, &way);
+    const int64_t each = take_integer(a, 4, 8);
+    return finish_integer(a, good(a) ? learner_bytes(s, block, blocks, way) - mailbox_bytes(s, block, blocks) + mailbox_size(s, block, blocks, each) : 0);
+}
+
 FACE(learner_setup)
 {
     void *const memory = take_state(a, 0);

@@ -27,6 +27,7 @@
     F(compensator_step, 2, "state, y_ref", "the drive for one reference.") \
     F(compensator_run, 3, "state, y_ref, x", "drives for references.") \
     F(learner_bytes, 7, "n, zones, rates, offset, block, blocks, way", "size of a learner; way 0 is continuous, 1 cyclic.") \
+    F(exported_learner_bytes, 8, "n, zones, rates, offset, block, blocks, way, each", "the same with a mailbox of numbers of so many bytes each.") \
     F(learner_setup, 8, "state, n, zones, rates, offset, block, blocks, way", "make a block a learner; where its parts stand.") \
     F(learner_begin, 4, "state, compensator, play, creep", "begin to learn from the weights in use and these states.") \
     F(learner_begin_anew, 2, "state, level", "forget all but the weights in use.") \

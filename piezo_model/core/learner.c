@@ -145,7 +145,7 @@ int N(learner_learn)(const Learner *l)
         l->memory->fault_count = from_shared(block.faults, 0);
     }
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
-        const int cyclic = l->settings->way == CYCLIC;
+        const int cyclic = WAY(l->settings) == CYCLIC;
         Passed b = cyclic && l->clock->phase != BUILD ? count_good(&block) : pass_through(l, &block, !cyclic);
         b.fault = less(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
@@ -166,13 +166,13 @@ int64_t learner_bytes(Shape s, int block, int blocks, int way)
 {
     return HEAD_BYTES + mailbox_bytes(s, block, blocks) + room_bytes(sizeof(LearnerSettings)) + room_bytes(sizeof(LearnerClock))
         + (int64_t)sizeof(real) * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s) + (way == CYCLIC ? 0 : 2 * note_nums(s)))
-        + (way == CYCLIC ? cyclic_bytes(s) : 0) + workspace_bytes(s, block) + box_bytes(unknowns(s));
+        + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
 }
 
 Learner learner_at(void *memory)
 {
     const LearnerHead *const head = memory;
-    const int way = head->way;
+    const int way = (int)WAY(head);
     Learner l;
     Room room = after_head(memory);
     l.shape = SHAPE(&head->shaped);
@@ -217,7 +217,7 @@ void learner_begin(const Learner *l)
     m->fault_count = (num)l->mailbox.faults[0];
     m->pending = 0;
     memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
-    if (p->way == CYCLIC) {
+    if (WAY(p) == CYCLIC) {
         cyclic_enter(l, RESET);
     } else {
         l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;

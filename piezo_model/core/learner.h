@@ -38,6 +38,14 @@ enum {
 
 enum { CONTINUOUS, CYCLIC };                    /* ways */
 enum { EXACT, STEPS, ANSWERED };                /* who solves: the exact solver, a projected step a sample, somebody else */
+/* An exported folder has them as constants, so that only what it needs is compiled into it. */
+#ifdef CORE_WAY
+#define WAY(settings) CORE_WAY
+#define SOLVER(settings) CORE_SOLVER
+#else
+#define WAY(settings) (settings)->way
+#define SOLVER(settings) (settings)->solver
+#endif
 
 /* Times in samples, blocks, intervals and checkpoints multiples of each other. */
 typedef struct {
@@ -136,22 +144,28 @@ CORE_INLINE int learner_nums(Shape s)
     return NUMS((int)(sizeof(LearnerMemory) / sizeof(num))) + 3 * NUMS(d) + symmetric_nums(d + 1);
 }
 CORE_INLINE int note_nums(Shape s) { return symmetric_nums(unknowns(s) + 1) + NUMS(unknowns(s)) + NUMS(1); }
-CORE_INLINE int64_t workspace_bytes(Shape s, int block)
+/* Without the room in which the optimum of an interval is found, which cyclic operation has none of. */
+CORE_INLINE int64_t rows_nums(Shape s, int block) { return block * row_nums(s) + LANES + NUMS(LANES) + state_nums(s) + inverse_nums(s); }
+CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
 {
     const int d = unknowns(s);
-    const int64_t all = block * row_nums(s) + LANES + NUMS(LANES) + state_nums(s) + inverse_nums(s) + pivoting_nums(d);
     const int64_t queue = WIDTH == 1 ? 0 : (int64_t)sizeof(num) * pivoting_nums(d) + 2 * LANES * 8;
-    return room_bytes(queue + (int64_t)sizeof(num) * all + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)));
+    const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(num) * pivoting_nums(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
+    return room_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
-CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block)
+CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
 {
     const int d = unknowns(s);
-    Workspace w;
+    Workspace w = {0};
     Room room = {memory};
     w.rows = nums(&room, block * row_nums(s) + LANES);
     w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
     w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
     w.inverse = take_inverse(&room, s);
+    w.exact = (char *)memory + workspace_bytes(s, block, way);
+    if (way == CYCLIC) {
+        return w;
+    }
     w.program = pivoting_at(&room, d);
     w.P = reals(&room, 1, padded(d * d));
     w.q = reals(&room, 1, padded(d));
@@ -162,10 +176,12 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block)
     w.owner = integers(&room, LANES);
     w.rounds = integers(&room, LANES);
 #endif
-    w.exact = (char *)memory + workspace_bytes(s, block);
     return w;
 }
-CORE_INLINE Workspace workspace_of(const Learner *l) { return workspace_at(l->room, l->shape, l->mailbox.head->block); }
+CORE_INLINE Workspace workspace_of(const Learner *l)
+{
+    return workspace_at(l->room, l->shape, l->mailbox.head->block, WIDTH == 1 ? (int)WAY(l->settings) : CONTINUOUS);
+}
 /* Lay out what a learner has for itself, and its two notes. */
 CORE_API void N(learner_take)(Learner *l, Room *own, Room *notes);
 

@@ -75,10 +75,13 @@ enum { GUARD_NUMS = 16 };
 CORE_INLINE int64_t shared_bytes(int count) { return room_bytes((int64_t)sizeof(shared) * WIDTH * count); }
 CORE_INLINE int state_nums(Shape s) { return (play_vectors(s) + creep_vectors(s)) * (LANES / WIDTH); }
 CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(state_nums(s) + 2 * block + 1); }
-CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
+/* The size of a mailbox whose numbers take so many bytes each. */
+CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t each)
 {
-    return room_bytes(sizeof(MailboxHead)) + shared_bytes(GUARD_NUMS) + 64 + shared_bytes(inverse_nums(s) + 3) + blocks * block_bytes(s, block);
+    return room_bytes(sizeof(MailboxHead)) + room_bytes(each * GUARD_NUMS) + 64 + room_bytes(each * (inverse_nums(s) + 3))
+        + blocks * (64 + room_bytes(each * (state_nums(s) + 2 * block + 1)));
 }
+CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks) { return mailbox_size(s, block, blocks, (int64_t)sizeof(shared) * WIDTH); }
 
 CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
 {

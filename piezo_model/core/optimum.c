@@ -62,7 +62,7 @@ int learner_optimum(const Learner *l, num which)
     LearnerMemory *const m = l->memory;
     const Pivoting program = workspace_of(l).program, *const s = &program;
     num broken = which, solved = 0;
-    if (l->settings->solver == ANSWERED) {
+    if (SOLVER(l->settings) == ANSWERED) {
         return PROGRAM;
     }
     learner_program(l);

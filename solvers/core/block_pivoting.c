@@ -177,7 +177,7 @@ static void substitute_back(const Pivoting *s)
 }
 
 /* Exchange what breaks the conditions; 1 where nothing did and g_F is rounding, and in `broken` 1 where something did. */
-static num exchange(const Pivoting *s, num *broken)
+static num exchange_sides(const Pivoting *s, num *broken)
 {
     const int d = s->d;
     vec8 largest = zeros(), exchanged = zeros(), wrong = zeros(), tolerance;
@@ -216,7 +216,7 @@ num N(pivoting_round)(const Pivoting *s, num *broken)
     safe = factorise(s);
     substitute_back(s);
     gradient(s);
-    solved = both(safe, exchange(s, broken));
+    solved = both(safe, exchange_sides(s, broken));
     *broken = both(safe, *broken);
     return solved;
 }

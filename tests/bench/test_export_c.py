@@ -61,6 +61,7 @@ def compare(folder: Path, said: Told, compiler: str, flags: tuple[str, ...]) -> 
     found = replay(built(folder, said, compiler, *flags), said.samples)
     np.testing.assert_array_equal(found.x, said.x, str((compiler, *flags)))
     assert found.events[:2] == said.events
+    assert not any(found.events[4:]), "the learner was never late"
     assert np.all((found.x >= LIMITS[0]) & (found.x <= LIMITS[1]))
     return found
 
@@ -136,6 +137,33 @@ def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
     found = replay(build(tmp_path, "replay", program("gcc"), (*WARNINGS, *EXACT, "-O0", *SANITIZED)), samples)
     if not loop and precision == "double":
         np.testing.assert_array_equal(found.x, Compensator(model, (0.0, 150.0), settings.get("rate_limit")).run(y_ref))
+
+
+SIZES = """#include "piezo_learner.c"
+#include <stdio.h>
+
+int main(void)
+{
+    const Shape shape = CORE_SHAPE;
+    printf("%lld %lld\\n", (long long)learner_bytes(shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY), (long long)PIEZO_LEARNER_BYTES);
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("blocks", [None, 3, 20])
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("solver", ["projected_difference", "recursive_active_set"])
+def test_the_learner_has_the_bytes_that_it_lays_out(tmp_path: Path, solver: str, precision: str, blocks: int | None) -> None:
+    for i, (shape, _) in enumerate(SHAPES):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        write_sources(folder, a_model(**shape), ExportSettings(part="learning", solver=solver, precision=precision))
+        (folder / "sizes.c").write_text(SIZES)
+        flags = [] if blocks is None else [f"-DPIEZO_BLOCKS={blocks}"]
+        subprocess.run([program("gcc"), *EXACT, *flags, "-O0", "sizes.c", "-o", "sizes", "-lm"], cwd=folder, check=True)
+        laid_out, given = map(int, subprocess.run([folder / "sizes"], capture_output=True, text=True, check=True).stdout.split())
+        assert laid_out == given
 
 
 def test_constants_that_single_precision_cannot_hold_are_refused() -> None:
@@ -311,7 +339,7 @@ def test_a_compensator_of_deploy_brings_its_limits_and_its_solver(piezobench: Co
     parameters = (tmp_path / "c" / "piezo_parameters.h").read_text()
     assert "#define PIEZO_LOW 10.0" in parameters
     assert "#define PIEZO_LEARNING 4" in parameters
-    assert "#define PIEZO_MOST_EXCHANGES 2" in parameters
+    assert "#define PIEZO_INTERVAL 80" in parameters
     refusal = piezobench("export-c", "daqp.json", tmp_path / "d", "--part", "learning", folder=desk).refusal
     assert "learns with daqp, which has no C export; --solver box_active_set gives the exact optimum" in refusal
     call = piezobench("export-c", "exact.json", tmp_path / "e", "--part", "learning", folder=desk)

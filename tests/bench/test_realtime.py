@@ -139,7 +139,7 @@ def test_callgrind_counts_the_instructions_of_a_step(tmp_path: Path) -> None:
 def test_a_shortened_cycle_keeps_its_proportions_and_its_reset() -> None:
     model = a_model()
     numbers = shortened(model, ExportSettings(part="learning"), 8000).numbers(model.structure)
-    assert [numbers[f"{phase}_samples"] for phase in ("reset", "build", "learn")] == [80, 6400, 1520]
+    assert [numbers[f"{phase}_lasts"] for phase in ("reset", "build", "learn")] == [80, 6400, 1520]
 
 
 def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
@@ -189,8 +189,10 @@ def test_single_precision_costs_a_controller_without_double_arithmetic_less(tmp_
     for precision in ("double", "float"):
         settings = ExportSettings(precision=precision, x_limits=LIMITS)
         found[precision] = controller_cost(tmp_path, model, settings, CORES[0], loop_samples(model, settings, 60))
-    assert found["float"].samples == 60
-    assert found["float"].median <= found["float"].largest < 0.2 * found["double"].median
+    step = {name: each.step for name, each in found.items()}
+    assert step["float"].calls == 60
+    assert step["float"].median <= step["float"].largest < 0.2 * step["double"].median
+    assert found["float"].learn.calls == 0
     assert found["float"].flash_bytes < found["double"].flash_bytes < 16_384
     assert found["float"].ram_bytes < found["double"].ram_bytes < 2048
 
@@ -199,7 +201,7 @@ def test_single_precision_costs_a_controller_without_double_arithmetic_less(tmp_
 def test_the_list_of_instructions_ends_where_there_are_enough(tmp_path: Path) -> None:
     model, settings = a_model(), ExportSettings()
     image, samples = cross_build(tmp_path, model, settings, CORES[1]), loop_samples(model, settings, 50)
-    whole, part = instructions(image, samples), instructions(image, samples, enough=20_000)
+    (whole, _), (part, _) = instructions(image, samples), instructions(image, samples, enough=20_000)
     assert whole.size == 50
     assert 5 < part.size < 20
     np.testing.assert_array_equal(part, whole[:part.size])

@@ -1,5 +1,5 @@
-/* The compensator of core/compensator.h behind the interface of piezo.h. Build with -ffp-contract=off for the same numbers on every
- * machine, and never with -ffast-math: the guards are comparisons with NaN. */
+/* The compensator of core/compensator.h, with learning the step of core/controller.h, behind the interface of piezo.h. Build with
+ * -ffp-contract=off for the same numbers on every machine, and never with -ffast-math: the guards are comparisons with NaN. */
 #include "piezo.h"
 
 #ifdef PIEZO_FLOAT
@@ -8,6 +8,7 @@
 #include "core/compensator.c"
 
 #if PIEZO_LEARNING
+#include "core/controller.c"
 #include "piezo_learner.h"
 #endif
 
@@ -19,124 +20,116 @@ static const double exported[] = PIEZO_WEIGHTS;
 
 static Compensator of(const piezo_axis *axis) { return compensator_at((void *)(uintptr_t)axis->compensator.bytes); }
 
-static void set_limits(Compensator *c, double low, double high, double max_step)
-{
-    DriveLimits *const p = c->limits;
-    p->low = (real)low;
-    p->high = (real)high;
-    p->unit_low = (real)((low - PIEZO_X_CENTRE) / PIEZO_X_SCALE);
-    p->unit_high = (real)((high - PIEZO_X_CENTRE) / PIEZO_X_SCALE);
-    p->max_step = (real)max_step;
-}
+/* To the core they are constants. */
+static DriveSettings *settings_of(const Compensator *c) { return (DriveSettings *)(uintptr_t)c->settings; }
 
-void piezo_correct(piezo_axis *axis, piezo_real y_measured)
+static void set_limits(const Compensator *c, double low, double high, double max_step)
 {
-    Compensator c = of(axis);
-    compensator_correct(&c, y_measured);
+    DriveMemory *const m = c->memory;
+    m->low = (real)low;
+    m->high = (real)high;
+    m->unit_low = (real)((low - PIEZO_X_CENTRE) / PIEZO_X_SCALE);
+    m->unit_high = (real)((high - PIEZO_X_CENTRE) / PIEZO_X_SCALE);
+    settings_of(c)->max_step = (real)max_step;
 }
 
 #if PIEZO_LEARNING
-static void start_learning(piezo_axis *axis)
+static Controller controller_of(const piezo_axis *axis)
 {
-    const Compensator c = of(axis);
-    double weights[PIEZO_ALL_WEIGHTS], play[PIEZO_PLAY], creep[PIEZO_RATES * PIEZO_PLAY + 1];
-    for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
-        weights[i] = (double)c.weights[i];
+    const Shape shape = CORE_SHAPE;
+    Controller c;
+    c.compensator = of(axis);
+    c.mailbox = mailbox_at((char *)(uintptr_t)axis->learner.bytes + HEAD_BYTES, shape);
+    return c;
+}
+
+/* Begin to learn from the weights in use and the states of the operators; what is on its way between step and learner is dropped. */
+static void begin_learning(piezo_axis *axis)
+{
+    const Controller c = controller_of(axis);
+    const Inverse *const p = &c.compensator.inverse;
+    double weights[PIEZO_ALL_WEIGHTS];
+    for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
+        weights[i] = (double)p->w_H[i];
     }
-    for (int i = 0; i < PIEZO_PLAY; ++i) {
-        play[i] = (double)c.play[i];
+    for (int i = 0; i < PIEZO_ZONES; ++i) {
+        weights[PIEZO_THRESHOLDS + i] = (double)p->w_S[i];
     }
-    for (int i = 0; i < PIEZO_RATES * PIEZO_PLAY; ++i) {
-        creep[i] = (double)c.creep[i];
+#if PIEZO_RATES > 0
+    for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
+        weights[PIEZO_THRESHOLDS + PIEZO_ZONES + i] = (double)p->w_K[i];
     }
-    piezo_learner_reset(axis->learner.bytes, weights, play, creep);
+#endif
+    weights[PIEZO_ALL_WEIGHTS - 1] = (double)p->offset[0];
+    controller_begin(&c, c.compensator.play, c.compensator.creep);
+    piezo_learner_begin(axis->learner.bytes, weights);
     axis->driven = 0;
-}
-
-void piezo_observe(piezo_axis *axis, piezo_real y_measured)
-{
-    double found[PIEZO_ALL_WEIGHTS];
-    if (axis->driven && piezo_learner_observe(axis->learner.bytes, (double)axis->last_x, (double)y_measured, found)) {
-        Compensator c = of(axis);
-        real weights[PIEZO_ALL_WEIGHTS];
-        for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
-            weights[i] = (real)found[i];
-        }
-        compensator_hand_over(&c, weights);
-    }
-    if (axis->driven && piezo_learner_trusts(axis->learner.bytes)) {
-        piezo_correct(axis, y_measured);
-    }
-}
-
-piezo_real piezo_drive(piezo_axis *axis, piezo_real y_ref)
-{
-    Compensator c = of(axis);
-    axis->last_x = compensator_step(&c, y_ref);
-    axis->driven = 1;
-    return axis->last_x;
 }
 
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref, piezo_real y_measured_before)
 {
-    piezo_observe(axis, y_measured_before);
-    return piezo_drive(axis, y_ref);
-}
-
-piezo_events piezo_get_events(const piezo_axis *axis)
-{
-    long long counts[4];
-    piezo_events events;
-    piezo_learner_events((void *)(uintptr_t)axis->learner.bytes, counts);
-    events.hand_overs = (uint32_t)counts[0];
-    events.refusals = (uint32_t)counts[1];
-    events.sensor_faults = (uint32_t)counts[2];
-    events.numeric_faults = (uint32_t)counts[3];
-    return events;
+    const Controller c = controller_of(axis);
+    if (axis->driven) {
+        controller_observe(&c, c.compensator.play[0], y_measured_before);
+    }
+    axis->driven = 1;
+    return controller_drive(&c, y_ref);
 }
 #else
+static void begin_learning(piezo_axis *axis) { (void)axis; }
+
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref)
 {
-    Compensator c = of(axis);
-    return compensator_step(&c, y_ref);
+    const Compensator c = of(axis);
+    return compensator_step(&c, y_ref, NULL);
 }
-
-static void start_learning(piezo_axis *axis) { (void)axis; }
 #endif
+
+void piezo_correct(piezo_axis *axis, piezo_real y_measured)
+{
+    const Compensator c = of(axis);
+    compensator_correct(&c, y_measured, 1);
+}
 
 void piezo_reset(piezo_axis *axis)
 {
     const Shape shape = CORE_SHAPE;
     Compensator c;
+    DriveSettings *settings;
     real weights[PIEZO_ALL_WEIGHTS];
     compensator_setup(axis->compensator.bytes, shape);
     c = of(axis);
+    settings = settings_of(&c);
     for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
         c.operators.r[i] = (real)thresholds[i];
     }
 #if PIEZO_RATES > 0
-    for (int i = 0; i < PIEZO_RATES * PIEZO_PLAY; ++i) {
-        c.operators.a[i] = (real)creep_gains[i / PIEZO_PLAY];
+    for (int i = 0; i < PIEZO_RATES; ++i) {
+        c.operators.a[i] = (real)creep_gains[i];
     }
 #endif
     for (int i = 0; i < zone_lanes(shape); ++i) {
-        c.S_inverse.low[i] = i < PIEZO_ZONES ? (real)zone_low[i] : -REAL_INFINITY;
-        c.S_inverse.high[i] = i < PIEZO_ZONES ? (real)zone_high[i] : REAL_INFINITY;
+        c.low[i] = i < PIEZO_ZONES ? (real)zone_low[i] : -REAL_INFINITY;
+        c.high[i] = i < PIEZO_ZONES ? (real)zone_high[i] : REAL_INFINITY;
     }
-    c.limits->x_centre = (real)PIEZO_X_CENTRE;
-    c.limits->x_scale = (real)PIEZO_X_SCALE;
-    c.limits->y_centre = (real)PIEZO_Y_CENTRE;
-    c.limits->y_scale = (real)PIEZO_Y_SCALE;
+    settings->x_centre = (real)PIEZO_X_CENTRE;
+    settings->x_scale = (real)PIEZO_X_SCALE;
+    settings->y_centre = (real)PIEZO_Y_CENTRE;
+    settings->y_scale = (real)PIEZO_Y_SCALE;
+    settings->decay = (real)PIEZO_FADE;
+    settings->gain = (real)PIEZO_INTEGRAL_GAIN;
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
-    c.fade->decay = (real)PIEZO_FADE;
-    c.fade->last_y_ref = (real)PIEZO_Y_CENTRE;
-    c.feedback->gain = (real)PIEZO_INTEGRAL_GAIN;
-    c.feedback->given = (real)NAN;
+    c.memory->last_y_ref = (real)PIEZO_Y_CENTRE;
+    c.memory->given = (real)NAN;
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
         weights[i] = (real)exported[i];
     }
     compensator_take(&c, weights);
-    start_learning(axis);
+#if PIEZO_LEARNING
+    memset(axis->learned, 0, sizeof axis->learned);
+    piezo_learner_reset(axis->learner.bytes);
+#endif
+    begin_learning(axis);
 }
 
 /* The weights in the order of the core, if they make a model that has an inverse. */
@@ -169,24 +162,25 @@ static piezo_status check(const piezo_weights *given, real *weights)
 
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *given, piezo_real fade)
 {
-    Compensator c = of(axis);
+    const Compensator c = of(axis);
     real weights[PIEZO_ALL_WEIGHTS];
     const piezo_status status = check(given, weights);
     if (!(fade >= 0 && fade < 1)) {
         return PIEZO_BAD_LIMITS;
     }
     if (status == PIEZO_OK) {
-        compensator_hand_over(&c, weights);
-        c.fade->decay = fade;
-        c.fade->bump = fade > 0 ? c.fade->bump : 0;
-        start_learning(axis);
+        const real before = compensator_now(&c);
+        compensator_take(&c, weights);
+        settings_of(&c)->decay = fade;
+        c.memory->bump = fade > 0 ? c.memory->bump + before - compensator_now(&c) : 0;
+        begin_learning(axis);
     }
     return status;
 }
 
 piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high, piezo_real max_step)
 {
-    Compensator c = of(axis);
+    const Compensator c = of(axis);
     if (!(low < high && max_step > 0)) { /* NaN compares false */
         return PIEZO_BAD_LIMITS;
     }
@@ -200,7 +194,8 @@ piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second)
     if (!(gain >= 0 && gain <= 1)) {
         return PIEZO_BAD_LIMITS;
     }
-    of(axis).feedback->gain = (real)gain;
+    const Compensator c = of(axis);
+    settings_of(&c)->gain = (real)gain;
     return PIEZO_OK;
 }
 
@@ -211,10 +206,10 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
 #if PIEZO_RATES > 0
     memcpy(state->creep, c.creep, sizeof state->creep);
 #endif
-    state->bump = c.fade->bump;
-    state->fade = c.fade->decay;
-    state->last_y_ref = c.fade->last_y_ref;
-    state->correction = c.feedback->correction;
+    state->bump = c.memory->bump;
+    state->fade = c.settings->decay;
+    state->last_y_ref = c.memory->last_y_ref;
+    state->correction = c.memory->correction;
 }
 
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
@@ -237,11 +232,11 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
 #if PIEZO_RATES > 0
     memcpy(c.creep, state->creep, sizeof state->creep);
 #endif
-    c.fade->bump = state->bump;
-    c.fade->decay = state->fade;
-    c.fade->last_y_ref = state->last_y_ref;
-    c.feedback->correction = state->correction;
-    c.feedback->given = (real)NAN;
-    start_learning(axis);
+    settings_of(&c)->decay = state->fade;
+    c.memory->bump = state->bump;
+    c.memory->last_y_ref = state->last_y_ref;
+    c.memory->correction = state->correction;
+    c.memory->given = (real)NAN;
+    begin_learning(axis);
     return PIEZO_OK;
 }

@@ -1,4 +1,4 @@
-/* The learner of core/cyclic.h or core/continuous.h with the parameters of this export. */
+/* The learner of core/learner.h with the parameters of this export, the task behind the step. */
 #include "piezo.h"
 #include "piezo_learner.h"
 
@@ -6,37 +6,31 @@
 #pragma GCC diagnostic ignored "-Wunused-function" /* not every function of the core is needed here */
 #endif
 
-#if PIEZO_LEARNING == PIEZO_CONTINUOUS || PIEZO_LEARNING == PIEZO_EXACT
+#ifdef PIEZO_FLOAT
+#define CORE_FLOAT_SIGNALS
+#endif
+/* Constants of the core's enumerations in learner.h. */
+#define CORE_WAY (PIEZO_LEARNING == PIEZO_CONTINUOUS ? CONTINUOUS : CYCLIC)
+#define CORE_SOLVER (PIEZO_LEARNING == PIEZO_CONTINUOUS ? EXACT : PIEZO_LEARNING == PIEZO_STEPS ? STEPS : ANSWERED)
+
+#include "core/block_pivoting.c"
 #include "core/box_data.c"
 #include "core/box_dual.c"
 #include "core/box_exchange.c"
 #include "core/box_factor.c"
 #include "core/box_inverse.c"
 #include "core/box_pivoting.c"
-#endif
-#if PIEZO_LEARNING == PIEZO_CONTINUOUS
-#include "core/swept_exchange.c"
-#include "core/swept_gram.c"
-#include "core/swept_refresh.c"
-#include "core/swept_renewal.c"
-#include "core/swept_rows.c"
-
-#include "core/continuous.c"
-typedef Continuous Learner;
-#define learner_at continuous_at
-#else
 #include "core/eigenvalue.c"
 
-#include "core/data_basis.c"
 #include "core/descent.c"
 #if PIEZO_LEARNING == PIEZO_ACCELERATED
 #include "core/acceleration.c"
 #endif
 
+#include "core/continuous.c"
 #include "core/cyclic.c"
-typedef Cyclic Learner;
-#define learner_at cyclic_at
-#endif
+#include "core/learner.c"
+#include "core/optimum.c"
 
 static const double thresholds[] = PIEZO_R_H, zone_low[] = PIEZO_ZONE_LOW, zone_high[] = PIEZO_ZONE_HIGH;
 static const double outer_low[] = PIEZO_OUTER_LOW, outer_high[] = PIEZO_OUTER_HIGH;
@@ -44,13 +38,11 @@ static const double outer_low[] = PIEZO_OUTER_LOW, outer_high[] = PIEZO_OUTER_HI
 static const double creep_gains[] = PIEZO_CREEP_GAINS;
 #endif
 
-static void set_regressors(Regressors *p, Shape shape)
+static void set_regressors(const Regressors *p, Shape shape)
 {
     memcpy(p->operators.r, thresholds, sizeof thresholds);
 #if PIEZO_RATES > 0
-    for (int i = 0; i < creep_lanes(shape); ++i) {
-        p->operators.a[i] = creep_gains[i / lanes(shape)];
-    }
+    memcpy(p->operators.a, creep_gains, sizeof creep_gains);
 #endif
     for (int i = 0; i < zone_lanes(shape); ++i) {
         p->low[i] = i < PIEZO_ZONES ? zone_low[i] : -REAL_INFINITY;
@@ -60,99 +52,104 @@ static void set_regressors(Regressors *p, Shape shape)
     }
 }
 
-void piezo_learner_reset(void *learner, const double *weights, const double *play, const double *creep)
+void piezo_learner_reset(void *learner)
 {
     const Shape shape = CORE_SHAPE;
-    const Scales scales = {PIEZO_X_CENTRE, PIEZO_X_SCALE, PIEZO_Y_CENTRE, PIEZO_Y_SCALE};
-    Learner l;
+    const LearnerSettings settings = {
+        .way = CORE_WAY, .solver = CORE_SOLVER, .middle = PIEZO_MIDDLE, .reset_lasts = PIEZO_RESET_SAMPLES,
+        .forgetting = PIEZO_FORGETTING, .share = PIEZO_SHARE, .proximal = PIEZO_PROXIMAL, .min_slope = PIEZO_MIN_SLOPE,
 #if PIEZO_LEARNING == PIEZO_CONTINUOUS
-    const ContinuousSettings settings = {PIEZO_RESET_SAMPLES, PIEZO_INTERVAL, PIEZO_CHECKPOINT, PIEZO_HALF_WINDOW, PIEZO_SMOOTHING,
-                                         PIEZO_MIN_SLOPE};
-    continuous_setup(learner, shape, PIEZO_MIDDLE, PIEZO_MIN_SLOPE, PIEZO_FORGETTING, PIEZO_PROXIMAL, PIEZO_MOST_EXCHANGES);
-    l = learner_at(learner);
-    l.memory->settings = settings;
-    set_regressors(&l.regressors, shape);
-    memcpy(l.play, play, (size_t)lanes(shape) * sizeof(real));
-    memcpy(l.creep, creep, (size_t)creep_lanes(shape) * sizeof(real));
-    unknowns_of(shape, PIEZO_MIDDLE, weights, l.in_use + 1);
-    l.memory->counts.left = PIEZO_RESET_SAMPLES;
-    continuous_begin_anew(&l, 0);
+        .interval = PIEZO_INTERVAL, .checkpoint = PIEZO_CHECKPOINT, .half_window = PIEZO_HALF_WINDOW, .smoothing = PIEZO_SMOOTHING,
 #else
-    const CyclicSettings settings = {PIEZO_RESET_SAMPLES, PIEZO_BUILD_SAMPLES, PIEZO_LEARN_SAMPLES, PIEZO_LEARNING == PIEZO_STEPS,
-                                     PIEZO_PROXIMAL, PIEZO_MIN_SLOPE, PIEZO_STEP_RATIO};
-    cyclic_setup(learner, shape, PIEZO_MIDDLE);
-    l = learner_at(learner);
-    l.memory->settings = settings;
-    set_regressors(&l.basis.regressors, shape);
-    memcpy(l.basis.play, play, (size_t)lanes(shape) * sizeof(real));
-    memcpy(l.basis.creep, creep, (size_t)creep_lanes(shape) * sizeof(real));
-    unknowns_of(shape, PIEZO_MIDDLE, weights, l.in_use);
-    cyclic_enter(&l, RESET);
+        .build_lasts = PIEZO_BUILD_SAMPLES, .learn_lasts = PIEZO_LEARN_SAMPLES, .solve_lasts = PIEZO_SAMPLES_TO_SOLVE, .step_ratio = PIEZO_STEP_RATIO,
 #endif
-    l.memory->scales = scales;
+    };
+    const Learner l = learner_setup(learner, shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY);
+    l.mailbox.head->delay = PIEZO_DELAY;
+    memcpy((void *)(uintptr_t)l.settings, &settings, sizeof settings);
+    set_regressors(&l.regressors, shape);
+}
+
+void piezo_learner_begin(void *learner, const double *weights)
+{
+    const Learner l = learner_at(learner);
+    unknowns_of(l.shape, PIEZO_MIDDLE, weights, l.in_use);
+    l.clock->past_share = 0; /* what a cycle remembers is of the model before */
+    learner_begin(&l);
 }
 
 #if PIEZO_LEARNING == PIEZO_EXACT
-/* The program solved at once, warm from the weights in use. */
-static int solve(Cyclic *c)
+/* Solve the program of a cycle at once, warm from the weights in use. */
+static int solve_cycle(const Learner *l)
 {
-    char *const memory = (char *)c->head + room_bytes(cyclic_bytes(c->shape));
+    const Cyclic *const c = &l->cyclic;
+    void *const room = workspace_of(l).exact;
     Box box;
-    if (box_setup(memory, c->d, c->lower, c->upper) != OK) {
+    int status;
+    if (box_setup(room, l->d, c->lower, c->upper) != OK) {
         return 0;
     }
-    box = box_at(memory);
+    box = box_at(room);
     if (box_take_hessian(&box, c->P) != OK || box_take_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
         return 0;
     }
-    const int status = box_solve(&box, 1);
-    memcpy(c->answer, box.answer, (size_t)c->d * sizeof(real));
+    status = box_solve(&box, 1);
+    memcpy(c->answer, box.answer, (size_t)l->d * sizeof(real));
     return status == OK || status == CAPPED;
 }
 #elif PIEZO_LEARNING == PIEZO_ACCELERATED
-static int solve(Cyclic *c)
+static int solve_cycle(const Learner *l)
 {
-    if (descent_setup(c->descent.head, c->d, c->lower, c->upper) != OK || descent_take(&c->descent, c->P, c->q, 0.5, 1) != OK) {
+    const Cyclic *const c = &l->cyclic;
+    Descent descent = c->descent;
+    if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK || descent_take(&descent, c->P, c->q, 0.5, 1) != OK) {
         return 0;
     }
-    descent_start(&c->descent, c->start);
-    accelerated_steps(&c->descent, PIEZO_STEPS_OF_A_SOLVE, PIEZO_SOLVE_TOLERANCE);
-    descent_answer(&c->descent);
-    return c->descent.head->met;
+    descent_start(&descent, c->start);
+    accelerated_steps(&descent, PIEZO_STEPS_OF_A_SOLVE, PIEZO_SOLVE_TOLERANCE);
+    descent_answer(&descent);
+    return descent.head->met;
 }
 #endif
 
-int piezo_learner_observe(void *learner, double x, double y, double *weights)
+/* Counters that other threads may read. */
+static void tell(piezo_axis *axis, const Learner *l)
 {
-    Learner l = learner_at(learner);
-#if PIEZO_LEARNING == PIEZO_CONTINUOUS
-    const int brought = continuous_observe(&l, x, y);
-#else
-    const int brought = cyclic_observe(&l, x, y);
-#endif
+    const LearnerMemory *const m = l->memory;
+    const num counts[] = {m->hand_overs, m->refusals, m->faults, m->failures};
+    for (int i = 0; i < PIEZO_LEARNED; ++i) {
+        CORE_RELEASE(axis->learned + i, (uint32_t)counts[i]);
+    }
+}
+
+int piezo_learn(piezo_axis *axis)
+{
+    const Learner l = learner_at(axis->learner.bytes);
+    const MailboxHead *const m = l.mailbox.head;
+    if (CORE_ACQUIRE(&m->published) == m->consumed) {
+        return 0;
+    }
 #if PIEZO_LEARNING == PIEZO_EXACT || PIEZO_LEARNING == PIEZO_ACCELERATED
-    if (brought & PROGRAM) {
-        l.memory->counts.left = PIEZO_SAMPLES_TO_SOLVE;
-        if (!solve(&l)) {
-            ++l.memory->counts.refusals;
-            cyclic_enter(&l, RESET);
-        }
+    if ((learner_learn(&l) & PROGRAM) && !solve_cycle(&l)) {
+        l.cyclic.answer[0] = (real)NAN; /* which the learner refuses */
     }
+#else
+    learner_learn(&l);
 #endif
-    if (brought & TAKE_OVER) {
-        memcpy(weights, l.weights, PIEZO_ALL_WEIGHTS * sizeof(double));
-        return 1;
-    }
-    return 0;
+    tell(axis, &l);
+    return 1;
 }
 
-int piezo_learner_trusts(void *learner) { return learner_at(learner).memory->counts.last_verdict == GOOD; }
-
-void piezo_learner_events(void *learner, long long *counts)
+piezo_events piezo_get_events(const piezo_axis *axis)
 {
-    const LearningCounts *const n = &learner_at(learner).memory->counts;
-    counts[0] = n->hand_overs;
-    counts[1] = n->refusals;
-    counts[2] = n->faults;
-    counts[3] = n->failures;
+    const Learner l = learner_at((void *)(uintptr_t)axis->learner.bytes);
+    const MailboxHead *const m = l.mailbox.head;
+    piezo_events events;
+    events.hand_overs = CORE_ACQUIRE(axis->learned);
+    events.refusals = CORE_ACQUIRE(axis->learned + 1);
+    events.sensor_faults = CORE_ACQUIRE(axis->learned + 2);
+    events.numeric_faults = CORE_ACQUIRE(axis->learned + 3);
+    events.late_offers = CORE_ACQUIRE(&m->late);
+    events.dropped_blocks = CORE_ACQUIRE(&m->dropped);
+    return events;
 }
