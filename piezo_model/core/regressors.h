@@ -73,7 +73,7 @@ CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num 
 #ifdef CORE_TILE
 enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = GRAM_ROWS };
 #else
-enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = 2 };
+enum { GRAM_ROWS = PARTS == 1 ? 8 : 4, GRAM_VECTORS = 1 };
 #endif
 
 /* gram <- fade gram + sum of row_k row_k' over rows of `width` entries, `stride` nums apart. */
