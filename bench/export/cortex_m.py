@@ -27,8 +27,8 @@ COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-arm"
 PACKAGES = {COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi", EMULATOR: "qemu-user"}
 FLAGS = ("-std=c99", "-O2", "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections",
          "-nostartfiles", "--specs=nosys.specs", "-Wl,--gc-sections")
-ENOUGH, GIVE_UP = 1_500_000, 5_000_000
-"""Instructions to list, two or three seconds, and most of them before the first step."""
+ENOUGH, GIVE_UP = 3_000_000, 5_000_000
+"""Instructions to list, a few seconds, and most of them before the first step."""
 
 
 @dataclass(frozen=True)

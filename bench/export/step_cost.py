@@ -19,7 +19,7 @@ from bench.export.settings import ExportError, ExportSettings
 from piezo_model import Compensator, HysteresisCreepModel
 from solvers.arrays import Vector
 
-TIMED, COUNTED, LISTED = 40_000, 8_000, 512
+TIMED, COUNTED, LISTED = 40_000, 8_000, 256
 """Samples to time here, to count here, and at most to list under an emulator."""
 
 NOISE = 1e-3
@@ -70,7 +70,8 @@ def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions
             absent.append(f"Instructions here were not counted: {error}.")
         for core in CORES:
             try:
-                controllers.append(controller_cost(folder, model, shortened(model, settings, LISTED), core, samples[:LISTED]))
+                controllers.append(controller_cost(folder, model, in_blocks(model, settings, shortened(model, settings, LISTED)), core,
+                                                   samples[:2 * LISTED]))
             except ExportError as error:
                 absent.append(f"{core.name} was left out: {error}.")
     return StepCost(time.fastest_ns, time.with_learning_ns, counted, learning, time.axis_bytes, tuple(controllers), tuple(absent))
@@ -97,3 +98,13 @@ def shortened(model: HysteresisCreepModel, settings: ExportSettings, samples: in
     share = samples * model.structure.sample_time / cycle_s
     return replace(settings, name="piezo", reset_s=share * settings.reset_s, build_s=share * settings.build_s,
                    learn_s=share * settings.learn_s)
+
+
+def in_blocks(model: HysteresisCreepModel, settings: ExportSettings, short: ExportSettings) -> ExportSettings:
+    """Short cycles with phases of whole blocks, of as many samples as those of the settings have: they decide what a step and a block cost."""
+    if not settings.cyclic:
+        return short
+    s, block = model.structure, settings.numbers(model.structure)["block"]
+    reset_s, build_s, learn_s = (s.sample_time * block * max(1, round(s.samples(seconds) / block))
+                                 for seconds in (short.reset_s, short.build_s, short.learn_s))
+    return replace(short, reset_s=reset_s, build_s=build_s, learn_s=learn_s)

@@ -17,6 +17,7 @@ from programs import program
 from bench.export.fmu import variables, write_fmu
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import Compensator
+from piezo_model.compensator import CORRECTION
 from piezo_model.deployment import Deployment
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed; it is part of the extra dev")
@@ -107,7 +108,7 @@ def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, f
         (it.setReal if fmi == 2 else it.setFloat64)([6], [y])
         compensator.correct(y)
         assert step(it, fmi, k, wanted) == compensator.step(wanted)
-    assert compensator.feedback[1] != 0.0
+    assert compensator.drive[CORRECTION] != 0.0
     it.terminate()
     it.freeInstance()
 

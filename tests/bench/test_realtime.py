@@ -17,7 +17,7 @@ from bench.export.building import instructions_per_step, write_sources
 from bench.export.cortex_m import CORES, controller_cost, cross_build, emulate, instructions
 from bench.export.realtime import RealTime, highest, histogram
 from bench.export.settings import ExportError, ExportSettings
-from bench.export.step_cost import loop_samples, shortened, step_cost
+from bench.export.step_cost import in_blocks, loop_samples, shortened, step_cost
 from piezo_model import HysteresisCreepModel
 
 LOOP = ExportSettings(part="learning", solver="recursive_active_set")
@@ -140,6 +140,13 @@ def test_a_shortened_cycle_keeps_its_proportions_and_its_reset() -> None:
     model = a_model()
     numbers = shortened(model, ExportSettings(part="learning"), 8000).numbers(model.structure)
     assert [numbers[f"{phase}_lasts"] for phase in ("reset", "build", "learn")] == [80, 6400, 1520]
+
+
+def test_a_cycle_in_blocks_has_those_of_the_settings() -> None:
+    model, settings = a_model(), ExportSettings(part="learning")
+    numbers = in_blocks(model, settings, shortened(model, settings, 256)).numbers(model.structure)
+    assert numbers["block"] == settings.numbers(model.structure)["block"] == 32
+    assert [numbers[f"{phase}_lasts"] for phase in ("reset", "build", "learn")] == [32, 192, 64]
 
 
 def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
