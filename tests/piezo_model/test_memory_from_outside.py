@@ -51,10 +51,8 @@ def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
         except ValueError:
             refused += 1
             continue
-        if isinstance(one, CompensatorBank):
-            x = one.run(np.tile(y_ref[:, None], 8), np.tile(y_ref[:, None], 8))
-        else:
-            x = one.replay(y_ref, y_ref)
+        eight = np.tile(y_ref[:, None], 8)
+        x = one.run(eight, eight) if isinstance(one, CompensatorBank) else one.replay(y_ref, y_ref)
         if not (np.all(np.isfinite(x)) and x.min() >= low and x.max() <= high):
             raise AssertionError("the drive left its limits")
         ran += 1
