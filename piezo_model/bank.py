@@ -185,7 +185,7 @@ class CompensatorBank:
             self._set(name, new, 0.0)
         nothing = np.zeros(count)
         self._set("drive_memory", new, np.column_stack([low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, nothing,
-                                                        nothing + s.y_centre, nothing, nothing + math.nan, nothing]))
+                                                        nothing + s.y_centre, nothing, nothing + math.nan, nothing, nothing]))
         straight = HysteresisCreepModel.from_weights(s, s.straight_line)
         self._take(new, [straight] * count)
         learning = self.learning
@@ -321,7 +321,7 @@ class CompensatorBank:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 about = decoded(str(file["about"]), dict[str, Any])
                 if (about["format"], about["version"]) != (FORMAT, VERSION):
-                    raise ValueError(f"it is none of version {VERSION}")
+                    raise ValueError(f"it is none of version {VERSION}; load an older one with the program that wrote it, and take its models over")
                 found, memory = convert(about, About), {"core": file["core"], "slots": file["slots"]}
                 options = found["options"]
                 samples, _ = continuous_numbers(found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"])

@@ -23,9 +23,10 @@ from solvers.arrays import Vector
 
 LIMITS = slice(0, 4)
 """Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit amplitudes."""
-BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD = range(4, 9)
+BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD, TURN = range(4, 10)
 """Its other entries: what is still added to the drive since the last change of weights; the last finite reference and what integral
-action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive for it."""
+action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive for it;
+which creep states are looked through next."""
 DECAY, GAIN = 5, 6
 """Entries of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample, and that of integral action."""
 
@@ -109,7 +110,7 @@ class Compensator:
         self._x_limits, self._rate_limit, self._integral_gain = x_limits, rate_limit, integral_gain
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
-        self._use(model, state, np.array([0.0, s.y_centre, 0.0, math.nan, 0.0]), 0.0)
+        self._use(model, state, np.array([0.0, s.y_centre, 0.0, math.nan, 0.0, 0.0]), 0.0)
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
         s, self._model = model.structure, model
@@ -136,7 +137,7 @@ class Compensator:
 
     @property
     def drive(self) -> Vector:
-        """The drive's memory (9,); what is written to it is taken."""
+        """The drive's memory (10,); what is written to it is taken."""
         return self._core["memory"]
 
     @property
@@ -202,8 +203,8 @@ class Compensator:
         found = json_file.convert(memory, CompensatorMemory)
         model, state, drive = HysteresisCreepModel.from_file(found["model"]), OperatorState(found["play"], found["creep"]), found["drive"]
         state.require(model.structure)
-        if drive.shape != (5,) or not np.all(np.isfinite(drive[[0, 1, 2, 4]])):  # the last reference may have been none
-            raise ValueError("the memory of the drive must be five finite numbers, but for the last reference")
+        if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):  # the last reference may have been none
+            raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")
         if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= found["decay"] < 1.0):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
         self._use(model, state, drive, found["decay"])

@@ -92,6 +92,7 @@ void tile_prepare(const Bank *b, int64_t tile, int64_t late)
     m->blocks = 1;
     m->delay = b->head->block;
     m->samples = late;
+    m->skipped = (int32_t)(late % m->block);
     l.clock->next_interval = (late / b->learner_settings->interval + 1) * b->learner_settings->interval;
 }
 

@@ -58,6 +58,20 @@ static void move_on(const Compensator *c, num x)
 #endif
 }
 
+/* Flush what has faded among eight creep states of one rate, others at each sample. */
+static void flush_in_turn(const Compensator *c)
+{
+    const int k = play_vectors(c->shape), together = VECTORS(LANES), eights = (k + together - 1) / together;
+    const int turns = eights * c->shape.rates;
+    const real next = *(const real *)(const void *)&c->memory->turn;
+    const int turn = next >= 0 && next < (real)turns ? (int)next : 0, first = turn % eights * together;
+    for (int i = first; turns > 0 && i < k && i < first + together; ++i) {
+        const int at = turn / eights * k + i;
+        set_vector(c->creep, at, flushed8(vector(c->creep, at)));
+    }
+    c->memory->turn = constant((real)(turn + 1 < turns ? turn + 1 : 0));
+}
+
 void N(compensator_correct)(const Compensator *c, num y, num trusted)
 {
     DriveMemory *const m = c->memory;
@@ -92,6 +106,7 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     x = within_limits(c, choose(finite, within(wanted, minus(last, step), plus(last, step)), last));
     m->held = minus(less(x, wanted), less(wanted, x));
     x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may have passed a limit by its last bit */
+    flush_in_turn(c);
     move_on(c, divided(minus(x, x_centre), x_scale));
     return x;
 }

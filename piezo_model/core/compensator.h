@@ -23,9 +23,10 @@ typedef struct {
 
 /* Of each: limits of the drive in the input unit and in unit amplitudes; what is still added to the drive since the last change of
  * weights; the last finite reference with what integral action has added to it so far, both in the output unit; the last reference as it
- * was given, NaN where there was none; and 1 or -1 where the drive for it was above or below what the limits let pass. */
+ * was given, NaN where there was none; 1 or -1 where the drive for it was above or below what the limits let pass; and which eight creep
+ * states are looked through next for what has faded. */
 typedef struct {
-    num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held;
+    num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held, turn;
 } DriveMemory;
 
 /* The weights of a model, w_H0 ... w_Hn, w'_S, w_K and the constant; the partial sums W_H of w_H; weights and thresholds of H^-1. */

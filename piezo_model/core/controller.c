@@ -9,14 +9,14 @@ void N(controller_begin_block)(const Controller *c, const num *play, const num *
     const Block b = block_in(&c->mailbox, place);
     const int k = play_vectors(c->compensator.shape), states = k + creep_vectors(c->compensator.shape);
     for (int i = 0; i < states; ++i) {
-        store((real *)(void *)b.play + LANES * i, i < k ? vector(play, i) : flushed8(vector(creep, i - k)));
+        store((real *)(void *)b.play + LANES * i, i < k ? vector(play, i) : vector(creep, i - k));
     }
     b.head->first = m->samples;
     b.head->epoch = m->epoch;
     b.head->answered = m->answered;
     m->place = place;
     m->filled = 0;
-    m->to_go = m->block - (int32_t)(m->samples % m->block);
+    m->to_go = m->block - m->skipped;
 }
 
 void N(controller_begin)(const Controller *c, const num *play, const num *creep)
@@ -25,6 +25,7 @@ void N(controller_begin)(const Controller *c, const num *play, const num *creep)
     ++m->epoch;
     m->consumed = m->published;
     m->answered = m->offered;
+    m->skipped = (int32_t)(m->samples % m->block);
     guard_forget(guard_of(c));
     N(controller_begin_block)(c, play, creep);
 }
@@ -36,7 +37,8 @@ int N(controller_observe)(const Controller *c, num x, num y)
     const Block b = block_in(&c->mailbox, m->place);
     const num unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
     num fault;
-    const num good = guard_judge(guard_of(c), x, unit_y, &fault), faults = plus(from_shared(c->mailbox.faults, 0), fault);
+    const num good = guard_judge(guard_of(c), x, unit_y, &fault), counted = plus(from_shared(c->mailbox.faults, 0), fault);
+    const num faults = choose(less(constant(MOST_COUNTED), counted), constant(0), counted);
     N(compensator_correct)(&c->compensator, y, good);
     to_shared(b.x, m->filled, x);
     to_shared(b.y, m->filled, choose(good, unit_y, constant((real)NAN)));
@@ -48,7 +50,7 @@ int N(controller_observe)(const Controller *c, num x, num y)
     }
     b.head->count = m->filled;
     to_shared(b.faults, 0, faults);
-    m->filled = 0;
+    m->filled = m->skipped = 0;
     if (m->blocks == 1 || m->published + 1 - CORE_ACQUIRE(&m->consumed) < (uint32_t)m->blocks) {
         CORE_RELEASE(&m->published, m->published + 1);
     } else {
@@ -72,7 +74,7 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
     }
     current = *o->epoch == m->epoch;
     if (current) {
-        const num unknown = less(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
+        const num unknown = differs(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
         change->inverse = take_inverse(&room, c->compensator.shape);
         change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
         CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));

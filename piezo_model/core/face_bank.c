@@ -83,7 +83,7 @@ static int sound(const Bank *b, int64_t tile)
     const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
     const MailboxHead *const m = l->mailbox.head;
     const int fine = m->block == b->head->block && m->blocks == 1 && m->place == 0 && m->delay == m->block && m->samples >= 0 && m->filled >= 0
-        && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->published == m->consumed && m->offered - m->answered <= 1
+        && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1
         && l->clock->next_interval >= 0;
     return fine && all_finite(c->play, play_vectors(b->shape)) && all_finite(c->creep, creep_vectors(b->shape))
         && all_finite(c->inverse.w_H, inverse_nums(b->shape)) && all_finite(l->in_use, 3 * NUMS(l->d))

@@ -89,9 +89,10 @@ FACE(learner_begin)
     const Shape s = loop.learner.shape;
     const double *const play = take_array(a, VECTOR, lanes(s));
     const double *const creep = take_array(a, VECTOR, creep_lanes(s));
+    const int resets = (int)take_integer(a, 0, 1);
     if (good(a)) {
         controller_begin(&loop.controller, play, creep);
-        learner_begin(&loop.learner);
+        learner_begin(&loop.learner, resets);
     }
     return finish_integer(a, 0);
 }
@@ -168,7 +169,7 @@ static int sound(const Learner *l, const LearnerHead *head)
     const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
     const int cyclic = head->way == CYCLIC;
     int fine = m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0
-        && m->filled + m->to_go <= m->block && m->published == m->consumed && m->offered - m->answered <= 1;
+        && m->filled + m->to_go <= m->block && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1;
     fine = fine && p->way == head->way && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0 && p->middle < l->shape.zones
         && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET && t->phase <= LEARN && t->next_interval >= 0;
     for (int i = 0; fine && i < l->d; ++i) {
@@ -295,7 +296,6 @@ FACE(learner_observe)
         if (controller_observe(&loop.controller, unit, y[k])) {
             brought = learner_learn(l) & ~TAKE_OVER;
             controller_begin_block(&loop.controller, l->seen_play, l->seen_creep);
-            memcpy(l->seen_creep, block.creep, sizeof(double) * (size_t)creep_lanes(s));
         }
     }
     end_long(a);

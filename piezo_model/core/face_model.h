@@ -29,7 +29,7 @@
     F(learner_bytes, 7, "n, zones, rates, offset, block, blocks, way", "size of a learner; way 0 is continuous, 1 cyclic.") \
     F(exported_learner_bytes, 8, "n, zones, rates, offset, block, blocks, way, each", "the same with a mailbox of numbers of so many bytes each.") \
     F(learner_setup, 8, "state, n, zones, rates, offset, block, blocks, way", "make a block a learner; where its parts stand.") \
-    F(learner_begin, 4, "state, compensator, play, creep", "begin to learn from the weights in use and these states.") \
+    F(learner_begin, 5, "state, compensator, play, creep, resets", "begin to learn from the weights in use and these states.") \
     F(learner_begin_anew, 2, "state, level", "forget all but the weights in use.") \
     F(learner_program, 4, "state, P, q, lower", "the program of an interval.") \
     F(learner_quiet, 1, "state", "samples for which the weights in use cannot change.") \

@@ -147,7 +147,7 @@ int N(learner_learn)(const Learner *l)
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
         const int cyclic = WAY(l->settings) == CYCLIC;
         Passed b = cyclic && l->clock->phase != BUILD ? count_good(&block) : pass_through(l, &block, !cyclic);
-        b.fault = less(known, l->memory->fault_count);
+        b.fault = differs(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
             l->memory->pending = constant(0);
         }
@@ -210,7 +210,7 @@ Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
     return l;
 }
 
-void learner_begin(const Learner *l)
+void learner_begin(const Learner *l, int resets)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
@@ -222,7 +222,7 @@ void learner_begin(const Learner *l)
     } else {
         l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
         m->noted = 0;
-        m->left = (real)p->reset_lasts;
+        m->left = resets ? (real)p->reset_lasts : m->left;
         m->probation = m->predicted = m->squares_in_use = m->squares_candidate = 0;
         learner_begin_anew(l, 1, m->level);
     }

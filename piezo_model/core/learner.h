@@ -215,8 +215,8 @@ CORE_API int64_t learner_bytes(Shape shape, int block, int blocks, int way);
 CORE_API Learner learner_at(void *memory);
 /* Settings, thresholds and in_use are still to be written, and then learner_begin. */
 CORE_API Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way);
-/* Begin with the weights that stand in in_use. */
-CORE_API void learner_begin(const Learner *l);
+/* Begin with the weights that stand in in_use, in continuous operation after a reset where it `resets`. */
+CORE_API void learner_begin(const Learner *l, int resets);
 CORE_API int cyclic_block(const Learner *l, const Passed *b);
 CORE_API void cyclic_enter(const Learner *l, int phase);
 CORE_API int64_t cyclic_bytes(Shape shape);

@@ -38,7 +38,7 @@ typedef struct {
     int64_t delay;
     int64_t samples;       /* taken so far, those that a tile began late included */
     int32_t filled, to_go; /* samples in the present block, and samples that it has not yet got */
-    int32_t place;         /* of the present block in the ring */
+    int32_t place, skipped; /* of the present block in the ring; samples by which the first block is shorter */
     uint32_t published, consumed, offered, answered, epoch;
     uint32_t dropped, late; /* blocks, and offers */
 } MailboxHead;
@@ -70,6 +70,8 @@ typedef struct {
     Offer offer;
     char *ring;
 } Mailbox;
+
+#define MOST_COUNTED ((real)1e6) /* faults, which then begin again at 0: a float counts no further than 2^24 */
 
 enum { GUARD_NUMS = 16 };
 CORE_INLINE int64_t shared_bytes(int count) { return room_bytes((int64_t)sizeof(shared) * WIDTH * count); }

@@ -65,7 +65,7 @@ class Learner:
         self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.fade_over(settings.fade_s)
         self.core["in_use"][:] = s.inverse_slope_map @ compensator.model.weights
-        face.learner_begin(self.core.block, compensator.block, compensator.state.play, compensator.state.creep)
+        face.learner_begin(self.core.block, compensator.block, compensator.state.play, compensator.state.creep, True)
 
     def _cyclic_numbers(self) -> tuple[int, dict[str, float]]:
         s, settings = self._compensator.model.structure, self._settings
@@ -146,8 +146,8 @@ class Learner:
                 self._note(what, message)
         if self.cyclic:
             self._follow_cycle(brought)
-        if (Brought.LOOK in brought or Brought.CYCLE_OVER in brought) and self._follow_range(brought):
-            return
+        if Brought.LOOK in brought or Brought.CYCLE_OVER in brought:
+            self._follow_range()
 
     def _follow_cycle(self, brought: Brought) -> None:
         errors = float(self.core["clock"][CLOCK.index("error_in_use")]), float(self.core["clock"][CLOCK.index("error_found")])
@@ -193,7 +193,7 @@ class Learner:
         elif np.all(np.isfinite(found)):
             core["candidate"][:] = np.maximum(found, lower)
 
-    def _follow_range(self, brought: Brought) -> bool:
+    def _follow_range(self) -> None:
         """Go on in other ranges, where those that were driven are others."""
         core, old = self.core, self._compensator.model.structure
         span = core["covered"] if self.cyclic else core["memory"][MEMORY.index("span"):]
@@ -201,19 +201,16 @@ class Learner:
         if not self.cyclic:
             span[:] = math.inf, -math.inf, math.inf, -math.inf
         if new is None:
-            return False
+            return
         state = OperatorState(core["block_play"], core["block_creep"]).on(old, new)
         level = core["memory"][MEMORY.index("level")] * (old.x_scale / new.x_scale) ** 2
         self._compensator.change_model(carried_over(self._compensator.model, new), self._settings.fade_s)
         core["in_use"][:] = new.inverse_slope_map @ self._compensator.model.weights
-        left = core["memory"][MEMORY.index("left")]
         core["memory"][MEMORY.index("level")] = level
-        face.learner_begin(core.block, self._compensator.block, state.play, state.creep)
-        core["memory"][MEMORY.index("left")] = left
+        face.learner_begin(core.block, self._compensator.block, state.play, state.creep, False)
         if self.cyclic:
             core["clock"][CLOCK.index("past_share")] = 0.0
         self._note("range", "the thresholds follow the range that was driven")
-        return True
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied."""

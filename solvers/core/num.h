@@ -117,6 +117,7 @@ CORE_INLINE num less(num a, num b) { return if_less(a, b, constant(1), constant(
 CORE_INLINE num is_not(num a) { return minus(constant(1), a); }
 CORE_INLINE num both(num a, num b) { return times(a, b); }
 CORE_INLINE num either(num a, num b) { return greatest(a, b); }
+CORE_INLINE num differs(num a, num b) { return either(less(a, b), less(b, a)); }
 CORE_INLINE num choose(num which, num a, num b) { return if_less(constant(0), which, a, b); }
 CORE_INLINE num is_finite(num a) { return less(absolute(a), constant(REAL_INFINITY)); }
 CORE_INLINE num within(num a, num low, num high) { return greatest(lowest(a, high), low); }

@@ -146,3 +146,15 @@ def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
     learner.run(y_ref[:20], plant.run)
     y = learner.run(y_ref, plant.run)[1]
     assert error(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
+
+
+def test_another_solver_is_asked_at_each_interval_and_does_as_well() -> None:
+    errors = []
+    for solver in ("box_active_set", "daqp", "projected_difference"):  # the last is the default, which means the exact one
+        plant = sensor()
+        learner, y_ref = learner_for(plant, "continuous", solver, hand_over_s=0.05), 0.7 * steps(plant, 10.0)
+        y = learner.run(y_ref, plant.run)[1]
+        assert learner.counts["hand_overs"] > 20
+        errors.append(error(y[-4000:], y_ref[-4000:], plant))
+    assert errors[0] == errors[2]
+    assert errors[1] == pytest.approx(errors[0], rel=0.02)

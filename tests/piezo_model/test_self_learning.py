@@ -110,6 +110,17 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(m
         SelfLearningCompensator.load(tmp_path / "nowhere.json")
 
 
+def test_a_file_of_an_older_version_is_refused_with_the_way_to_take_its_model_which_works(tmp_path: Path) -> None:
+    path, learner = tmp_path / "learner.json", fresh("continuous", "box_active_set")
+    learner.save(path)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "version": 3}))
+    with pytest.raises(ModelError, match="version 3 is not 4, the one this program reads; save its model, the field memory.compensator.model, as"):
+        SelfLearningCompensator.load(path)
+    (tmp_path / "model.json").write_text(json.dumps(content["memory"]["compensator"]["model"]))
+    np.testing.assert_array_equal(HysteresisCreepModel.load(tmp_path / "model.json").all_weights, learner.model.all_weights)
+
+
 def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
     path, learner = tmp_path / "learner.json", fresh("cyclic", "box_active_set")
     memory = learner.memory()
@@ -186,7 +197,7 @@ def test_a_saved_file_says_what_it_is_and_takes_no_other_options(tmp_path: Path)
     path = tmp_path / "learner.json"
     fresh("cyclic", "box_active_set").save(path)
     content = json.loads(path.read_text())
-    assert (content["format"], content["version"]) == ("piezobench-learner", 3)
+    assert (content["format"], content["version"]) == ("piezobench-learner", 4)
     with pytest.raises(ValueError, match="goes on with the settings that it was saved with, so mode must not be given"):
         SelfLearningCompensator.load(path, mode="continuous")
 

@@ -75,7 +75,7 @@ void piezo_learner_begin(void *learner, const double *weights)
     const Learner l = learner_at(learner);
     unknowns_of(l.shape, PIEZO_MIDDLE, weights, l.in_use);
     l.clock->past_share = 0; /* what a cycle remembers is of the model before */
-    learner_begin(&l);
+    learner_begin(&l, 1);
 }
 
 #if PIEZO_LEARNING == PIEZO_EXACT
