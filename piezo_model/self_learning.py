@@ -136,6 +136,11 @@ class SelfLearningCompensator:
         return self.compensator.model
 
     @property
+    def learned_weights(self) -> Vector:
+        """The weights (d,) that were learned last; the drive takes them over a block later."""
+        return self.structure.slope_map @ self._learning.core["in_use"]
+
+    @property
     def structure(self) -> ModelStructure:
         """The structure of the model in use."""
         return self.compensator.model.structure

@@ -123,11 +123,12 @@ def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
 def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
     rig = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set", samples_to_solve=1)
     driven = drive(rig)
+    block = rig.learner(rig.structures[0])._learning.block
     for decisions in driven.decisions:
         decision = decisions[0]
         assert decision.taken
         assert decision.problem is not None
-        assert decision.sample == decision.learned_until + 1
+        assert decision.sample == decision.learned_until + block  # a solve of one sample ends with its block
         assert closed_loop.cost_gap(decision.problem, decision.weights) < 1e-12
         assert closed_loop.cost_gap(decision.problem, 1.01 * decision.weights) > 1e-6
 

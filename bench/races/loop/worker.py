@@ -34,7 +34,7 @@ class Decision:
     taken: bool
     """Whether the new weights were taken over."""
     weights: Vector
-    """Those in use from then on. Shape (d,)."""
+    """Those that were learned, in use from the next block on, or where they were refused those in use. Shape (d,)."""
     problem: IdentificationProblem | None
     """What was to be solved; None where it did not come to that."""
     learned_until: int
@@ -108,5 +108,5 @@ class Watch:
             if event.what == "sensor":
                 self.faults += 1
             else:
-                self.decisions.append(Decision(event.sample, event.what == "hand-over", learner.model.weights.copy(),
+                self.decisions.append(Decision(event.sample, event.what == "hand-over", learner.learned_weights,
                                                learner.problem, event.learning_since, event.error_old, event.error_new, event.message))
