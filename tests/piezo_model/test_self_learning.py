@@ -115,7 +115,7 @@ def test_a_file_of_an_older_version_is_refused_with_the_way_to_take_its_model_wh
     learner.save(path)
     content = json.loads(path.read_text())
     path.write_text(json.dumps({**content, "version": 3}))
-    with pytest.raises(ModelError, match="version 3 is not 4, the one this program reads; save its model, the field memory.compensator.model, as"):
+    with pytest.raises(ModelError, match=r"version 3 is not 4, the one this program reads; save its model, the field memory\.compensator\.model, as"):
         SelfLearningCompensator.load(path)
     (tmp_path / "model.json").write_text(json.dumps(content["memory"]["compensator"]["model"]))
     np.testing.assert_array_equal(HysteresisCreepModel.load(tmp_path / "model.json").all_weights, learner.model.all_weights)
