@@ -35,7 +35,7 @@ core: $(VENV)/.dev    ## compile the C cores again where their sources have chan
 # Not those of other people's libraries, which the sanitizers would find fault with, too.
 OF_CORES := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* recursive_active_set accelerated_projection random_box_programs) \
   $(patsubst %,tests/paper/test_%.py,equation_7* figure_1*) \
-  $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor_guard self_learning continuous_learning data_basis))
+  $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor_guard self_learning continuous_learning one_source_two_widths memory_from_outside data_basis))
 debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests of them
 	$(BIN)/python solvers/core/compile_core.py --debug
 	LD_PRELOAD="$$($${CC:-cc} -print-file-name=libasan.so)" ASAN_OPTIONS=detect_leaks=0:alloc_dealloc_mismatch=0 \
