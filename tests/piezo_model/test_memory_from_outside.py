@@ -1,5 +1,6 @@
 """Whatever stands in a saved learner, bank or data basis: it is refused, or the drive stays inside its limits; nothing crashes."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -62,7 +63,7 @@ def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
 
 @pytest.mark.parametrize("kind", [*MODES, "bank"])
 def test_a_damaged_memory_is_refused_or_drives_inside_the_limits(kind: str) -> None:
-    done = subprocess.run([sys.executable, "-c", SCRIPT, kind, "0"], env={"PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"},
+    done = subprocess.run([sys.executable, "-c", SCRIPT, kind, "0"], env={**os.environ, "PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"},
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     refused, ran = map(int, done.stdout.split())
