@@ -99,10 +99,11 @@ FACE(bank_restore)
     if (!good(a)) {
         return finish(a, NULL);
     }
-    const Bank found = bank_at(other);
     if (a->views[1].len < b.head->shaped.bytes || memcmp(b.head, other, (size_t)(b.drivers - (char *)b.head)) != 0) {
         refuse(a, "it is the state of a bank of another structure, size or settings");
+        return finish(a, NULL);
     }
+    const Bank found = bank_at(other);
     for (int64_t i = 0; good(a) && i < b.head->tiles; ++i) {
         if (!sound(&found, i)) {
             refuse(a, "a count or a number in it cannot be");
