@@ -26,10 +26,6 @@ def aligned(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return copied
 
 
-HEAD = 32
-"""Bytes of a state that say what it is: kind, sizes, shape (``ShapedHead`` of ``shape.h``)."""
-
-
 class State:
     """A state of the core with views of its vectors, ``state["play"]``; a copy, deep or pickled, is independent.
 
@@ -63,13 +59,6 @@ class State:
             yield
         finally:
             self._in_use.release()
-
-    def restore(self, block: NDArray[np.uint8]) -> None:
-        """Become what a block of the same kind and size was; ValueError for another one, and nothing is changed."""
-        if not (isinstance(block, np.ndarray) and block.dtype == np.uint8 and block.shape == self.block.shape
-                and np.array_equal(block[:HEAD], self.block[:HEAD])):
-            raise ValueError("the state of the core is that of another structure")
-        self.block[:] = block
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _copied, (self.block.tobytes(), self.places)
