@@ -11,7 +11,7 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
@@ -100,11 +100,10 @@ class CompensatorBank:
                  threads: int = 1) -> None:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
-        for name, value in (("memory_s", memory_s), ("hand_over_s", hand_over_s), ("reset_s", reset_s), ("fade_s", fade_s)):
-            require_seconds(name, value)
+        self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s, "integral_gain": integral_gain}
+        _require_times(self.options)
         self.structure, self.threads = structure, threads
         self.rate_limit = rate_limit
-        self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s, "integral_gain": integral_gain}
         self.block, self._numbers = continuous_numbers(structure, hand_over_s, memory_s, reset_s)
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
@@ -324,6 +323,7 @@ class CompensatorBank:
                     raise ValueError(f"it is none of version {VERSION}; load an older one with the program that wrote it, and take its models over")
                 found, memory = convert(about, About), {"core": file["core"], "slots": file["slots"]}
                 options = found["options"]
+                _require_times(options)  # before a size follows from them
                 samples, _ = continuous_numbers(found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"])
                 if memory["core"].size != face.bank_bytes(*found["structure"].shape, found["tiles"], samples):
                     raise ValueError(f"the field 'tiles' is {found['tiles']}, and the memory is of another number or of another structure")
@@ -332,3 +332,8 @@ class CompensatorBank:
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ModelError(f"{path}: does not hold a whole bank: {error}") from None
         return bank
+
+
+def _require_times(options: Mapping[str, Any]) -> None:
+    for name in ("memory_s", "hand_over_s", "reset_s", "fade_s"):
+        require_seconds(name, options[name])

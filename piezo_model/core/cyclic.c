@@ -299,7 +299,8 @@ int cyclic_block(const Learner *l, const Passed *b)
             projected_steps(&descent, b->count, -1);
         }
         clock->phase_left -= b->count;
-        return clock->phase_left <= 0 ? hand_over(l, b->end) | CYCLE_OVER : 0;
+        const int brought = clock->phase_left <= 0 ? hand_over(l, b->end) : 0;
+        return brought ? brought | CYCLE_OVER : 0;
     }
     if (b->fault > 0) {
         const int building = clock->phase == BUILD;

@@ -22,9 +22,11 @@ from piezo_model.learning.events import LEARN, PHASES, RESET, Brought, Event, Lo
 from piezo_model.learning.layout import ANSWERED, CLOCK, CONTINUOUS, CYCLIC, MEMORY, STEPS
 from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
 from piezo_model.learning.solving import STEPPED, step_ratio
+from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
 from solvers.arrays import Vector
+from solvers.core import padded
 
 MESSAGES = {
     Brought.FIRST: ("hand-over", "the first new weights since learning began; further ones are counted only"),
@@ -54,9 +56,9 @@ class Learner:
         self._problem: IdentificationProblem | None = None
         self.block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
                                                                                               settings.reset_s)
+        """Samples of a block."""
         if not self.cyclic and settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
-        """Samples of a block."""
         sizes = *s.shape, self.block, 1, CYCLIC if self.cyclic else CONTINUOUS
         self.core = State(face.learner_bytes(*sizes), lambda memory: face.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self.core["settings"])
@@ -179,7 +181,7 @@ class Learner:
         else:
             P, q, lower = np.empty((s.d, s.d)), np.empty(s.d), np.empty(s.d)
             face.learner_program(core.block, P, q, lower)
-            start, c = np.maximum(core["candidate"], lower), 1.0
+            start, c = np.maximum(core["candidate"], lower), 0.5 * float(core["gram"][s.d * padded(s.d + 1) + s.d])
         try:
             found = program.answer(self._settings, P, q, lower, start, c)
         except Exception as error:  # whatever a library does, the drive goes on
@@ -204,7 +206,8 @@ class Learner:
             return
         state = OperatorState(core["block_play"], core["block_creep"]).on(old, new)
         level = core["memory"][MEMORY.index("level")] * (old.x_scale / new.x_scale) ** 2
-        self._compensator.change_model(carried_over(self._compensator.model, new), self._settings.fade_s)
+        learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])  # perhaps offered and not yet taken
+        self._compensator.change_model(carried_over(learned, new), self._settings.fade_s)
         core["in_use"][:] = new.inverse_slope_map @ self._compensator.model.weights
         core["memory"][MEMORY.index("level")] = level
         face.learner_begin(core.block, self._compensator.block, state.play, state.creep, False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from piezo_model.core import State
@@ -13,16 +11,12 @@ from piezo_model.learning.solving import solved
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 def answer(settings: LearningSettings, P: Matrix, q: Vector, lower: Vector, start: Vector, c: float) -> Vector:
     """The solver's minimiser (d,) of ½ vᵀP v + qᵀv over v ≥ lower, warm from ``start``; NaN where it found none."""
     from qpsolvers import Problem
 
-    solve: Callable[..., Vector] = solved
-    return solve(settings.solver, settings.solver_options, Problem(P, q, lb=lower, ub=np.full(q.size, np.inf)), start, c)
+    return solved(settings.solver, settings.solver_options, Problem(P, q, lb=lower, ub=np.full(q.size, np.inf)), start, c)
 
 
 def gathered(core: State, s: ModelStructure, proximal: float) -> IdentificationProblem:

@@ -269,7 +269,8 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
 
 @pytest.mark.parametrize(("changing", "sentence"), [
     *((change("options", name, to=1e300), rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300")
-      for name in ("memory_s", "reset_s", "fade_s")),
+      for name in ("memory_s", "hand_over_s", "reset_s", "fade_s")),
+    (change("options", "memory_s", to=0.0), "memory_s must be a positive number of seconds"),
     (change("options", "memory_s", to="x"), "the field 'options.memory_s' is wrong"),
     (change("options", "speed", to=1), "there is no field 'options.speed'"),
     (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
