@@ -27,7 +27,7 @@ VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "
          "simulate": "model_verbs", "compensate": "stage_verbs",
          "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
          "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs",
-         "perf": "perf_verbs"}
+         "live": "live_verb", "perf": "perf_verbs"}
 """Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
 AGAIN_S = 3.0
 """Seconds after which an interrupt that nobody deals with is taken for lost."""
@@ -130,6 +130,8 @@ def _listed() -> None:
 def _user_errors() -> tuple[type[Exception], ...]:
     """What a user can put right; imported once something has been raised."""
     from bench.export.settings import ExportError
+    from bench.live.device import DeviceError
+    from bench.live.reference import ReferenceError
     from bench.passed.race_error import RaceError
     from bench.problem_files import ProblemFileError
     from bench.problems import ProblemSetError
@@ -140,7 +142,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from solvers.registry import RegistrationError
 
     return (OutputError, RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
-            RecordingError, RegistrationError, ExportError, Unsupported)
+            RecordingError, RegistrationError, ExportError, DeviceError, ReferenceError, Unsupported)
 
 
 def _refuse(verb: str, sentence: str) -> int:
