@@ -61,8 +61,8 @@ lint: core            ## style and types
 docs: $(VENV)/.docs   ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
-	$(BIN)/piezobench perf
+perf: core            ## time the hot kernels beside vectorised NumPy, the slowest sample, and banks
+	for each in kernels worst_case bank; do $(BIN)/python tests/benchmarks/$$each.py || exit 1; done
 
 report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)
