@@ -1,4 +1,4 @@
-"""The verb ``experiment``: the paper's Fig. 4 and what belongs to it, on a simulated stage."""
+"""The verb ``experiment``: the paper's Fig. 4 on a simulated stage."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def experiment_verb(
         raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
     rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)
     with progress_bar() as progress:
-        made = run(out, rig, progress, situations=2 if quick else 20)
+        made = run(out, rig, progress)
     if as_json:
         print_json({"verdict": made.verdict, "page": made.page, "exhibits": [
             {"title": exhibit.title, "sentences": list(exhibit.sentences)} for exhibit in made.exhibits]})

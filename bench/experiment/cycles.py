@@ -12,7 +12,7 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.experiment.style import HINDSIGHT, LEARNED, OTHER, STRAIGHT, Exhibit, Line, axis, beside, plot
+from bench.experiment.plots import HINDSIGHT, LEARNED, OTHER, STRAIGHT, Exhibit, Line, axis, beside, plot
 from bench.rig.rig import AXES
 from bench.rig.trial import Trial, learned, learned_once
 

@@ -6,7 +6,7 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.experiment.style import LEARNED, REFERENCE, STRAIGHT, Exhibit, Line, above, axis, beside, plot
+from bench.experiment.plots import LEARNED, REFERENCE, STRAIGHT, Exhibit, Line, above, axis, beside, plot
 from bench.rig.rig import AMPLITUDE_UM, AXES, RANGE_UM
 from bench.rig.trial import Trial
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.experiment.style import Exhibit
+from bench.experiment.plots import Exhibit
 from bench.rig.rig import AXES, LEVELS, RANGE_UM, Rig
 from bench.rig.trial import Trial
 

@@ -6,7 +6,7 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.experiment.style import (
+from bench.experiment.plots import (
     DASHED,
     HINDSIGHT,
     LEARNED,

@@ -1,13 +1,16 @@
 """Fig. 2: the trajectory of (7) meets the boundary of the admissible set, slides along it, and ends at the optimum."""
 
+from pathlib import Path
+
+import boundary
 import numpy as np
-from figures import Figures
+import pandas as pd
+from example_scripts import run_example
 
-from bench.experiment import boundary
 
-
-def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(figures: Figures) -> None:
-    t = figures.table("fig2_boundary")
+def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(tmp_path: Path) -> None:
+    run_example("experiment/boundary.py", "--quick", "--seed", 1, "--out", tmp_path)
+    t = pd.read_csv(tmp_path / "fig2_boundary.csv")
     first = int(np.argmax(t.on_boundary))
     assert not t.on_boundary.iloc[0]
     assert t.on_boundary.iloc[first:].all()

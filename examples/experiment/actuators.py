@@ -14,9 +14,10 @@ from typing import Any
 import altair as alt
 import numpy as np
 import pandas as pd
+from hindsight import ROUNDS, SOLVER, floor
+from outputs import arguments, rig_of, show
 
-from bench.experiment.hindsight import ROUNDS, SOLVER, floor
-from bench.experiment.style import (
+from bench.experiment.plots import (
     CONTINUOUS,
     DASHED,
     DOTTED,
@@ -25,12 +26,12 @@ from bench.experiment.style import (
     OTHER,
     REFERENCE,
     STRAIGHT,
-    Exhibit,
     Line,
     axis,
     beside,
     plot,
 )
+from bench.report.report import Figure
 from bench.rig.rig import CREEP_RATES, LEVELS, Rig, at_low_end
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
@@ -112,7 +113,7 @@ def straight_lines(sensor: plants.Sensor, y_ref: Vector) -> tuple[float, float]:
     return errors[0], min(errors)
 
 
-def exhibit(table: pd.DataFrame) -> Exhibit:
+def figure(table: pd.DataFrame) -> Figure:
     """Draw the rows of all cases."""
     cycles = cycles_of(table)
     number = np.arange(1, len(cycles) + 1)
@@ -132,9 +133,9 @@ def exhibit(table: pd.DataFrame) -> Exhibit:
                     axis("RMS error, % of range", type="log", padding=8), 180, 250, plant.replace("_", " "))
 
     chart = beside(*(panel(str(plant), rows) for plant, rows in table.groupby("plant", sort=False)), color="shared", y="shared")
-    return Exhibit("actuators", "Actuators that are not in the model class",
-                   f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
-                   "best model of the same orders, identified from the last cycle itself.", tuple(sentences(table)), table, chart)
+    return Figure("actuators", "Actuators that are not in the model class",
+                  f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
+                  "best model of the same orders, identified from the last cycle itself.", table, [chart])
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -148,3 +149,14 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 def cycles_of(table: pd.DataFrame) -> list[str]:
     """The columns that hold a cycle's error each."""
     return [str(name) for name in table if str(name).startswith("cycle_")]
+
+
+def main() -> None:
+    """Let every learner learn on every actuator."""
+    given = arguments(quick=False, seed=0)
+    table = pd.DataFrame([case.row(rig_of(given, seed=given.seed)) for case in CASES])
+    show(figure(table), sentences(table), given.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,13 +1,15 @@
-"""The characteristics of the three elementary operators, as they stand in the paper's Fig. 1."""
+"""The characteristics of the three elementary operators, the paper's Fig. 1."""
 
 from __future__ import annotations
 
 import altair as alt
 import numpy as np
 import pandas as pd
+from outputs import arguments, show
 
-from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit, Line, axis, beside, plot
+from bench.experiment.plots import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Line, axis, beside, plot
 from bench.report.charts import data
+from bench.report.report import Figure
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import decaying_triangle
 
@@ -20,7 +22,7 @@ SIDE = 220
 """Of each plot, pixels."""
 
 
-def exhibit() -> Exhibit:
+def figure() -> Figure:
     """Draw play and dead zone against their inputs and creep against time."""
     x = decaying_triangle(duration_s=DURATION_S, sample_time=SAMPLE_TIME, low=-1.0, high=1.0, cycles=3, final_share=0.4)
     t = np.arange(x.size) * SAMPLE_TIME
@@ -51,8 +53,15 @@ def exhibit() -> Exhibit:
               *(Line(f"rate {a:g} /s", t, crept[:, i], colour)
                 for i, (a, colour) in enumerate(zip(RATES, (LEARNED, HINDSIGHT), strict=True)))],
              axis("time, s", domain=[0.0, DURATION_S]), outputs, SIDE, SIDE, f"creep K, threshold r = {THRESHOLD:g}"))
-    sentence = (f"After the input has left by 1 − r = {1.0 - THRESHOLD:g} and come back to 0, creep ends at r = {THRESHOLD:g} and "
-                "not at 0: it has hysteresis of its own.")
-    return Exhibit("fig1_operators", "Fig. 1: the elementary operators",
-                   "Play and dead zone against their inputs, creep against time for a step of the input up and down.",
-                   (sentence,), table, chart)
+    return Figure("fig1_operators", "Fig. 1: the elementary operators",
+                  "Play and dead zone against their inputs, creep against time for a step of the input up and down.", table, [chart])
+
+
+def main() -> None:
+    """Draw them."""
+    show(figure(), [f"After the input has left by 1 − r = {1.0 - THRESHOLD:g} and come back to 0, creep ends at r = {THRESHOLD:g} and "
+                    "not at 0: it has hysteresis of its own."], arguments().out)
+
+
+if __name__ == "__main__":
+    main()

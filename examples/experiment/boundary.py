@@ -1,6 +1,6 @@
 """The paper's Fig. 2: a trajectory of the projected difference equation meets the boundary of the admissible set.
 
-The problem is a slice of the one that the experiment has just learned from: two of its scaled variables move and the others
+The problem is a slice of the one that a stage has just learned from: two of its scaled variables move and the others
 stay at the optimum. With the partners w and v and the rest at *,
 
     minimise ½ zᵀ P_SS z + (q_S + P_SR z*_R)ᵀ z,   z = (w, v),   w ≥ 0
@@ -17,13 +17,15 @@ import altair as alt
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from outputs import arguments, rig_of, show
 from qpsolvers import Problem
 
 import solvers
-from bench.experiment.style import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Exhibit, Line, axis, plot
+from bench.experiment.plots import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Line, axis, plot
 from bench.report.charts import data
+from bench.report.report import Figure
 from bench.rig.rig import at_low_end
-from bench.rig.trial import Trial
+from bench.rig.trial import Trial, learned
 from piezo_model import DataBasis, IdentificationProblem
 from solvers.arrays import Matrix, Vector
 
@@ -93,9 +95,8 @@ def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float
     return w, w - eta * (w @ part.P + part.q)
 
 
-def exhibit(trial: Trial) -> Exhibit:
-    """Draw level lines, the admissible set and the trajectory, as deviations from the admissible optimum."""
-    part = slice_of(problem_of(trial))
+def figure(part: Slice) -> tuple[Figure, str]:
+    """Draw level lines, the admissible set and the trajectory, as deviations from the admissible optimum, and say how far it comes."""
     unbounded = np.linalg.solve(part.P, -part.q)
     reach = float(part.lb[0] - unbounded[0])
     # Far out along the free variable and near the bound: the path meets the boundary early and has a way to go on it.
@@ -148,10 +149,9 @@ def exhibit(trial: Trial) -> Exhibit:
     distance = float(np.linalg.norm(w[-1] - part.optimum) / np.linalg.norm(start - part.optimum))
     sentence = (f"With {part.names[0]} and {part.names[1]} of the problem learned last, the trajectory meets the boundary at step "
                 f"{first}, slides along it and has covered all but {distance:.1e} of its way after {STEPS} steps.")
-    return Exhibit("fig2_boundary", "Fig. 2: the projected trajectory",
-                   "A slice of the identification problem: level lines of the cost, the admissible set to the right of the bound, "
-                   f"and the path of the solver at a step size of {STEP_RATIO:g} of the stability limit.", (sentence,), table,
-                   chart)
+    return Figure("fig2_boundary", "Fig. 2: the projected trajectory",
+                  "A slice of the identification problem: level lines of the cost, the admissible set to the right of the bound, "
+                  f"and the path of the solver at a step size of {STEP_RATIO:g} of the stability limit.", table, [chart]), sentence
 
 
 def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Line]:
@@ -176,3 +176,14 @@ def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:
     """About ``count`` of the given samples of a path, evenly spaced along its way."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[among], axis=0), axis=1))])
     return sorted({int(among[np.argmin(np.abs(way - at))]) for at in np.linspace(0.0, way[-1], count)})
+
+
+def main() -> None:
+    """Let a stage learn, and draw a trajectory of its last problem."""
+    given = arguments(quick=False, seed=0)
+    drawn, sentence = figure(slice_of(problem_of(learned(rig_of(given, seed=given.seed, solver="box_active_set")))))
+    show(drawn, [sentence], given.out)
+
+
+if __name__ == "__main__":
+    main()

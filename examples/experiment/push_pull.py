@@ -14,10 +14,12 @@ from typing import Any
 
 import altair as alt
 import pandas as pd
+from outputs import arguments, rig_of, show
 
 from bench.experiment.cycles import per_cycle
-from bench.experiment.style import LEARNED, STRAIGHT, Exhibit, axis, beside
+from bench.experiment.plots import LEARNED, STRAIGHT, axis, beside
 from bench.report.charts import data
+from bench.report.report import Figure
 from bench.rig.rig import Actuators, Rig
 from bench.rig.trial import learned
 
@@ -55,7 +57,7 @@ class Case:
 CASES = tuple(Case(kind, n, pair, m) for kind in KINDS for n in ORDERS for pair in (False, True) for m in (WITHOUT_S, WITH_S))
 
 
-def exhibit(table: pd.DataFrame) -> Exhibit:
+def figure(table: pd.DataFrame) -> Figure:
     """Draw the rows of all cases."""
     low, high = 0.5 * float(table.rms_percent.min()), 2.0 * float(table.rms_percent.max())
     drawn = table.assign(
@@ -73,9 +75,8 @@ def exhibit(table: pd.DataFrame) -> Exhibit:
         return alt.layer(bars, base.mark_text(baseline="bottom", dy=-2, fontSize=9).encode(text="label:N"))
 
     chart = beside(*(panel(kind) for kind in KINDS), color="shared", y="shared")
-    return Exhibit("push_pull", "One actuator or two in push-pull, with and without S",
-                   "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.",
-                   tuple(sentences(table)), table, chart)
+    return Figure("push_pull", "One actuator or two in push-pull, with and without S",
+                  "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.", table, [chart])
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -90,3 +91,14 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
         yield (f"{kind.capitalize()} actuators, n = {n}: with one actuator the error without S is {single / single_S:.1f} times "
                f"that with it ({single:.3f} % and {single_S:.3f} %); in push-pull the model without S is {judged} "
                f"({pair:.4f} % and {pair_S:.4f} %).")
+
+
+def main() -> None:
+    """Let a stage learn in every case."""
+    given = arguments(quick=False, seed=0)
+    table = pd.DataFrame([case.row(rig_of(given, seed=given.seed)) for case in CASES])
+    show(figure(table), sentences(table), given.out)
+
+
+if __name__ == "__main__":
+    main()
