@@ -15,7 +15,7 @@ from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
 from bench.races.registry import open_run
-from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_screen, progress_bar
+from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_report, progress_bar
 from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
@@ -57,8 +57,7 @@ def compare_verb(
     if as_json:
         print_json(comparison_report.to_dict(found))
     else:
-        shown, said = report.terminal or report.ranking, [*(f"WARNING: {warning}" for warning in report.limits), *report.verdict, *report.notes]
-        print_screen(lines_of(said), shown, len(shown.rows), [])
+        print_report(report, lines_of(report.notes))
         console.print(f"\n{OURS_NOTE}\nComparison: {page}")
     bad = sum(each.differences if fail_on == "difference" else each.regressions for each in found)
     if fail_on != "nothing" and (bad or any(each.cannot_tell for each in found)):

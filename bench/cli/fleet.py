@@ -12,9 +12,9 @@ from bench.cli.given_options import refuse
 from bench.cli.worker_options import SPREADING
 from bench.fleet.fleet import Work, done, draw, parts_of
 from bench.fleet.places import folder_here, matching
-from bench.fleet.report import DISTANT, sentences, shown, table_of, write
+from bench.fleet.report import DISTANT, report, table_of, write
 from bench.processes.engine import Workers
-from bench.report.console import errors, lines_of, print_json, print_screen, progress_bar
+from bench.report.console import errors, lines_of, print_json, print_report, progress_bar
 from piezo_model.recordings import RecordingError
 
 OutDir = Annotated[str | None, typer.Option("--out-dir", help="For many recordings: folder or URL for what is made of each, with a table "
@@ -54,18 +54,18 @@ def process(work: Work, recordings: Sequence[str], out: str, workers: Workers, t
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
             progress("drawing pages", 0, 1)
             pages = {part.name: draw(part) for part in parts if part.name in outliers}
-            write(out, title, table, what, {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name})
+            found = report(title, table, what, {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name})
+            write(out, table, found)
     except KeyboardInterrupt:
         errors.print("Interrupted; what is done is kept, and the same command carries on.", soft_wrap=True)
         raise
     refused = table[table.refused != ""]
     if as_json:
-        print_json({"out_dir": out, "sentences": sentences(table, what), "rows": table.to_dict("records")})
+        print_json({"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records")})
     else:
-        why, short = [line for said in refused.refused for line in lines_of([said])], shown(table)
+        why = [line for said in refused.refused for line in lines_of([said])]
         if len(why) > MOST_REFUSED:
             why = [*why[:MOST_REFUSED], "… and more in the table."]
-        print_screen([*lines_of(sentences(table, what)), "", f"{short.title}:"], short, len(short.rows), [
-            *(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"])
+        print_report(report(title, table, what), [*(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"])
     if len(refused):
         raise RecordingError(f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why")

@@ -26,7 +26,7 @@ from bench.report.console import (
     errors,
     lines_of,
     print_json,
-    print_screen,
+    print_report,
     print_table,
     progress_bar,
     records,
@@ -240,8 +240,7 @@ def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     if as_json:
         print_json({"run": run.path, "report": path, "page": path.with_suffix(".html"), "left_out": dict(left_out(run)), **found.document})
         return
-    shown, excluded, absent = found.terminal or found.ranking, left_out(run), run.settings.get("absent")
-    above = [*lines_of(found.verdict), "", *lines_of([f"{shown.title}. {shown.note}"])]
+    excluded, absent = left_out(run), run.settings.get("absent")
     missing = ", ".join(absent) if absent and len(absent) <= 3 else f"{len(absent or ())} solver lanes"
     below = lines_of([*([f"Absent, so not raced: {missing} (run.json says why)."] if absent else []),
                       *run.settings.get("conditions", {}).get("warnings", [])])
@@ -249,5 +248,5 @@ def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     if excluded:
         count = len(excluded) + sum(map(len, run.settings["problems"].values()))
         below += ["", f"Not raced, {len(excluded)} of {count} problems:", *(f"{problem}: {why}" for problem, why in excluded)]
-    print_screen(above, shown, len(found.ranking.rows), below)
+    print_report(found, below)
     console.print(f"Page: {path.with_suffix('.html')}\nReport: {path}")

@@ -7,18 +7,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import altair as alt
 import numpy as np
 import pandas as pd
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
 from bench.derived.ranking import ASKED
-from bench.rendering import markdown_templates
-from bench.report import charts
 from bench.report.console import plain_json
-from bench.report.page import save
+from bench.report.plot import ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
 from bench.report.words import OURS_NOTE, joined, marked, solver_lanes
+from bench.report.writing import write_report
 from bench.store import RunFile
 from piezo_model.atomic_file import write_text
 from solvers import Tier
@@ -32,16 +30,20 @@ MOST_NAMED, MOST_TOLD = 4, 2
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
 """Settings that change nothing of what is compared, or which the time itself shows."""
 DEFINITIONS = (
-    "ratio: update and solve in the second run over the first at equal settings, median over the problems; in turns with the other solvers where "
-    "both runs have such times, hot otherwise. What the field has in common on a problem is taken for the machine's and divided out.",
-    "interval: 95 % by bootstrap over the problems, wider by five median absolute deviations of the solver lanes at either end, since most of "
-    "them do not change and yet differ. A lane is slower or faster where it excludes 1.",
-    "cannot tell: the interval holds 1 and the smallest ratio that matters, too, or the lanes deviate by more than 3 % (a sixth of that "
-    "ratio's logarithm), or there are fewer than five lanes, or three problems of one.",
-    "tiers: a tier is lost for which one setting was right on every problem in the first run and none is in the second, unless by chance. Each "
-    "run draws the data of its timed answers anew: six problems more have to become wrong, or with the same seed one by its first answer.",
-    "A regression is a solver lane that became slower or a tier that was lost. What only one of the runs has is not compared.",
-    OURS_NOTE)
+    "ratio: update and solve in the second run over the first at equal settings, median over the problems; in turns "
+    "with the other solvers where both runs have such times, hot otherwise. What the field has in common on a problem "
+    "is taken for the machine's and divided out.",
+    "interval: 95 % by bootstrap over the problems, wider by five median absolute deviations of the solver lanes at "
+    "either end, since most of them do not change and yet differ. A lane is slower or faster where it excludes 1.",
+    "cannot tell: the interval holds 1 and the smallest ratio that matters, too, or the lanes deviate by more than 3 "
+    "% (a sixth of that ratio's logarithm), or there are fewer than five lanes, or three problems of one.",
+    "tiers: a tier is lost for which one setting was right on every problem in the first run and none is in the "
+    "second, unless by chance. Each run draws the data of its timed answers anew: six problems more have to become "
+    "wrong, or with the same seed one by its first answer.",
+    "A regression is a solver lane that became slower or a tier that was lost. What only one of the runs has is not "
+    "compared.",
+    OURS_NOTE,
+)
 
 
 def report(comparisons: Sequence[Comparison]) -> Report:
@@ -50,56 +52,105 @@ def report(comparisons: Sequence[Comparison]) -> Report:
     rows = [[each.b.path.name, *row] for each, table in zip(comparisons, tables, strict=True) for row in _rows(table)]
     changed = [row for row in rows if row[4] not in (SAME, "–") or row[-1] != "–"]
     first = 0 if len(comparisons) > 1 else 1
-    grid = [Table(title, ("run", *HEADINGS)[first:], [row[first:] for row in some], 5 - first, ("run", "lane", "times", "finding"))
-            for title, some in (("Solver lanes", rows), ("Solver lanes that differ, or of which it cannot be told", changed))]
+    grid = [
+        Table(
+            title,
+            ("run", *HEADINGS)[first:],
+            [row[first:] for row in some],
+            5 - first,
+            ("run", "lane", "times", "finding"),
+        )
+        for title, some in (
+            ("Solver lanes", rows),
+            ("Solver lanes that differ, or of which it cannot be told", changed),
+        )
+    ]
+    runs = [comparisons[0].a, *(each.b for each in comparisons)]
     return Report(
-        [sentence for each in comparisons for sentence in sentences(each)], grid[0],
-        pd.concat(tables, keys=[each.b.path.name for each in comparisons]),
-        [Figure.of(f"ratios_{i + 1}", f"Times of {each.b.path.name} over those of {each.a.path.name}", "A point is a solver lane with its interval.",
-                   each.times, _picture) for i, each in enumerate(comparisons)],
-        [note for each in comparisons for note in notes(each)], definitions=DEFINITIONS,
-        limits=[warning for each in comparisons for warning in warnings(each)], terminal=grid[1])
+        [
+            *(f"WARNING: {warning}" for each in comparisons for warning in warnings(each)),
+            *(sentence for each in comparisons for sentence in sentences(each)),
+        ],
+        grid[0],
+        figures=[_ratios(each, i) for i, each in enumerate(comparisons)],
+        notes=[note for each in comparisons for note in notes(each)],
+        definitions=DEFINITIONS,
+        environment=[(run.path.name, str(run.path)) for run in runs],
+        terminal=grid[1],
+        title="Comparison of " + ", ".join(run.path.name for run in runs),
+    )
 
 
 def write(comparisons: Sequence[Comparison], found: Report, folder: Path) -> Path:
-    """Write ``comparison.html``, ``.md``, ``.json`` and the data of the pictures; returns the page's path."""
+    """Write ``comparison.html``, ``.md``, ``.json``, and the pictures with their data; returns the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
-    runs = [comparisons[0].a, *(each.b for each in comparisons)]
-    content: dict[str, Any] = {"title": "Comparison of " + ", ".join(run.path.name for run in runs), "report": found, "limits": found.limits,
-                               "environment": [(run.path.name, str(run.path)) for run in runs], "pictures": ()}
-    write_text(folder / "comparison.md", markdown_templates("bench.report").get_template("race.md.jinja").render(**content))
-    return save(folder / "comparison.html", "report.html.jinja", found.drawn, **content)
+    return write_report(found, folder, "comparison", len(comparisons)).with_suffix(".html")
 
 
 def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     """Everything as JSON can hold it; null stands for what is not known."""
-    found: dict[str, Any] = plain_json({"format": FORMAT, "version": VERSION, "baseline": str(comparisons[0].a.path), "comparisons": [
-        {"run": str(each.b.path), "warnings": warnings(each), "notes": notes(each), "verdict": sentences(each),
-         "difference": bool(each.differences), "regressions": each.regressions, "cannot_tell": each.cannot_tell, "smallest": each.smallest,
-         "field": each.field.to_dict("index"), "lines": each.times.to_dict("records"), "lost": each.lost.to_dict("records"),
-         "gained": each.gained.to_dict("records")} for each in comparisons]})
+    found: dict[str, Any] = plain_json(
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "baseline": str(comparisons[0].a.path),
+            "comparisons": [
+                {
+                    "run": str(each.b.path),
+                    "warnings": warnings(each),
+                    "notes": notes(each),
+                    "verdict": sentences(each),
+                    "difference": bool(each.differences),
+                    "regressions": each.regressions,
+                    "cannot_tell": each.cannot_tell,
+                    "smallest": each.smallest,
+                    "field": each.field.to_dict("index"),
+                    "lines": each.times.to_dict("records"),
+                    "lost": each.lost.to_dict("records"),
+                    "gained": each.gained.to_dict("records"),
+                }
+                for each in comparisons
+            ],
+        }
+    )
     return found
 
 
 def sentences(each: Comparison) -> list[str]:
     """What is found, and what could not have been."""
     lanes = len(each.times)
-    counts = [f"{solver_lanes(count, lanes)} {'is' if count == 1 else 'are'} {finding}"
-              for finding in (SLOWER, FASTER) if (count := each.count(finding))]
-    counts += [f"{len(tiers)} tier{'s are' if len(tiers) > 1 else ' is'} {what}" for what, tiers in (("lost", each.lost), ("gained", each.gained))
-               if len(tiers)]
+    counts = [
+        f"{solver_lanes(count, lanes)} {'is' if count == 1 else 'are'} {finding}"
+        for finding in (SLOWER, FASTER)
+        if (count := each.count(finding))
+    ]
+    counts += [
+        f"{len(tiers)} tier{'s are' if len(tiers) > 1 else ' is'} {what}"
+        for what, tiers in (("lost", each.lost), ("gained", each.gained))
+        if len(tiers)
+    ]
     name = f"{each.b.path.name} against {each.a.path.name}"
     unseen = " that can be told" if each.cannot_tell else ""
     said = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
     if count := each.count(CANNOT_TELL):
-        noise = joined(f"{100.0 * deviation:.1f} % {timed}" for timed, deviation in each.field.deviation.items() if np.isfinite(deviation))
+        noise = joined(
+            f"{100.0 * deviation:.1f} % {timed}"
+            for timed, deviation in each.field.deviation.items()
+            if np.isfinite(deviation)
+        )
         why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
-        said.append(f"In {solver_lanes(count, lanes)} a change by a factor of {each.smallest:g} may have gone unseen: {why}. "
-                    "A quiet machine, more problems and --repeats help.")
+        said.append(
+            f"In {solver_lanes(count, lanes)} a change by a factor of {each.smallest:g} may have gone unseen: {why}. "
+            "A quiet machine, more problems and --repeats help."
+        )
     factors = joined(f"{factor:.2f} {timed}" for timed, factor in each.field.factor.items())
-    beside = (f", and the fixed piece of work timed beside it by {each.sentinel:.2f}: either the machine changed in a way that this work does not "
-              "feel, or most solvers did" if each.moved else ", which is divided out")
+    beside = (
+        f", and the fixed piece of work timed beside it by {each.sentinel:.2f}: either the machine changed in a way "
+        "that this work does not feel, or most solvers did"
+        if each.moved
+        else ", which is divided out"
+    )
     return [*said, f"The field as a whole changed by a factor of {factors}{beside}."] if factors else said
 
 
@@ -119,8 +170,11 @@ def warnings(each: Comparison) -> list[str]:
     pairs = zip(_conditions(each.a.settings).items(), _conditions(each.b.settings).values(), strict=True)
     found = []
     for (what, first), second in pairs:
-        differ = [f"{name} is {_said(first[name])} in the first run and {_said(second[name])} in the second"
-                  for name in sorted(first.keys() & second.keys()) if _said(first[name]) != _said(second[name])]
+        differ = [
+            f"{name} is {_said(first[name])} in the first run and {_said(second[name])} in the second"
+            for name in sorted(first.keys() & second.keys())
+            if _said(first[name]) != _said(second[name])
+        ]
         more = f"; {len(differ) - MOST_TOLD} more" if len(differ) > MOST_TOLD else ""
         found += [f"Different {what}: {'; '.join(differ[:MOST_TOLD])}{more}."] if differ else []
     return found
@@ -129,9 +183,14 @@ def warnings(each: Comparison) -> list[str]:
 def _conditions(settings: RunFile) -> dict[str, Mapping[str, Any]]:
     """Under which a run was made."""
     machine, asked = settings["machine"], settings["settings"]
-    return {"machines": {name: machine.get(name) for name in ("processor", "cores", "system", "python", "core")},
-            "settings": {name: value for name, value in (asked | (asked.get("effort") or {})).items() if name not in IGNORED},
-            "packages": machine.get("versions", {}), "solvers": settings.get("field", {})}
+    return {
+        "machines": {name: machine.get(name) for name in ("processor", "cores", "system", "python", "core")},
+        "settings": {
+            name: value for name, value in (asked | (asked.get("effort") or {})).items() if name not in IGNORED
+        },
+        "packages": machine.get("versions", {}),
+        "solvers": settings.get("field", {}),
+    }
 
 
 def _said(value: Any) -> str:
@@ -141,34 +200,63 @@ def _said(value: Any) -> str:
 
 def _table(each: Comparison) -> pd.DataFrame:
     """The times with what was lost and gained, the findings first."""
-    parts = [tiers.assign(tiers=what + tiers.tier.map(lambda tier: ASKED[Tier(tier)]) + " " + tiers.scaling)
-             for what, tiers in (("lost ", each.lost), ("gained ", each.gained)) if len(tiers)]
-    changed = pd.concat([pd.DataFrame(columns=[*SOLVER_LANE, "tiers"], dtype=str), *parts]).groupby(SOLVER_LANE).tiers.agg(", ".join).reset_index()
+    parts = [
+        tiers.assign(tiers=what + tiers.tier.map(lambda tier: ASKED[Tier(tier)]) + " " + tiers.scaling)
+        for what, tiers in (("lost ", each.lost), ("gained ", each.gained))
+        if len(tiers)
+    ]
+    changed = (
+        pd.concat([pd.DataFrame(columns=[*SOLVER_LANE, "tiers"], dtype=str), *parts])
+        .groupby(SOLVER_LANE)
+        .tiers.agg(", ".join)
+        .reset_index()
+    )
     table = each.times.merge(changed, on=SOLVER_LANE, how="outer").fillna({"tiers": "–", "timed": "–", "finding": "–"})
     order = table.finding.map({finding: i for i, finding in enumerate(COLOURS)}) - len(COLOURS) * (table.tiers != "–")
-    return table.assign(order=order, size=-np.log(table.ratio).abs()).sort_values(
-        ["order", "size"], ignore_index=True).drop(columns=["order", "size"])
+    return (
+        table.assign(order=order, size=-np.log(table.ratio).abs())
+        .sort_values(["order", "size"], ignore_index=True)
+        .drop(columns=["order", "size"])
+    )
 
 
 def _rows(table: pd.DataFrame) -> list[list[str]]:
-    return [[marked(row["solver"]), row["lane"], row["timed"], row["finding"], "–" if pd.isna(row["ratio"]) else f"{row['ratio']:.2f}",
-             f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f}" if row["ratio_low"] > 0.0 else "unknown",
-             "0" if pd.isna(row["problems"]) else f"{row['problems']:.0f}", row["tiers"]] for row in table.to_dict("records")]
+    return [
+        [
+            marked(row["solver"]),
+            row["lane"],
+            row["timed"],
+            row["finding"],
+            "–" if pd.isna(row["ratio"]) else f"{row['ratio']:.2f}",
+            f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f}" if row["ratio_low"] > 0.0 else "unknown",
+            "0" if pd.isna(row["problems"]) else f"{row['problems']:.0f}",
+            row["tiers"],
+        ]
+        for row in table.to_dict("records")
+    ]
 
 
-def _picture(table: pd.DataFrame) -> list[alt.TopLevelMixin]:
+def _ratios(each: Comparison, number: int) -> Figure:
     """Ratios with their intervals, the largest first."""
-    table = table[table.ratio_low > 0.0].sort_values("ratio", ascending=False)
+    table = each.times[each.times.ratio_low > 0.0].sort_values("ratio", ascending=False)
     table = table.assign(name=table.solver.map(marked) + " (" + table.lane + ")")
-    if table.empty:
-        return []
-    y = alt.Y("name:N", title=None, sort=list(table.name), axis=alt.Axis(labelLimit=240))
-    colour = alt.Color("finding:N", scale=alt.Scale(domain=[*COLOURS], range=[*COLOURS.values()]), legend=alt.Legend(columns=2))
-    base = alt.Chart(charts.data(table)).encode(y=y, color=colour, tooltip=[
-        alt.Tooltip("name:N"), alt.Tooltip("finding:N"), *(alt.Tooltip(f"{name}:Q", format=".3f") for name in ("ratio", "ratio_low", "ratio_high"))])
-    x: dict[str, Any] = {"title": "second run over first", "axis": alt.Axis(values=TICKS, format="~g", labelOverlap=True),
-                         "scale": alt.Scale(type="log", nice=False, padding=8)}
-    intervals = base.mark_rule(strokeWidth=2).encode(x=alt.X("ratio_low:Q", **x), x2="ratio_high:Q")
-    same = alt.Chart(charts.data(pd.DataFrame({"same": [1.0]}))).mark_rule(strokeDash=[5, 4]).encode(x="same:Q")
-    points = base.mark_point(filled=True, size=60).encode(x=alt.X("ratio:Q", **x))
-    return [charts.finished(alt.layer(same, intervals, points), None, 40 + charts.ROW * len(table))]
+    return Figure(
+        f"ratios_{number + 1}",
+        f"Times of {each.b.path.name} over those of {each.a.path.name}",
+        "A point is a solver lane with its interval.",
+        table,
+        [
+            Plot(
+                Axis("ratio", "second run over first", log=True, values=TICKS),
+                Axis("name"),
+                (
+                    Mark("range", "finding", x="ratio_low", x2="ratio_high", size=2.0),
+                    Mark("point", "finding", size=60.0),
+                ),
+                ("name", "finding", "ratio", "ratio_low", "ratio_high"),
+                COLOURS,
+                {"x": 1.0},
+                40 + ROW * len(table),
+            )
+        ],
+    )

@@ -16,9 +16,10 @@ import pandas as pd
 
 from bench.derived.accuracy import TOLERANCE
 from bench.derived.measurements import FLOOR, Measurements
+from bench.derived.pictures import ranked
 from bench.derived.ranking import PACE, PAPER, lane_of_paper, of_paper
 from bench.derived.tier_settings import PROBLEM
-from bench.report.charts import NAMED
+from bench.report.plot import LEAST_GAP
 from bench.report.report import Table
 from bench.report.words import OURS_NOTE, gap, marked, solver_lanes
 from bench.timing.schedule import PERIOD_US
@@ -32,7 +33,7 @@ LINE = ["name", "solver", "lane"]
 
 
 def anytime(found: Measurements) -> pd.DataFrame:
-    """One row a solver lane (LINE) and ``budget``: ``median_gap``, ``worst_gap`` over ``problems``, and ``front``, whether it is to be named."""
+    """One row a solver lane (LINE) and ``budget``: ``median_gap``, ``worst_gap`` over ``problems``."""
     rows = found.rows[(found.rows.solver != FLOOR) & (found.rows.start == "cold") & (found.rows.scaling == found.scaling)]
     rows = rows.assign(name=rows.solver.map(marked), at=(rows.update_us + rows.solve_us_p50) / PERIOD_US,
                        cost_gap=rows.cost_gap.where(rows.status == Status.OK, math.inf).fillna(math.inf))
@@ -43,9 +44,16 @@ def anytime(found: Measurements) -> pd.DataFrame:
         gaps = rows.cost_gap.where(rows["at"] <= budget, math.inf).groupby([rows[name] for name in [*LINE, *PROBLEM]]).min()
         lines = gaps.groupby(level=LINE).agg(problems="size", median_gap=_median, worst_gap="max")
         parts.append(lines.reset_index().assign(budget=budget))
-    table = pd.concat(parts, ignore_index=True)
-    early = table[table.budget == BUDGETS[0]].nsmallest(NAMED - 1, "median_gap").name
-    return table.assign(view=f"{found.scaling} data", front=table.name.isin([*early, PACE]))
+    return pd.concat(parts, ignore_index=True)
+
+
+def drawn(table: pd.DataFrame) -> pd.DataFrame:
+    """The lines of the picture, the paper's pace and then those that are exact first, with ``drawn``, the gap that is drawn."""
+    places = {(line["name"], line["lane"]): i for i, line in enumerate(by_budget(table).to_dict("records"))}
+    place = pd.Series([places[who] for who in zip(table["name"], table.lane, strict=True)], index=table.index)
+    named = table["name"].where(table["name"] == PACE, table["name"] + " (" + table.lane + ")")
+    known = table.assign(name=named, view="", drawn=np.maximum(table.median_gap, LEAST_GAP))[np.isfinite(table.median_gap)]
+    return ranked(known, place[known.index]).drop(columns="view")
 
 
 def _median(gaps: pd.Series) -> float:

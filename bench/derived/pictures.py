@@ -1,4 +1,4 @@
-"""What the plots of a one-shot race show, computed here once as tables; `charts`, `plots` and the CSV beside them render it.
+"""What the figures of a one-shot race show, computed here once as tables.
 
 All are of cold starts. But for the work–precision picture, each solver lane has one setting for all problems: that which stands for 1e-9,
 or where none does, the one that is right on most problems. A *view* is one problem set in one scaling. The time of an answer is the median of
@@ -17,18 +17,21 @@ import numpy as np
 import pandas as pd
 
 from bench.derived import ranking, summary
-from bench.derived.accuracy import worst
+from bench.derived.accuracy import TOLERANCE, worst
 from bench.derived.measurements import Measurements, at_tiers
-from bench.report.charts import LEAST_GAP, NAMED, together
-from bench.report.words import MARK, marked
+from bench.report.plot import BEST, LEAST_GAP, together
+from bench.report.words import MARK, duration, marked
 from bench.timing.schedule import PERIOD_US
 from solvers import Lane, Status, Tier
 from solvers.registry import FAMILIES, OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
+MOST_GAP = 1e3
+"""Cost gaps above this are drawn at it."""
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
 EXACT, OTHERS = ("box_active_set", "recursive_active_set"), 5
 """Whose time by size stands in the report beside that of how many others."""
+MOST_IN_PROFILE, MOST_BARS = 10, 24
 STAGES = ("set-up", "update", "solve")
 
 
@@ -38,21 +41,21 @@ def named(table: pd.DataFrame) -> pd.DataFrame:
                         name=table.solver.map(marked) + " (" + table.lane + ")", stepping=table.settings.str.contains('"steps"'))
 
 
-def front(table: pd.DataFrame, *costs: str) -> pd.Series:
-    """Whether no other row of the view is at least as good in every cost and better in one."""
-    on_front = pd.Series(False, index=table.index)
-    for _, part in table.groupby("view"):
-        values = part[list(costs)].to_numpy()
-        for index, line in zip(part.index, values, strict=True):
-            beaten = np.all(values <= line, axis=1) & np.any(values < line, axis=1)
-            on_front[index] = not beaten.any()
-    return on_front
+def ranked(table: pd.DataFrame, score: pd.Series, most: int = BEST) -> pd.DataFrame:
+    """The lines of each view by the least score of their rows, the best first, and ``front``, whether a line is among so many best."""
+    names = table.assign(score=score).groupby(["view", "name"]).score.min().sort_values(kind="stable")
+    place = names.groupby(level="view").cumcount()
+    at = place.reindex(pd.MultiIndex.from_frame(table[["view", "name"]])).to_numpy()
+    views = table["view"].map({view: i for i, view in enumerate(dict.fromkeys(table["view"]))})
+    return table.assign(views=views, at=at, front=at < most).sort_values(["views", "at"], kind="stable", ignore_index=True).drop(
+        columns=["views", "at"])
 
 
 def work_precision(found: Measurements) -> pd.DataFrame:
     """Worst cost gap against the time of an answer, one row a solver lane and setting that answers every problem that the lane was asked.
 
-    ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a sampling period.
+    ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a sampling period; it
+    comes first, and then the others by their time to a gap of 1e-9.
     """
     rows = found.field[found.field.start == "cold"]
     rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50, cost_gap=rows.cost_gap.where(rows.status == Status.OK))
@@ -67,9 +70,10 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     groups = np.where(table.lane.isin([str(lane) for lane in FAMILIES]), "qpsolvers and cvxpy", "without wrappers")
     table = table.assign(name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups)
     table = table.sort_values(["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True)
-    table["front"] = front(table.assign(drawn=np.maximum(table.worst_cost_gap, LEAST_GAP)), "total_us", "drawn") | (table.who == ranking.PACE)
+    time = table.total_us.where(table.worst_cost_gap <= TOLERANCE[Tier.HIGH], 1e9 * (1.0 + table.worst_cost_gap))
+    table = ranked(table.assign(drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP)), time.where(table.who != ranking.PACE, 0.0))
     return table[["view", "scaling", "who", "name", "solver", "lane", "rung", "is_default", "settings", "problems", "worst_cost_gap",
-                  "total_us", "front"]]
+                  "total_us", "drawn", "front"]]
 
 
 def _timed(found: Measurements) -> pd.DataFrame:
@@ -84,8 +88,8 @@ def _timed(found: Measurements) -> pd.DataFrame:
 
 
 def performance_profile(found: Measurements) -> pd.DataFrame:
-    """ρ_s(τ) at its steps, one row a step; those that are never right have none."""
-    steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share", "front"])]
+    """ρ_s(τ) at its steps, one row a step, of the solvers that are best in the mean over the problems of log τ."""
+    steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share"])]
     for view, part in _timed(found).groupby("view", sort=False):
         times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
         best = times.min(axis=1)
@@ -93,7 +97,8 @@ def performance_profile(found: Measurements) -> pd.DataFrame:
         if ratios.empty:
             continue
         worst = float(np.max(ratios.to_numpy()[np.isfinite(ratios.to_numpy())]))
-        near = np.log(ratios.replace(np.inf, 10.0 * worst)).mean().nsmallest(NAMED).index
+        ratios = ratios[np.log(ratios.replace(np.inf, 10.0 * worst)).mean().nsmallest(MOST_IN_PROFILE).index]
+        worst = float(ratios.to_numpy()[np.isfinite(ratios.to_numpy())].max())
         lanes = part.drop_duplicates("name").set_index("name")[["solver", "lane"]]
         for name, column in ratios.items():
             steps = np.sort(column[np.isfinite(column)].to_numpy())
@@ -101,8 +106,7 @@ def performance_profile(found: Measurements) -> pd.DataFrame:
                 factors = np.unique(np.concatenate([[1.0], steps, [worst]]))
                 shares = np.searchsorted(steps, factors, side="right") / len(times)
                 steps_of.append(pd.DataFrame({"view": view, "name": name, "solver": lanes.solver[name],
-                                           "lane": lanes.lane[name], "factor": factors, "share": shares,
-                                           "front": name in near}))
+                                           "lane": lanes.lane[name], "factor": factors, "share": shares}))
     return together(steps_of)
 
 
@@ -113,10 +117,9 @@ def sizes(found: Measurements) -> pd.DataFrame:
     lines = table.groupby(["view", "name", "solver", "lane", "d"], sort=False).agg(
         problems=("time_us", "size"), time_us=("time_us", "median"), worst=("time_us", "max")).reset_index()
     lines = lines[np.isfinite(lines.worst)].drop(columns="worst")
-    fastest = lines.groupby(["view", "d"]).time_us.transform("min") if len(lines) else lines.d
-    winners = lines[lines.time_us == fastest].groupby("view").name.agg(set)
-    lines["front"] = [name in winners[view] for view, name in zip(lines["view"], lines["name"], strict=True)]
-    return lines.reset_index(drop=True)
+    of_name = lines.groupby(["view", "name"]).time_us
+    missing = lines.groupby("view").d.transform("nunique") - of_name.transform("size")
+    return ranked(lines, 1e3 * missing + np.log(lines.time_us).groupby([lines["view"], lines.name]).transform("mean"))
 
 
 def time_by_size(found: Measurements) -> pd.DataFrame:
@@ -137,16 +140,18 @@ def time_by_size(found: Measurements) -> pd.DataFrame:
 
 
 def stages(table: pd.DataFrame) -> pd.DataFrame:
-    """Where the time goes, one row a solver lane and stage: medians in µs, and shares of their sum.
+    """Where the time goes, one row a solver lane and stage, the fastest first: medians in µs, and shares of their sum.
 
-    Of a summary, each solver lane in each view at the most exact tier that it reaches.
+    Of a summary, the fastest of each lane in each view at the most exact tier that they reach.
     """
     table = named(summary.raced(table))
     table = table[table.solve_us_p50.notna() & ~table.stepping]
     rank = table.tier.map(MOST_EXACT.index)
-    best = table[rank == rank.groupby([table.view, table.name]).transform("min")]
+    best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values("total_us", kind="stable")
+    best = best.groupby(["view", "lane"], sort=False).head(MOST_BARS)
     found = [{**{name: line[name] for name in ("view", "name", "solver", "lane", "tier")}, "stage": stage, "us": us,
-              "share": us / (line["setup_us"] + line["total_us"]), "update_and_solve_us": line["total_us"]}
+              "share": us / (line["setup_us"] + line["total_us"]), "update_and_solve_us": line["total_us"],
+              "label": f"{marked(line['solver'])}, {duration(line['total_us'])}", "at": at}
              for line in best.to_dict("records")
-             for stage, us in zip(STAGES, (line["setup_us"], line["update_us"], line["solve_us_p50"]), strict=True)]
-    return pd.DataFrame(found, columns=["view", "name", "solver", "lane", "tier", "stage", "us", "share", "update_and_solve_us"])
+             for at, (stage, us) in enumerate(zip(STAGES, (line["setup_us"], line["update_us"], line["solve_us_p50"]), strict=True))]
+    return pd.DataFrame(found, columns=["view", "name", "solver", "lane", "tier", "stage", "us", "share", "update_and_solve_us", "label", "at"])

@@ -12,8 +12,9 @@ from bench.passed.race_error import RaceError
 from bench.processes.engine import Workers
 from bench.races.field import checked
 from bench.races.settings import RaceSettings
-from bench.report import markdown, race_page
+from bench.races.run_report import of_run
 from bench.report.report import Report
+from bench.report.writing import write_report
 from bench.store import Run, Schema
 from bench.timing import machine
 from solvers.registry import Entry
@@ -64,6 +65,5 @@ class Kind:
 
     def write(self, run: Run) -> tuple[Report, Path]:
         """Write ``report.md`` and ``report.html`` with what lies beside them; returns the report and the path of the first."""
-        report = self.report(run)
-        race_page.write(run, self.title, report)
-        return report, markdown.write(run, self.title, report)
+        report = of_run(run, self.title, self.report(run))
+        return report, write_report(report, run.path)

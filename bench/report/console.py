@@ -22,7 +22,7 @@ from bench.passed.progress import Progress as Report
 from bench.rendering import terminal
 
 if TYPE_CHECKING:
-    from bench.report.report import Table as ShortTable  # with plots, which take a second to import
+    from bench.report.report import Report as Written
 
 
 class PlainConsole(Console):
@@ -79,14 +79,19 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
-def print_screen(above: Sequence[str], shown: ShortTable, total: int, below: Sequence[str]) -> None:
-    """The first screen: lines, as many rows of a table as there is room for, how many more there are, and lines."""
-    rows = shown.rows[:max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
+def print_report(report: Written, below: Sequence[str] = ()) -> None:
+    """The first screen of a report: verdict, as many rows of the short table as there is room for, how many more there are, and lines below."""
+    above, shown = lines_of(report.verdict), report.terminal or report.table
+    if shown is not None and shown.rows:
+        above += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
     for line in above:
         console.print(line)
-    if rows:
+    if shown is not None and shown.rows:
+        rows = shown.rows[:max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
         print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
-    for line in [*([f"{total - len(rows)} more rows are on the page."] if total > len(rows) else []), *below]:
+        if (more := len((report.table or shown).rows) - len(rows)) > 0:
+            console.print(f"{more} more rows are on the page.")
+    for line in below:
         console.print(line)
 
 

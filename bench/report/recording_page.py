@@ -4,108 +4,176 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import altair as alt
 import numpy as np
 import pandas as pd
 
-from bench.report import charts
-from bench.report.page import save
-from bench.report.report import Figure, Table
+from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
+from bench.report.report import Figure, Report, Table
+from bench.report.writing import write_page
 from piezo_model.identification.fit_review import Review
 from piezo_model.identification.order_selection import OrderSelection
 
 POINTS = 2_500
 """Most points of a line."""
-BLUE, RED = charts.PALETTE[:2]
+BLUE, RED, GREEN = PALETTE[:3]
+STANDING = {"free": BLUE, "at its bound": "#e69f00", "never reached": RED}
 
 
 def write(path: Path, name: str, review: Review, orders: OrderSelection | None = None) -> Path:
     """Write the page and ``<page>-figures/*.csv`` beside it; returns its path."""
+    return write_page(report(name, review, orders), path, f"{path.stem}-figures")
+
+
+def report(name: str, review: Review, orders: OrderSelection | None = None) -> Report:
+    """Everything that is said and shown."""
     s = review.model.structure
-    units = tuple(unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
-    figures = [
-        Figure("loops", "Loops, measured and modelled", "Output against input over the counted part of the recording.",
-               *_loops(review, *units)),
-        Figure("error", "Error over time", "Measured minus modelled output, lowest and highest of each stretch of time. A "
-               "grey part at the start is not counted, and cut off where it is larger than twice the largest error that is.",
-               *_error(review, units[1])),
-        Figure("weights", "Weights", "In unit amplitudes with w_H0 = 1. Bars are 95 % intervals, corrected for the memory of the "
-               "residual; a weight without one stands at its bound or was never reached. Excitation is the RMS of the operator's "
-               "signal: a weight whose operator hardly moves is hardly known.", *_weights(review)),
-        Figure("spectrum", "What is left over", "Amplitude density of the error by Welch's method. Level: noise; rising to the "
-               "left: something slow that the model misses; a peak: a resonance or a hum.", *_spectrum(review, units[1]))]
-    grids = []
-    if orders is not None:
-        chosen = {(orders.chosen.n, orders.chosen.m): "chosen", (orders.best.n, orders.best.m): "smallest error"}
-        rows = [[str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}", chosen.get((o.n, o.m), "")]
-                for o in orders.orders]
-        headings = ("n", "m", "unknowns", "error on data left out, % of range", "standard error", "")
-        grids.append(Table("Orders by cross-validation", headings, rows, 0))
-    return save(path, "recording.html.jinja", figures, f"{path.stem}-figures", title=f"Recording {name}",
-                advice=list(review.advice(orders)), sentences=list(review.sentences), grids=grids)
+    input_unit, output_unit = (unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
+    first, *more = review.sentences
+    return Report(
+        [first, *review.advice(orders)],
+        notes=more,
+        title=f"Recording {name}",
+        tables=[_orders(orders)] if orders is not None else [],
+        figures=[
+            _loops(review, input_unit, output_unit),
+            _error(review, output_unit),
+            _weights(review),
+            _spectrum(review, output_unit),
+        ],
+    )
 
 
-def _thinned(size: int) -> np.ndarray:
-    return np.unique(np.linspace(0, size - 1, min(size, POINTS)).astype(int))
+def _orders(orders: OrderSelection) -> Table:
+    chosen = {(orders.chosen.n, orders.chosen.m): "chosen", (orders.best.n, orders.best.m): "smallest error"}
+    rows = [
+        [str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}", chosen.get((o.n, o.m), "")]
+        for o in orders.orders
+    ]
+    return Table(
+        "Orders by cross-validation",
+        ("n", "m", "unknowns", "error on data left out, % of range", "standard error", ""),
+        rows,
+        0,
+    )
 
 
-def _loops(review: Review, input_unit: str, output_unit: str) -> tuple[pd.DataFrame, list[alt.TopLevelMixin]]:
-    at = review.skipped + _thinned(review.x.size - review.skipped)
-    table = pd.concat([pd.DataFrame({"sample": at, "x": review.x[at], "y": values[at], "what": what})
-                       for what, values in (("measured", review.y), ("modelled", review.y_model))], ignore_index=True)
-    what = alt.Color("what:N", scale=alt.Scale(domain=["measured", "modelled"], range=[BLUE, RED]))
-    plot = alt.Chart(charts.data(table)).mark_line().encode(
-        x=alt.X("x:Q", title=f"input, {input_unit}", scale=alt.Scale(zero=False)), order="sample:Q", color=what,
-        y=alt.Y("y:Q", title=f"output, {output_unit}", scale=alt.Scale(zero=False)),
-        size=alt.condition("datum.what == 'measured'", alt.value(3.5), alt.value(0.9)),
-        opacity=alt.condition("datum.what == 'measured'", alt.value(0.45), alt.value(1.0)))
-    return table, [charts.finished(plot, None, 420)]
+def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
+    size = review.x.size - review.skipped
+    at = review.skipped + np.unique(np.linspace(0, size - 1, min(size, POINTS)).astype(int))
+    table = pd.concat(
+        [
+            pd.DataFrame({"sample": at, "x": review.x[at], "y": values[at], "name": what})
+            for what, values in (("measured", review.y), ("modelled", review.y_model))
+        ],
+        ignore_index=True,
+    )
+    marks = (
+        Mark("line", "name", where="datum.name == 'measured'", size=3.5, opacity=0.45, along="sample"),
+        Mark("line", "name", where="datum.name == 'modelled'", size=0.9, along="sample"),
+    )
+    return Figure(
+        "loops",
+        "Loops, measured and modelled",
+        "Output against input over the counted part of the recording.",
+        table,
+        [
+            Plot(
+                Axis("x", f"input, {input_unit}"),
+                Axis("y", f"output, {output_unit}"),
+                marks,
+                colours={"measured": BLUE, "modelled": RED},
+                height=420,
+            )
+        ],
+    )
 
 
-def _error(review: Review, unit: str) -> tuple[pd.DataFrame, list[alt.TopLevelMixin]]:
+def _error(review: Review, unit: str) -> Figure:
     e = review.error
     edges = np.unique(np.linspace(0, e.size, min(e.size, POINTS // 2) + 1).astype(int))
-    table = pd.DataFrame({"time_s": edges[:-1] * review.model.structure.sample_time, "lowest": np.minimum.reduceat(e, edges[:-1]),
-                          "highest": np.maximum.reduceat(e, edges[:-1]), "counted": edges[:-1] >= review.skipped})
-    end = 2.0 * np.abs(e[review.skipped:]).max()  # a transient would leave a flat line of the rest
-    lowest, highest = max(e.min(), -end), min(e.max(), end)
-    plot = alt.Chart(charts.data(table)).mark_rule(strokeWidth=1.5, strokeCap="round", clip=True).encode(
-        x=alt.X("time_s:Q", title="time, s"), y2="highest:Q",
-        y=alt.Y("lowest:Q", title=f"error, {unit}", scale=alt.Scale(domain=[lowest, highest])),
-        color=alt.Color("counted:N", scale=alt.Scale(domain=[True, False], range=[BLUE, "#999999"]),
-                        legend=alt.Legend(title=None, labelExpr="datum.value ? 'counted' : 'not counted'")))
-    return table, [charts.finished(plot, None, 260)]
+    table = pd.DataFrame(
+        {
+            "time_s": edges[:-1] * review.model.structure.sample_time,
+            "lowest": np.minimum.reduceat(e, edges[:-1]),
+            "highest": np.maximum.reduceat(e, edges[:-1]),
+            "counted": np.where(edges[:-1] >= review.skipped, "counted", "not counted"),
+        }
+    )
+    end = 2.0 * np.abs(e[review.skipped :]).max()  # a transient would leave a flat line of the rest
+    return Figure(
+        "error",
+        "Error over time",
+        "Measured minus modelled output, lowest and highest of each stretch of time. A grey part at the start is not "
+        "counted, and is drawn up to twice the largest error that is.",
+        table,
+        [
+            Plot(
+                Axis("time_s", "time, s"),
+                Axis("lowest", f"error, {unit}", domain=(max(e.min(), -end), min(e.max(), end))),
+                (Mark("range", "counted", y2="highest"),),
+                colours={"counted": BLUE, "not counted": GREY},
+                height=260,
+            )
+        ],
+    )
 
 
-def _weights(review: Review) -> tuple[pd.DataFrame, list[alt.TopLevelMixin]]:
-    rows = [{"weight": w.name, "value": w.value, "low": w.value - w.half_width, "high": w.value + w.half_width,
-             "excitation": w.excitation, "standing": "never reached" if not w.reached else "at its bound" if w.at_bound else "free"}
-            for w in review.weights]
-    table = pd.DataFrame(rows)
-    order = [w.name for w in review.weights]
-    source = charts.data(table)
-    base = alt.Chart(source).encode(y=alt.Y("weight:N", sort=order, title=None))
-    tips = [alt.Tooltip("weight:N"), alt.Tooltip("standing:N"), *(alt.Tooltip(f"{name}:Q", format=".4g") for name in (
-        "value", "low", "high", "excitation"))]
-    bars = base.transform_filter("datum.low != null").mark_rule(strokeWidth=3, opacity=0.5, color=BLUE).encode(
-        x="low:Q", x2="high:Q")
-    standing = ["free", "at its bound", "never reached"]
-    points = base.mark_point(filled=True, size=70).encode(
-        x=alt.X("value:Q", title="weight, unit amplitudes"), tooltip=tips,
-        color=alt.Color("standing:N", scale=alt.Scale(domain=standing, range=[BLUE, "#e69f00", RED])),
-        shape=alt.Shape("standing:N", scale=alt.Scale(domain=standing, range=["circle", "square", "cross"])))
-    excitation = alt.Chart(source).mark_bar(color=charts.PALETTE[2]).encode(
-        y=alt.Y("weight:N", sort=order, title=None), tooltip=tips,
-        x=alt.X("excitation:Q", title="excitation, RMS in unit amplitudes"))
-    height = 30 + 18 * len(order)
-    return table, [charts.finished(bars + points, None, height), charts.finished(excitation, None, height)]
+def _weights(review: Review) -> Figure:
+    table = pd.DataFrame(
+        [
+            {
+                "weight": w.name,
+                "value": w.value,
+                "low": w.value - w.half_width,
+                "high": w.value + w.half_width,
+                "excitation": w.excitation,
+                "zero": 0.0,
+                "standing": "never reached" if not w.reached else "at its bound" if w.at_bound else "free",
+            }
+            for w in review.weights
+        ]
+    )
+    names, tips = Axis("weight"), ("weight", "standing", "value", "low", "high", "excitation")
+    intervals = (
+        Mark("range", x="low", x2="high", colour=BLUE, size=3.0, opacity=0.5),
+        Mark("point", "standing", size=70.0),
+    )
+    height = 30 + 18 * len(table)
+    return Figure(
+        "weights",
+        "Weights",
+        "In unit amplitudes with w_H0 = 1. Bars are 95 % intervals, corrected for the memory of the residual; a "
+        "weight without one stands at its bound or was never reached. Excitation is the RMS of the operator's signal: "
+        "a weight whose operator hardly moves is hardly known.",
+        table,
+        [
+            Plot(Axis("value", "weight, unit amplitudes"), names, intervals, tips, STANDING, height=height),
+            Plot(
+                Axis("excitation", "excitation, RMS in unit amplitudes"),
+                names,
+                (Mark("bar", x2="zero", colour=GREEN),),
+                tips,
+                height=height,
+            ),
+        ],
+    )
 
 
-def _spectrum(review: Review, unit: str) -> tuple[pd.DataFrame, list[alt.TopLevelMixin]]:
+def _spectrum(review: Review, unit: str) -> Figure:
     f, density = review.spectrum()
-    table = pd.DataFrame({"frequency_Hz": f, "density": density})
-    table = table[table.density > 0.0]
-    plot = alt.Chart(charts.data(table)).mark_line(strokeWidth=1.2, color=BLUE).encode(
-        x=alt.X(**charts.log("frequency_Hz", "frequency, Hz", table.frequency_Hz)),
-        y=alt.Y(**charts.log("density", f"error, {unit} per √Hz", table.density, power_of_ten=True)))
-    return table, [charts.finished(plot, None, 300)]
+    table = pd.DataFrame({"frequency_Hz": f, "density": density})[density > 0.0]
+    return Figure(
+        "spectrum",
+        "What is left over",
+        "Amplitude density of the error by Welch's method. Level: noise; rising to the left: something slow that "
+        "the model misses; a peak: a resonance or a hum.",
+        table,
+        [
+            Plot(
+                Axis("frequency_Hz", "frequency, Hz", log=True),
+                Axis("density", f"error, {unit} per √Hz", log=True, powers_of_ten=True),
+                (Mark("line", colour=BLUE, size=1.2),),
+                height=300,
+            )
+        ],
+    )

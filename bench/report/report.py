@@ -1,18 +1,18 @@
-"""What a run says and shows, computed once and rendered in the terminal, as Markdown and as a page."""
+"""What a run, a comparison, a fleet, a recording or the experiment says and shows: sentences, tables and figures as data.
+
+It is rendered once for each of three readers: the terminal (`bench.report.console`), Markdown and a page (`bench.report.writing`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import altair as alt
 import pandas as pd
 
-from bench.report import charts
+from bench.report.plot import Plot
 from bench.report.words import marked
-
-Draw = Callable[[pd.DataFrame], list[alt.TopLevelMixin]]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,11 @@ class Table:
     @property
     def choices(self) -> dict[str, list[str]]:
         """The values to choose from by heading, where a column has several."""
-        found = {name: sorted({row[list(self.headings).index(name)] for row in self.rows}) for name in self.filters if name in self.headings}
+        found = {
+            name: sorted({row[list(self.headings).index(name)] for row in self.rows})
+            for name in self.filters
+            if name in self.headings
+        }
         return {name: texts for name, texts in found.items() if len(texts) > 1}
 
     @property
@@ -44,60 +48,66 @@ class Table:
 def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
     """These columns of the rows with a message, the first row of each that has the same in ``once``."""
     wrong = rows[rows.message != ""].drop_duplicates([*once])[[*columns]]
-    return Table("What went wrong", columns, wrong.assign(solver=wrong.solver.map(marked)).astype(str).values.tolist(), len(columns))
+    return Table(
+        "What went wrong",
+        columns,
+        wrong.assign(solver=wrong.solver.map(marked)).astype(str).values.tolist(),
+        len(columns),
+    )
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot or several of the same data."""
+    """One plot of a table or several under each other."""
 
     name: str
-    """Of the files of its data and, in Markdown, of its picture."""
+    """Of the files of its data and of its picture."""
     title: str
     definition: str
     """What is drawn and how it is defined, in sentences."""
     data: pd.DataFrame
     """Everything that is drawn."""
-    plots: Sequence[alt.TopLevelMixin]
-
-    @classmethod
-    def of(cls, name: str, title: str, definition: str, data: pd.DataFrame, draw: Draw) -> Figure:
-        """The figure that is drawn of a table; without plots where that is empty."""
-        return cls(name, title, definition, data, draw(data) if len(data) else ())
-
-    @property
-    def specifications(self) -> list[dict[str, Any]]:
-        """What the page's script draws."""
-        return [charts.specification(plot) for plot in self.plots]
+    plots: Sequence[Plot]
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a run says and shows."""
+    """What is said and shown; figures of empty tables are left out."""
 
     verdict: Sequence[str]
-    """At most three sentences, which open every rendering."""
-    ranking: Table
+    """What opens every rendering."""
+    table: Table | None = None
     """The short table of the first screen; its note says what the figures mean."""
-    summary: pd.DataFrame
+    summary: pd.DataFrame | None = None
     """Everything, as ``summary.csv`` and for machines."""
     figures: Sequence[Figure] = ()
-    """The first is the picture of the first screen; those without plots are left out."""
+    """The first is the picture of the first screen."""
     notes: Sequence[str] = ()
     """Further findings."""
     tables: Sequence[Table] = ()
     definitions: Sequence[str] = ()
-    limits: Sequence[str] = ("One machine, one run: compare ratios, not microseconds.",)
-    """What stands below."""
+    limits: Sequence[str] = ()
+    """What the figures do not say, and what the machine was doing meanwhile."""
+    environment: Sequence[tuple[str, str]] = ()
+    """Machine, versions and settings as names and texts."""
     terminal: Table | None = None
     """The short table where a line has 100 columns, if it differs."""
-    drawn: Sequence[Figure] = field(init=False)
+    title: str = ""
+    scope: str = ""
+    """What was measured, where, and how steady the machine was; stands before the first figure."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "drawn", [figure for figure in self.figures if figure.plots])
+    @property
+    def drawn(self) -> list[Figure]:
+        """The figures that have something to show."""
+        return [figure for figure in self.figures if len(figure.data)]
 
     @property
     def document(self) -> dict[str, Any]:
         """Everything for machines."""
-        return {"verdict": self.verdict, "notes": self.notes, "rows": self.summary.to_dict("records"),
-                "tables": [{"title": table.title, "rows": table.records} for table in (self.ranking, *self.tables)]}
+        tables = [self.table, *self.tables] if self.table is not None else self.tables
+        return {
+            "verdict": self.verdict,
+            "notes": self.notes,
+            "rows": [] if self.summary is None else self.summary.to_dict("records"),
+            "tables": [{"title": table.title, "rows": table.records} for table in tables],
+        }

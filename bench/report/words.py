@@ -67,6 +67,18 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
 
 
+def duration(us: float) -> str:
+    """Microseconds for a reader.
+
+    Examples
+    --------
+    >>> duration(2.705), duration(1860.0), duration(2.5e6)
+    ('2.71 µs', '1.86 ms', '2.5 s')
+    """
+    factor, unit = next((factor, unit) for factor, unit in ((1e6, "s"), (1e3, "ms"), (0.0, "µs")) if us >= factor)
+    return f"{us / (factor or 1.0):.3g} {unit}"
+
+
 def apart(a: float, b: float) -> tuple[str, str]:
     """Two figures with as many digits, three at least, as it takes to tell them apart.
 

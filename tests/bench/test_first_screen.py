@@ -28,11 +28,16 @@ def found() -> Measurements:
 @pytest.fixture(scope="module")
 def shown(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], str]:
     """What the terminal shows of a real race, and its report in Markdown."""
-    run = tmp_path_factory.mktemp("shown") / "run"
+    run = tmp_path_factory.mktemp("shown") / REFERENCE.name
     shutil.copytree(REFERENCE, run)
-    call = piezobench("report", "run", folder=run.parent)
+    call = piezobench("report", run.name, folder=run.parent)
     assert (call.status, call.stderr) == (0, "")
     return call.stdout.splitlines(), (run / "report.md").read_text(encoding="utf-8")
+
+
+def test_the_committed_report_holds_to_the_digit_what_the_committed_measurements_give(shown: tuple[list[str], str]) -> None:
+    _, report = shown
+    assert report == (REFERENCE / "report.md").read_text(encoding="utf-8")
 
 
 def test_the_terminal_shows_a_real_race_in_a_hundred_columns_and_forty_lines(shown: tuple[list[str], str]) -> None:

@@ -5,7 +5,6 @@ import re
 import shutil
 from pathlib import Path
 
-import altair as alt
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,8 +14,11 @@ from conftest import Race
 from bench.derived.summary import summary
 from bench.derived.verdict import verdict
 from bench.races.registry import kind_of
-from bench.report import charts, svg
+from bench.report import vega
+from bench.report.plot import BEST, Axis, Mark, Plot, best_lines
+from bench.report.report import Figure, Report
 from bench.report.words import marked
+from bench.report.writing import write_page
 from bench.store import Run
 from solvers import Status
 
@@ -127,13 +129,14 @@ def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> No
     browser.wait_until(lambda: browser.run(points) != before)
 
 
-def test_a_name_that_is_typed_leaves_its_lines_alone_in_the_picture(browser: Browser, page: Path) -> None:
+def test_a_name_that_is_typed_stands_out_among_the_lines_of_a_picture(browser: Browser, page: Path) -> None:
     browser.open(page)
-    points = "return document.querySelectorAll('#work_precision svg .mark-symbol.role-mark path').length"
-    before = browser.run(points)
+    strong = "return [...document.querySelectorAll('#work_precision .mark-line path')].filter(line => line.getAttribute('stroke-width') === '3.5' " \
+             "&& line.getAttribute('opacity') !== '0').length"
+    assert browser.run(strong) == 0
     browser.run("""const sought = document.querySelector('#work_precision input[type=search]');
         sought.value = 'DAQP'; sought.dispatchEvent(new Event('input'))""")
-    browser.wait_until(lambda: 0 < browser.run(points) < before)
+    browser.wait_until(lambda: 0 < browser.run(strong) < 5)
 
 
 def test_the_page_is_one_small_file_with_its_data_beside_it(page: Path) -> None:
@@ -173,7 +176,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     assert browser.run("return document.title") == f"One-shot race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
     assert EVIL in column(browser, "solver")
-    assert any(EVIL in text for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)"))
+    assert any(EVIL[:16] in text for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)"))
 
 
 def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
@@ -190,25 +193,28 @@ def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: 
     assert set(column(browser, "status")) <= {"crashed", "floor"}
 
 
-def test_a_picture_of_an_experiment_in_the_run_is_on_its_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
-    folder = tmp_path / "with"
-    shutil.copytree(wide_race.run.path, folder)
-    (folder / "experiment").mkdir()
-    (folder / "experiment" / "fig_4.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="40" height="30"/>')
-    browser.open(written(Run.open(folder)))
-    assert browser.console() == []
-    assert browser.run("return document.querySelector('img.picture').naturalWidth") == 40
-
-
 def test_what_is_not_finite_is_null_in_a_plot() -> None:
-    values = json.loads(charts.data(pd.DataFrame({"a": [1.0, np.nan, np.inf]})).to_dict()["values"])
-    assert [value["a"] for value in values] == [1.0, None, None]
+    assert [row["a"] for row in vega.plain_rows(pd.DataFrame({"a": [1.0, np.nan, np.inf]}))] == [1.0, None, None]
 
 
 @pytest.mark.parametrize("values", [(0.134, 0.169), (0.9, 1.1), (1e-9, 1.2e-9), (0.1, 3.0)])
 def test_a_logarithmic_axis_has_labels_however_short_it_is(values: tuple[float, float]) -> None:
     table = pd.DataFrame({"error": values, "solver": ["one", "other"]})
-    axis = alt.X(**charts.log("error", "error", table.error))
-    drawn = svg.text([alt.Chart(charts.data(table)).mark_point().encode(x=axis, y="solver:N")])
+    drawn = vega.svg(table, [Plot(Axis("error", "error", log=True), Axis("solver"), [Mark("point")])])
     labels = re.findall(r">(\d[\d.]*(?:e.\d+)?)</text>", drawn)
     assert len(set(labels)) > 1
+
+
+def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_others_none(browser: Browser, tmp_path: Path) -> None:
+    names = [f"solver {i:02}" for i in range(30)]
+    table = pd.DataFrame([{"name": name, "x": float(x), "y": float(i + x), "front": i < BEST} for i, name in enumerate(names) for x in (1, 2, 3)])
+    figure = Figure("crowd", "Crowd", "Many lines.", table, [Plot(Axis("x", "x"), Axis("y", "y"), best_lines())])
+    browser.open(write_page(Report(["Lines."], figures=[figure], title="Crowd"), tmp_path / "page.html"))
+    assert browser.console() == []
+    assert browser.run("return [...document.querySelectorAll('.role-legend-label text')].map(text => text.textContent)") == names[:BEST]
+    strokes = browser.run("""return [...document.querySelectorAll('.mark-line.role-mark path')]
+        .map(path => [path.getAttribute('stroke'), path.getAttribute('stroke-dasharray')].join())""")
+    counts = pd.Series(strokes).value_counts()
+    assert counts["#999999,"] == len(names)
+    assert (counts.drop(["#999999,", "currentColor,"]) == 1).all()
+    assert len(counts) == BEST + 2

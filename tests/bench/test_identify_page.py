@@ -98,7 +98,7 @@ def test_every_plot_has_its_data_as_csv(desk: Path) -> None:
     for name in ("loops", "error", "weights", "spectrum"):
         assert len(pd.read_csv(desk / "stage page-figures" / f"{name}.csv"))
     loops = pd.read_csv(desk / "stage page-figures" / "loops.csv")
-    measured = loops[loops.what == "measured"]
+    measured = loops[loops.name == "measured"]
     assert measured.x.to_numpy() == pytest.approx(x[measured["sample"]], abs=1e-6)
 
 

@@ -1,7 +1,5 @@
 """What the plots of a one-shot race show: work and precision, the profile of Dolan and Moré, time by size, and where the time goes."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,8 +9,8 @@ from bench.derived import pictures
 from bench.derived.ranking import PACE, PAPER
 from bench.derived.summary import summary
 from bench.passed.row import Row
-from bench.races.oneshot import charts
-from bench.report import svg
+from bench.races.oneshot import figures
+from bench.report import vega
 
 NAN = float("nan")
 SPEED = {"box_active_set": 1.0, "recursive_active_set": 2.0, "a": 3.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0, "f": 8.0}
@@ -63,9 +61,12 @@ def test_the_papers_method_is_there_twice_at_the_pace_of_its_samples_and_of_the_
     assert set(table.who) == {PACE, pictures.OUR_LINES, pictures.OTHER_LINES}
 
 
-def test_only_what_no_other_beats_is_on_the_front() -> None:
-    table = pd.DataFrame({"view": "v", "time": [1.0, 2.0, 3.0, 2.0], "gap": [1e-3, 1e-6, 1e-3, 1e-6]})
-    assert pictures.front(table, "time", "gap").tolist() == [True, True, False, True]
+def test_the_best_lines_of_each_view_come_first_and_are_marked() -> None:
+    table = pd.DataFrame({"view": [*"aaaabb"], "name": [*"pqrpqr"], "score": [3.0, 1.0, 2.0, 0.5, 9.0, 8.0]})
+    found = pictures.ranked(table, table.score, most=2)
+    assert found["view"].tolist() == [*"aaaabb"]
+    assert found.name.tolist() == [*"ppqrrq"]
+    assert found.front.tolist() == [True, True, True, False, True, True]
 
 
 def profile(rows: list[Row]) -> dict[tuple[str, float], float]:
@@ -127,9 +128,11 @@ def test_a_size_of_several_problems_has_their_median_where_all_are_right() -> No
     assert ("c (direct)", 8) not in lines.index
 
 
-def test_the_fastest_of_each_size_is_on_the_front() -> None:
+def test_those_that_are_right_at_every_size_come_before_those_that_are_not_and_the_fastest_first() -> None:
     lines = pictures.sizes(measured(sized()))
-    assert set(lines[lines.front].name) == {"box_active_set† (direct)"}
+    names = lines.name.drop_duplicates().tolist()
+    assert names[:2] == ["box_active_set† (direct)", "box_active_set† (qpsolvers)"]
+    assert {*names[-2:]} == {"a (direct)", "a (qpsolvers)"}
 
 
 def test_one_size_gives_no_table() -> None:
@@ -140,11 +143,9 @@ def test_methods_that_count_steps_have_no_time_by_size() -> None:
     assert pictures.sizes(measured(sized(settings='{"steps": 5}'))).empty
 
 
-def test_the_same_table_draws_the_same_file(tmp_path: Path) -> None:
-    table = pictures.sizes(measured(sized()))
-    for name in ("one.svg", "two.svg"):
-        svg.write(charts.sizes(table), tmp_path / name)
-    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
+def test_the_same_table_draws_the_same_picture() -> None:
+    figure = figures.sizes(measured(sized()))
+    assert vega.svg(figure.data, figure.plots) == vega.svg(figure.data, figure.plots)
 
 
 def test_the_parts_of_an_answer_are_those_of_the_most_exact_tier_that_a_lane_reaches_preferring_a_billionth() -> None:

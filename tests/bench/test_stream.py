@@ -310,7 +310,7 @@ def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(m
     assert said[0].startswith("This run cannot say who keeps the schedule") == says
     assert any("solver lane keeps the schedule" in sentence for sentence in said) != says
     assert table.keeps_up[table.solver == "daqp"].item() != says
-    schedule = {row[0]: row[3] for row in report.report_of(table, settings).ranking.rows}
+    schedule = {row[0]: row[3] for row in report.report_of(table, settings).table.rows}
     assert schedule == {"null": "floor", "daqp": "unknown" if says else "kept"}
 
 
@@ -318,7 +318,7 @@ def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(m
 def test_every_table_marks_a_setting_that_no_run_stands_for(basis: str, shown: str) -> None:
     rows = [paced_row("null", 5000, 0, 0, tier="default", basis="default"), paced_row("daqp", 5000, 0, 0, basis=basis)]
     found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), {"samples": 5000, "give_up": 0})
-    for table in (found.ranking, *found.tables[:3]):
+    for table in (found.table, *found.tables[:3]):
         assert [row[2] for row in table.rows] == ["default", shown]
     assert found.summary.set_index("solver").basis.to_dict() == {"null": "default", "daqp": basis}
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.accuracy import least_good
+from bench.derived.pictures import ranked
 from bench.races.batch.race import SHARES
 from bench.report.words import joined, marked, number
 from solvers.registry import OURS
@@ -91,9 +92,6 @@ def thousands(rate: float) -> str:
 def by_batch(table: pd.DataFrame) -> pd.DataFrame:
     """Core rate against batch size, one row a line and size; a line has the number of its threads where that is not one."""
     shown = table[np.isfinite(table.core_rate)]
-    first = best(shown[shown.threads == 1]).groupby("d").head(4)
-    front = {(line.d, line.solver, line.threads) for _, line in first.iterrows()}
     name = shown.who + np.where(shown.threads > 1, ", " + shown.threads.astype(str) + " threads", "")
-    view = "d = " + shown.d.astype(str)
-    return shown.assign(name=name, view=view, front=[line in front for line in zip(shown.d, shown.solver, shown.threads, strict=True)])[
-        ["view", "name", "solver", "lane", "threads", "batch", "core_rate", "rate", "share_high", "gb_s", "front"]].reset_index(drop=True)
+    table = ranked(shown.assign(name=name, view="d = " + shown.d.astype(str)), -shown.core_rate)
+    return table[["view", "name", "solver", "lane", "threads", "batch", "core_rate", "rate", "share_high", "gb_s", "front"]]

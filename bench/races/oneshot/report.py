@@ -15,48 +15,74 @@ from bench.derived.ranking import ranking, short_table, yardstick
 from bench.derived.table import ONESHOT
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.derived.wrapper_share import wrapper_share
-from bench.races.oneshot import charts
-from bench.report.report import Figure, Report, Table
+from bench.races.oneshot.figures import figures
+from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, marked, number, settings_label
-from bench.store import Run, RunError, RunFile
+from bench.store import Run, RunError
 
 HEADINGS = {
-    "solver": "solver", "lane": "lane", "tier": "tier", "right": "right", "worst_cost_gap": "worst cost gap", "update_us": "update, µs",
-    "solve_us_p50": "solve, µs", "answer_us_p99": "p99 of an answer, µs", "periods": "periods", "status": "status",
-    "problem_set": "problem set", "scaling": "scaling", "start": "start", "left_out": "left out", "settings": "settings",
-    "optimum": "|V*| over yardstick", "worst_primal_residual": "primal residual", "worst_dual_residual": "dual residual",
-    "worst_weight_error": "weight error", "model_error_percent": "model error, %", "setup_us": "setup, µs",
-    "solve_us_max": "longest solve, µs", "interleaved_us_p50": "solve in turns, µs"}
+    "solver": "solver",
+    "lane": "lane",
+    "tier": "tier",
+    "right": "right",
+    "worst_cost_gap": "worst cost gap",
+    "update_us": "update, µs",
+    "solve_us_p50": "solve, µs",
+    "answer_us_p99": "p99 of an answer, µs",
+    "periods": "periods",
+    "status": "status",
+    "problem_set": "problem set",
+    "scaling": "scaling",
+    "start": "start",
+    "left_out": "left out",
+    "settings": "settings",
+    "optimum": "|V*| over yardstick",
+    "worst_primal_residual": "primal residual",
+    "worst_dual_residual": "dual residual",
+    "worst_weight_error": "weight error",
+    "model_error_percent": "model error, %",
+    "setup_us": "setup, µs",
+    "solve_us_max": "longest solve, µs",
+    "interleaved_us_p50": "solve in turns, µs",
+}
 """Who, how right and how fast come first, for a screen without the room for all."""
 WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
 BESIDE = ("lane", "timed", "unknowns", "problems", "ours", "µs", "other", "other, µs", "ratio")
 WRAPPERS = ("solver", "lane", "settings", "problems", "µs", "direct, µs", "ratio")
 DEFINITIONS = (
-    "lane: how the solver is called. kernel: compiled, without Python; direct: the library's own object; qpsolvers and cvxpy: through "
-    "these packages, which convert and set up at every call, and that is part of the price. Compare solvers in one lane.",
-    "tier: what an answer must reach, the same for all: a cost gap of 1e-3 (low), 1e-6 (mid), 1e-9 (high) or 1e-12 (exact), in exact "
-    "arithmetic, and constraints violated by no more than that, relative to the largest number of the optimum. stage: a model that errs "
-    "on unseen data by at most 1 % of the sensor's noise more than the optimum's. 1e-9 is numerics, stage is engineering.",
-    "default: what the library does unasked, judged like low. In the lanes qpsolvers and cvxpy these are the defaults of that package, "
-    "which are not always the library's: cvxpy asks OSQP for 1e-5.",
-    "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, else once; those of the "
-    "first problem are shown, since tolerances are multiples of a constant of each. A tier that no setting reaches on every problem is not reached.",
-    "left out: the setting is chosen on the problems that it is judged on. This is the share of them on which the setting that the others "
-    "choose is right; – where there are fewer than three problems.",
+    "lane: how the solver is called. kernel: compiled, without Python; direct: the library's own object; qpsolvers "
+    "and cvxpy: through these packages, which convert and set up at every call, and that is part of the price. "
+    "Compare solvers in one lane.",
+    "tier: what an answer must reach, the same for all: a cost gap of 1e-3 (low), 1e-6 (mid), 1e-9 (high) or 1e-12 "
+    "(exact), in exact arithmetic, and constraints violated by no more than that, relative to the largest number of "
+    "the optimum. stage: a model that errs on unseen data by at most 1 % of the sensor's noise more than the "
+    "optimum's. 1e-9 is numerics, stage is engineering.",
+    "default: what the library does unasked, judged like low. In the lanes qpsolvers and cvxpy these are the defaults "
+    "of that package, which are not always the library's: cvxpy asks OSQP for 1e-5.",
+    "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, "
+    "else once; those of the first problem are shown, since tolerances are multiples of a constant of each. A tier "
+    "that no setting reaches on every problem is not reached.",
+    "left out: the setting is chosen on the problems that it is judged on. This is the share of them on which the "
+    "setting that the others choose is right; – where there are fewer than three problems.",
     "right: on how many problems the answer is as exact as the tier asks.",
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
-    "|V*| over yardstick: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative to V* is that much looser.",
-    "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. Weight error: "
-    "‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
-    "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same solver again and again; "
-    "in turns, it finds the caches that other solvers left. A controller with other work in its period lies between the two.",
-    "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than the 299 it takes.",
+    "|V*| over yardstick: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
+    "to V* is that much looser.",
+    "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
+    "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
+    "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same "
+    "solver again and again; in turns, it finds the caches that other solvers left. A controller with other work in "
+    "its period lies between the two.",
+    "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than "
+    "the 299 it takes.",
     "periods: update and solve in sampling periods of 125 µs, or the steps of a method that takes one step a period.",
     "warm: started from the optimum of the problem before, where problems follow each other; cold: from nothing.",
     "floor: a solver that does nothing, which is what clock, call and machine cost.",
-    "drift: a fixed piece of work is timed every few seconds; this is how far the median of any fifth of these times is from that of all, at most. "
-    "Moments in which a neighbour slows the core leave medians over problems alone as long as they are few, and are counted apart.",
-    OURS_NOTE)
+    "drift: a fixed piece of work is timed every few seconds; this is how far the median of any fifth of these times "
+    "is from that of all, at most. Moments in which a neighbour slows the core leave medians over problems alone as "
+    "long as they are few, and are counted apart.",
+    OURS_NOTE,
+)
 
 
 def report(run: Run) -> Report:
@@ -67,84 +93,135 @@ def report(run: Run) -> Report:
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     wrong = [[marked(solver), *others] for solver, *others in summaries.failures(found)]
-    where = _where(found, settings, drift)
     return Report(
-        verdict(found, settings["machine"]["core"], drift), short_table(table, f"{note} {where}"), summary,
+        verdict(found, settings["machine"]["core"], drift),
+        short_table(table, note),
+        summary,
+        figures(found, summary),
         terminal=short_table(table, note, terminal=True),
+        scope=f"{found.problems} problem{'s' if found.problems != 1 else ''}",
         notes=[*below_rounding(costs), *notes(found, summary), *_hosts(found), *_models(run)],
-        definitions=[*DEFINITIONS, *_of_repeats(run)], tables=[
-            Table("Every solver at every tier", [*HEADINGS.values()],
-                  [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()], 3,
-                  ("problem set", "scaling", "lane", "tier", "start", "status"), where),
-            Table("Ours beside the best of the others", BESIDE, _beside(found), 2, ("lane", "timed"), "Median µs of update and solve to 1e-9, by "
-                  f"lane and number of unknowns; a ratio below 1 is in our favour. {where}"),
-            Table("Time by size", *_sizes(pictures.time_by_size(found)), 2, (), "Median µs of update and solve by number of unknowns, where every "
-                  f"answer of that size was right to 1e-9: our exact solvers, and the five fastest others each in its fastest lane. {where}"),
-            Table("What a wrapper costs", WRAPPERS, _wrappers(found), 3, ("lane",), "Median µs of update and solve through a package, over that of "
-                  f"the same library in the lane direct at identical settings, on the problems where both are right to 1e-3. {where}"),
-            Table("Problems", ("problem set", "problem", "unknowns", "scaling", "V*", "yardstick", "|V*| over yardstick"),
-                  [[row.problem_set, row.problem, str(row.d), row.scaling, *(number(value) for value in (row.V, row.yardstick, row.optimum))]
-                   for _, row in costs.iterrows()], 2, ("problem set", "scaling")),
-            Table("What went wrong", WRONG, wrong, 8, ("lane", "scaling", "status"))],
-        figures=[
-            Figure.of("work_precision", "Work and precision",
-                      "A line is a solver over its settings from loose to tight: the worst relative cost gap over all problems, against the median "
-                      "time. Lower is more exact, left is faster; left of the dashed line an answer is there before the next sample. "
-                      f"Hollow: what the library does by default. Gaps below 1e-17 and above 1e3 are drawn at these. {where}",
-                      pictures.work_precision(found), charts.work_precision),
-            Figure.of("performance_profile", "Performance profile",
-                      "ρ(τ): the share of problems that a solver answers right to 1e-9 within τ times the time of the fastest right answer (Dolan "
-                      "and Moré 2002), with one setting for all problems. Higher is better; the left end says how often it is the fastest, the right "
-                      f"end how often it is right. {where}", pictures.performance_profile(found), charts.performance_profile),
-            Figure.of("sizes", "Time by size",
-                      "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. The dashed line is "
-                      f"the sampling period. {where}", pictures.sizes(found), charts.sizes),
-            Figure.of("stages", "Where the time goes",
-                      f"Medians over the problems of what each part takes, for the fastest {charts.MOST_BARS} of each lane at the most exact tier "
-                      "that it reaches. The time beside a name is update and solve, which every answer costs; set-up is paid once. "
-                      f"{where}", pictures.stages(summary), charts.stages),
-            Figure.of("anytime", "Accuracy within sampling periods",
-                      "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median over the problems; "
-                      f"lower and further left is better. Gaps below 1e-17 are drawn at that. {where}", anytime.anytime(found), charts.anytime)])
+        definitions=[*DEFINITIONS, *_of_repeats(run)],
+        tables=[
+            Table(
+                "Every solver at every tier",
+                [*HEADINGS.values()],
+                [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()],
+                3,
+                ("problem set", "scaling", "lane", "tier", "start", "status"),
+            ),
+            Table(
+                "Ours beside the best of the others",
+                BESIDE,
+                _beside(found),
+                2,
+                ("lane", "timed"),
+                "Median µs of update and solve to 1e-9, by "
+                "lane and number of unknowns; a ratio below 1 is in our favour.",
+            ),
+            Table(
+                "Time by size",
+                *_sizes(pictures.time_by_size(found)),
+                2,
+                (),
+                "Median µs of update and solve by number of unknowns, where every answer of that size was right to "
+                "1e-9: our exact solvers, and the five fastest others each in its fastest lane.",
+            ),
+            Table(
+                "What a wrapper costs",
+                WRAPPERS,
+                _wrappers(found),
+                3,
+                ("lane",),
+                "Median µs of update and solve through a package, over that of the same library in the lane direct at "
+                "identical settings, on the problems where both are right to 1e-3.",
+            ),
+            Table(
+                "Problems",
+                ("problem set", "problem", "unknowns", "scaling", "V*", "yardstick", "|V*| over yardstick"),
+                [
+                    [
+                        row.problem_set,
+                        row.problem,
+                        str(row.d),
+                        row.scaling,
+                        *(number(value) for value in (row.V, row.yardstick, row.optimum)),
+                    ]
+                    for _, row in costs.iterrows()
+                ],
+                2,
+                ("problem set", "scaling"),
+            ),
+            Table("What went wrong", WRONG, wrong, 8, ("lane", "scaling", "status")),
+        ],
+    )
 
 
 def anytime_report(run: Run) -> Report:
     """The same, beginning with how exact an answer is after so many sampling periods."""
-    whole = report(run)
-    *figures, first = whole.figures
-    return replace(whole, verdict=[*anytime.sentences(first.data), *whole.verdict], ranking=anytime.accuracy_table(first.data), terminal=None,
-                   figures=[first, *figures], tables=[whole.ranking, *whole.tables])
-
-
-def _where(found: Measurements, settings: RunFile, drift: float) -> str:
-    """On how many problems, on what machine: the end of each caption."""
-    machine, count = settings["machine"], found.problems
-    return (f"{count} problem{'s' if count != 1 else ''}; {machine['processor']}, {machine['core']}; the machine's speed drifted by "
-            f"{100.0 * drift:.0f} %.")
+    whole, gaps = report(run), anytime.anytime(Measurements(run.rows(ONESHOT), run.times()))
+    *others, first = whole.figures
+    return replace(
+        whole,
+        verdict=[*anytime.sentences(gaps), *whole.verdict],
+        table=anytime.accuracy_table(gaps),
+        terminal=None,
+        figures=[first, *others],
+        tables=[*([whole.table] if whole.table else []), *whole.tables],
+    )
 
 
 def _hosts(found: Measurements) -> list[str]:
     others = sorted(set(found.every.host) - {found.host})
-    return [f"Times are those of {found.host}, where most was measured; accuracy is judged by what {', '.join(others)} measured, too."
-            ] if others else []
+    return (
+        [
+            f"Times are those of {found.host}, where most was measured; accuracy is judged by what {', '.join(others)} "
+            "measured, too."
+        ]
+        if others
+        else []
+    )
 
 
 def _models(run: Run) -> list[str]:
     """What the model of a recording is worth that is kept beside its problems."""
-    return [f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} % of the "
-            "range (RMS) on the last fifth; deploy takes it." if "error_percent" in note else
-            f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
-            for note in run.settings.get("models", {}).values()]
+    return [
+        f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} "
+        "% of the range (RMS) on the last fifth; deploy takes it."
+        if "error_percent" in note
+        else f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
+        for note in run.settings.get("models", {}).values()
+    ]
 
 
 def _beside(found: Measurements) -> list[list[str]]:
-    return [[row["lane"], row["timed"], str(row["d"]), str(row["problems"]), row["ours"], number(row["ours_us"]), row["other"],
-             number(row["other_us"]), f"{row['ratio']:.2f}"] for row in like_with_like(found).to_dict("records")]
+    return [
+        [
+            row["lane"],
+            row["timed"],
+            str(row["d"]),
+            str(row["problems"]),
+            row["ours"],
+            number(row["ours_us"]),
+            row["other"],
+            number(row["other_us"]),
+            f"{row['ratio']:.2f}",
+        ]
+        for row in like_with_like(found).to_dict("records")
+    ]
 
 
 def _wrappers(found: Measurements) -> list[list[str]]:
-    return [[row["solver"], row["lane"], settings_label(row["settings"]), str(row["problems"]),
-             *(number(row[name]) for name in ("us", "direct_us", "ratio"))] for row in wrapper_share(found).to_dict("records")]
+    return [
+        [
+            row["solver"],
+            row["lane"],
+            settings_label(row["settings"]),
+            str(row["problems"]),
+            *(number(row[name]) for name in ("us", "direct_us", "ratio")),
+        ]
+        for row in wrapper_share(found).to_dict("records")
+    ]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
@@ -159,8 +236,15 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
             lines.append({**line, "V": math.nan, "yardstick": math.nan, "optimum": math.nan, "c": math.nan})
             continue
         value = form.certificate.value_rounded
-        lines.append({**line, "V": value, "yardstick": form.yardstick, "optimum": abs(value) / form.yardstick,
-                      "c": 0.0 if form.cost_unit else form.c})
+        lines.append(
+            {
+                **line,
+                "V": value,
+                "yardstick": form.yardstick,
+                "optimum": abs(value) / form.yardstick,
+                "c": 0.0 if form.cost_unit else form.c,
+            }
+        )
     return pd.DataFrame(lines)
 
 
@@ -174,14 +258,26 @@ def text(row: pd.Series, column: str) -> str:
     if column == "left_out":
         return "–" if pd.isna(value) else f"{100.0 * value:.0f} %"
     if isinstance(value, float):
-        return "–" if pd.isna(value) else f"{value:.1e}" if "gap" in column or "residual" in column or "weight" in column else f"{value:.3g}"
+        return (
+            "–"
+            if pd.isna(value)
+            else f"{value:.1e}"
+            if "gap" in column or "residual" in column or "weight" in column
+            else f"{value:.3g}"
+        )
     return str(value)
 
 
 def _of_repeats(run: Run) -> list[str]:
     count = run.settings["settings"].get("repeats", 1)
-    return [f"Every solver ran in {count} fresh processes: times are medians over these, and solve_us_spread in summary.csv is their range over "
-            "the median."] if count > 1 else []
+    return (
+        [
+            f"Every solver ran in {count} fresh processes: times are medians over these, and solve_us_spread in "
+            "summary.csv is their range over the median."
+        ]
+        if count > 1
+        else []
+    )
 
 
 def _span(values: pd.Series) -> str:

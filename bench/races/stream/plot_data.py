@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.races.stream import figures
-from bench.report.charts import NAMED, together
+from bench.report.plot import BEST, together
 from bench.report.words import marked, settings_label
 from bench.timing import latency_histogram
 from bench.timing.percentiles import needed
@@ -34,7 +34,7 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def responses(rows: pd.DataFrame, times: pd.DataFrame) -> list[tuple[pd.Series, np.ndarray]]:
-    """Sorted response times in µs of every line of the summary that ran on the schedule, quickest first."""
+    """Sorted response times in µs of every line of the summary that ran on the schedule, the machine's floor first and then the quickest."""
     table = figures.summary(rows, times)
     table = table[table.paced & (table.samples > 0)]
     found = []
@@ -43,7 +43,7 @@ def responses(rows: pd.DataFrame, times: pd.DataFrame) -> list[tuple[pd.Series, 
         us = np.sort(figures.raw(times, rows[same].task, "response"))
         if us.size:
             found.append((shown, us))
-    return sorted(found, key=lambda pair: float(np.quantile(pair[1], 0.99)))
+    return sorted(found, key=lambda pair: (not pair[0].is_floor, float(np.quantile(pair[1], 0.99))))
 
 
 def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
@@ -51,7 +51,7 @@ def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     ks = np.unique(np.geomspace(1, FARTHEST, 40).round()).astype(int)
     parts = [pd.DataFrame(columns=[*WHO, "periods", "share", "samples", "front"])]
     for rank, (line, us) in enumerate(responses(rows, times)):
-        parts.append(pd.DataFrame({**line[WHO], "periods": ks, "samples": us.size, "front": rank < NAMED or line.is_floor,
+        parts.append(pd.DataFrame({**line[WHO], "periods": ks, "samples": us.size, "front": rank < BEST,
                                    "share": np.searchsorted(us, ks * PERIOD_US, side="right") / us.size}))
     return together(parts)
 
@@ -63,12 +63,12 @@ def latency_tails(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
         shares = np.array([share for share in DECADES if needed(1.0 - share) <= us.size])
         ranks = np.ceil(np.round((1.0 - shares) * us.size, 6)).astype(int) - 1
         parts.append(pd.DataFrame({**line[WHO], "one_in": 1.0 / shares, "us": us[ranks],
-                                   "front": rank < NAMED or line.is_floor}))
+                                   "front": rank < BEST}))
     table = figures.summary(rows, times)
     loops = _names(table[~table.paced & (table.samples > 0) & (table.solver != "projected_difference")])
-    for rank, (_, line) in enumerate(loops.iterrows()):
+    for _, line in loops.iterrows():
         shares = np.array([share for share in DECADES if needed(1.0 - share) <= line.service_samples])
         us = latency_histogram.quantiles(line.service_histogram, 1.0 - shares) / 1e3
         parts.append(pd.DataFrame({**line[WHO], "name": f"{line['name']}, service time", "one_in": 1.0 / shares, "us": us,
-                                   "front": rank < NAMED}))
+                                   "front": False}))
     return together(parts)

@@ -11,8 +11,9 @@ import pandas as pd
 
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.settings import settings_of
-from bench.races.stream import charts, figures, plot_data
+from bench.races.stream import figures, plot_data
 from bench.races.stream.race import STREAM, StreamSettings
+from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
 from bench.store import Run
@@ -27,25 +28,31 @@ QUANTILE_NAMES = tuple(Percentile(q).name for q in QUANTILES)
 def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """What the words mean."""
     return (
-        "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then takes the newest due sample when it is "
-        "done, with the data of those it missed. Response: from the due time of a sample to the end of the first solve that includes it; "
-        "service: from the begin to the end of a solve; a missed deadline is a response above 125 µs.",
-        "P and q are brought up to date by the machine before the due time where there is time, and never in the service time; solvers that "
-        "take rows do it themselves, and theirs is timed. Service is update and solve.",
-        "The floor is a solver that answers at once: the machine itself. Beyond the floor are misses above the upper 95 % bound of its own, "
-        "which counts stalls (runs of late samples) and takes as many misses with each as it had. A percentile marked ≈ floor has an interval "
-        "that reaches into the floor's.",
-        "Percentiles are order statistics with distribution-free 95 % intervals; one that the sample cannot support is refused with the number "
-        "it needs. The intervals take samples as independent; delays come in bursts, so true ones are wider.",
-        "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the optimal cost: of all "
-        f"samples in doubles against box_active_set, and exact at {settings.get('certified', 0)} instants with proven optima. Own answers: the "
-        "worst gap at the sample that each was computed for. Reused: samples at whose deadline an older answer was in use.",
-        "The compiled loops take the same rows back to back, there and back again: no waiting, hot caches, no response times. Corrected counts "
-        "with each call longer than the period what would have waited behind it on a schedule.",
-        f"A lane whose answers are late at each of the first {settings['give_up']} samples is stopped there. Every lane runs in a fresh process "
-        "after an untimed warm-up on the same rows, garbage collection off, one thread, one core.",
+        "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then takes the "
+        "newest due sample when it is done, with the data of those it missed. Response: from the due time of a sample "
+        "to the end of the first solve that includes it; service: from the begin to the end of a solve; a missed "
+        "deadline is a response above 125 µs.",
+        "P and q are brought up to date by the machine before the due time where there is time, and never in the "
+        "service time; solvers that take rows do it themselves, and theirs is timed. Service is update and solve.",
+        "The floor is a solver that answers at once: the machine itself. Beyond the floor are misses above the upper "
+        "95 % bound of its own, which counts stalls (runs of late samples) and takes as many misses with each as it "
+        "had. A percentile marked ≈ floor has an interval that reaches into the floor's.",
+        "Percentiles are order statistics with distribution-free 95 % intervals; one that the sample cannot support "
+        "is refused with the number it needs. The intervals take samples as independent; delays come in bursts, so "
+        "true ones are wider.",
+        "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the "
+        f"optimal cost: of all samples in doubles against box_active_set, and exact at {settings.get('certified', 0)} "
+        "instants with proven optima. Own answers: the worst gap at the sample that each was computed for. Reused: "
+        "samples at whose deadline an older answer was in use.",
+        "The compiled loops take the same rows back to back, there and back again: no waiting, hot caches, no "
+        "response times. Corrected counts with each call longer than the period what would have waited behind it on a "
+        "schedule.",
+        f"A lane whose answers are late at each of the first {settings['give_up']} samples is stopped there. Every "
+        "lane runs in a fresh process after an untimed warm-up on the same rows, garbage collection off, one thread, "
+        "one core.",
         definition(settings.get("settings_run", "")),
-        OURS_NOTE)
+        OURS_NOTE,
+    )
 
 
 def report(run: Run) -> Report:
@@ -53,13 +60,45 @@ def report(run: Run) -> Report:
     rows, times = run.rows(STREAM), run.times()
     table = figures.summary(rows, times)
     shown = [
-        Figure.of("latency_tails", "Latency tails",
-                  "Response time by percentile, as far as the number of samples supports it; lower is better, and above the dashed line the "
-                  f"deadline is missed. {plot_data.FLOOR_NAME.capitalize()} is a solver that answers at once. Compiled loops wait for no schedule "
-                  "and are drawn by their service time.", plot_data.latency_tails(rows, times), charts.latency_tails),
-        Figure.of("deadline_profile", "Deadline profile",
-                  "Share of samples answered within k sampling periods of their due time. The deadline is one period.",
-                  plot_data.deadline_profile(rows, times), charts.deadline_profile)]
+        Figure(
+            "latency_tails",
+            "Latency tails",
+            "Response time by percentile, as far as the number of samples supports it; lower is better, and above the "
+            f"dashed line the deadline is missed. In colour: {plot_data.FLOOR_NAME}, a solver that answers at once, "
+            "and the lanes with the least p99. Compiled loops wait for no schedule and are drawn by their service "
+            "time.",
+            plot_data.latency_tails(rows, times),
+            [
+                Plot(
+                    Axis(
+                        "one_in",
+                        "percentile of the samples",
+                        log=True,
+                        values=[10.0**k for k in range(1, 7)],
+                        label="'p' + format(100 * (1 - 1 / datum.value), '.6~f')",
+                    ),
+                    Axis("us", "response time, µs (compiled loops: service time)", log=True),
+                    best_lines(),
+                    rules={"y": PERIOD_US},
+                    search=True,
+                )
+            ],
+        ),
+        Figure(
+            "deadline_profile",
+            "Deadline profile",
+            "Share of samples answered within k sampling periods of their due time. The deadline is one period.",
+            plot_data.deadline_profile(rows, times),
+            [
+                Plot(
+                    Axis("periods", f"k: periods of {PERIOD_US:g} µs after the due time", log=True),
+                    Axis("share", "share of samples answered within k periods", percent=True, domain=(0.0, 1.0)),
+                    best_lines("step"),
+                    search=True,
+                )
+            ],
+        ),
+    ]
     return report_of(table, settings_of(run, StreamSettings).to_dict(), shown)
 
 
@@ -67,41 +106,107 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
     """The report of a summary and the settings of a stream race, with its figures."""
     paced, kernel = ([line for _, line in part.iterrows()] for part in (table[table.paced], table[~table.paced]))
     tables = [
-        _table("Response time on the schedule, µs: due time to answer",
-               (*QUANTILE_NAMES, "max", "missed", "stalls", "beyond the floor", "status"), paced,
-               lambda line: [*_percentiles(line, "response"), f"{line.missed}/{line.samples}", str(line.stalls),
-                             str(line.missed_beyond_floor), line.status]),
-        _table("Service time on the schedule, µs: begin to answer",
-               (*QUANTILE_NAMES, "max", "update p50", "solve p50", "solves", "stopped"), paced,
-               lambda line: [*_percentiles(line, "service"), number(line.update_us_p50), number(line.solve_us_p50),
-                             str(line.solves), line.stopped]),
-        _table("Relative cost gap of the answer in use",
-               ("mean", "max", "exact mean", "exact max", "own answers", "reused", "unanswered"), paced + kernel,
-               lambda line: [gap(line.gap_mean), gap(line.gap_max), gap(line.exact_gap_mean), gap(line.exact_gap_max),
-                             gap(line.own_gap_max), _percent(line.reused), str(line.unanswered)]),
-        _table("Service time in compiled loops, µs, back to back and not paced",
-               (*QUANTILE_NAMES, "max", f"{QUANTILE_NAMES[-1]} corrected", "rows", "stopped", "status"), kernel,
-               lambda line: [*_percentiles(line, "service"), _corrected(line), str(line.samples), line.stopped,
-                             line.status])]
-    return Report(figures.verdict(table, settings), ranking(table),
-                  table.drop(columns=[name for name in table.columns if name.endswith("histogram")]), figures=shown,
-                  notes=figures.notes(table, settings), tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
-                  definitions=definitions(settings), limits=(*Report.limits, "The system is no real-time system."))
+        _table(
+            "Response time on the schedule, µs: due time to answer",
+            (*QUANTILE_NAMES, "max", "missed", "stalls", "beyond the floor", "status"),
+            paced,
+            lambda line: [
+                *_percentiles(line, "response"),
+                f"{line.missed}/{line.samples}",
+                str(line.stalls),
+                str(line.missed_beyond_floor),
+                line.status,
+            ],
+        ),
+        _table(
+            "Service time on the schedule, µs: begin to answer",
+            (*QUANTILE_NAMES, "max", "update p50", "solve p50", "solves", "stopped"),
+            paced,
+            lambda line: [
+                *_percentiles(line, "service"),
+                number(line.update_us_p50),
+                number(line.solve_us_p50),
+                str(line.solves),
+                line.stopped,
+            ],
+        ),
+        _table(
+            "Relative cost gap of the answer in use",
+            ("mean", "max", "exact mean", "exact max", "own answers", "reused", "unanswered"),
+            paced + kernel,
+            lambda line: [
+                gap(line.gap_mean),
+                gap(line.gap_max),
+                gap(line.exact_gap_mean),
+                gap(line.exact_gap_max),
+                gap(line.own_gap_max),
+                _percent(line.reused),
+                str(line.unanswered),
+            ],
+        ),
+        _table(
+            "Service time in compiled loops, µs, back to back and not paced",
+            (*QUANTILE_NAMES, "max", f"{QUANTILE_NAMES[-1]} corrected", "rows", "stopped", "status"),
+            kernel,
+            lambda line: [
+                *_percentiles(line, "service"),
+                _corrected(line),
+                str(line.samples),
+                line.stopped,
+                line.status,
+            ],
+        ),
+    ]
+    return Report(
+        figures.verdict(table, settings),
+        ranking(table),
+        table.drop(columns=[name for name in table.columns if name.endswith("histogram")]),
+        figures=shown,
+        notes=figures.notes(table, settings),
+        tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
+        definitions=definitions(settings),
+        limits=["The system is no real-time system."],
+    )
 
 
 def ranking(table: pd.DataFrame) -> Table:
     """Who keeps the schedule, the paper's method first and then the floor."""
     paper = (table.solver == "projected_difference") & (table.settings == json.dumps({"steps": 1}))
     tail = max((q for q in QUANTILES if table[figures.column("response", q)].notna().any()), default=QUANTILES[0])
-    rows = [[marked(line.solver), line.lane, settings_label(str(line.settings)) or tier_label(line.tier, line.basis), _schedule(line),
-             *(number(line[figures.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
-             _percent(line.missed / line.samples if line.samples else math.nan), gap(line.gap_mean), gap(line.gap_max)]
-            for _, line in pd.concat([table[paper], table[~paper]]).iterrows()]
-    headings = ("solver", "lane", "setting", "schedule", "p50, µs", f"{Percentile(tail).name}, µs", "missed", "mean gap", "worst gap")
-    return Table("Who keeps the schedule", headings, rows, 3, ("lane", "schedule"),
-                 "Response time by percentile, of compiled loops the time of a row. Missed: answers later than "
-                 f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above that of the moment's optimum, over the "
-                 f"latter. {OURS_NOTE}")
+    rows = [
+        [
+            marked(line.solver),
+            line.lane,
+            settings_label(str(line.settings)) or tier_label(line.tier, line.basis),
+            _schedule(line),
+            *(number(line[figures.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
+            _percent(line.missed / line.samples if line.samples else math.nan),
+            gap(line.gap_mean),
+            gap(line.gap_max),
+        ]
+        for _, line in pd.concat([table[paper], table[~paper]]).iterrows()
+    ]
+    headings = (
+        "solver",
+        "lane",
+        "setting",
+        "schedule",
+        "p50, µs",
+        f"{Percentile(tail).name}, µs",
+        "missed",
+        "mean gap",
+        "worst gap",
+    )
+    return Table(
+        "Who keeps the schedule",
+        headings,
+        rows,
+        3,
+        ("lane", "schedule"),
+        "Response time by percentile, of compiled loops the time of a row. Missed: answers later than "
+        f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above that of the moment's optimum, over the "
+        f"latter. {OURS_NOTE}",
+    )
 
 
 def _schedule(line: pd.Series) -> str:
@@ -112,10 +217,23 @@ def _schedule(line: pd.Series) -> str:
     return str(line.status) if line.machine_keeps or line.status in figures.FAILURES else "unknown"
 
 
-def _table(title: str, headings: Sequence[str], lines: Iterable[pd.Series], cells: Callable[[pd.Series], Sequence[str]],
-           ) -> Table:
+def _table(
+    title: str,
+    headings: Sequence[str],
+    lines: Iterable[pd.Series],
+    cells: Callable[[pd.Series], Sequence[str]],
+) -> Table:
     """A table of solver lanes."""
-    rows = [[marked(line.solver), line.lane, tier_label(line.tier, line.basis), settings_label(str(line.settings)), *cells(line)] for line in lines]
+    rows = [
+        [
+            marked(line.solver),
+            line.lane,
+            tier_label(line.tier, line.basis),
+            settings_label(str(line.settings)),
+            *cells(line),
+        ]
+        for line in lines
+    ]
     return Table(title, (*NAMES, *headings), rows, len(NAMES))
 
 

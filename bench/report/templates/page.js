@@ -2,6 +2,7 @@
 // Plots: each draws the specification that stands in it. "ast" keeps the library from compiling text to code.
 for (const plot of document.querySelectorAll(".plot")) {
   const specification = JSON.parse(plot.querySelector("script").textContent);
+  specification.config.legend.columns = Math.max(1, Math.floor(plot.clientWidth / 240));
   vegaEmbed(plot, specification, { renderer: "svg", ast: true, actions: { export: true, source: false, compiled: false, editor: false } })
     .then(() => { plot.dataset.drawn = "yes"; }, (error) => { console.error(error); plot.textContent = "This plot cannot be drawn: " + error.message; });
 }

@@ -1,0 +1,136 @@
+"""The figures of a one-shot race."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from bench.derived import anytime, pictures
+from bench.derived.measurements import Measurements
+from bench.report.plot import INK, LEAST_GAP, ROW, Axis, Mark, Plot, best_lines
+from bench.report.report import Figure
+from bench.timing.schedule import PERIOD_US
+from solvers import Lane
+
+TARGETS = (1e3, 1e0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
+STAGES = {"update": "#56b4e9", "solve": "#0072b2"}
+
+
+def figures(found: Measurements, summary: pd.DataFrame) -> list[Figure]:
+    """All of them, the picture of the project first."""
+    return [work_precision(found), performance_profile(found), sizes(found), stages(summary), within_periods(found)]
+
+
+def work_precision(found: Measurements) -> Figure:
+    """Worst cost gap against time, a line a solver over its settings."""
+    defaults = Mark("hollow", where="datum.is_default && datum.front", colour=INK, size=110.0)
+    return Figure(
+        "work_precision",
+        "Work and precision",
+        "A line is a solver over its settings from loose to tight: the worst relative cost gap over all problems, "
+        "against the median time. Lower is more exact, left is faster; left of the dashed line, the sampling period, "
+        "an answer is there before the next sample. In colour: the paper's method at a step a sample and those that "
+        "are at a gap of 1e-9 first. In a ring: what the library does by default. Gaps below 1e-17 and above 1e3 are "
+        "drawn at these.",
+        pictures.work_precision(found),
+        [
+            Plot(
+                Axis("total_us", "time for one answer: update and solve, µs", log=True),
+                Axis("drawn", "worst relative cost gap", log=True, powers_of_ten=True, values=TARGETS),
+                (*best_lines(points=True, along="rung"), defaults),
+                ("name", "lane", "settings", "worst_cost_gap", "total_us", "problems"),
+                rules={"x": PERIOD_US},
+                height=460,
+                search=True,
+            )
+        ],
+    )
+
+
+def performance_profile(found: Measurements) -> Figure:
+    """ρ(τ) of the best solver lanes."""
+    return Figure(
+        "performance_profile",
+        "Performance profile",
+        "ρ(τ): the share of problems that a solver answers right to 1e-9 within τ times the time of the fastest right "
+        f"answer (Dolan and Moré 2002), with one setting for all problems, of the {pictures.MOST_IN_PROFILE} with the "
+        "least τ in the geometric mean. Higher is better; the left end says how often it is the fastest, the right "
+        "end how often it is right.",
+        pictures.performance_profile(found),
+        [
+            Plot(
+                Axis("factor", "τ: times as long as the fastest", log=True),
+                Axis("share", "ρ(τ): share of the problems answered right", percent=True, domain=(0.0, 1.0)),
+                (Mark("step", "name"),),
+            )
+        ],
+    )
+
+
+def sizes(found: Measurements) -> Figure:
+    """Time against the number of unknowns."""
+    table = pictures.sizes(found)
+    return Figure(
+        "sizes",
+        "Time by size",
+        "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. "
+        "The dashed line is the sampling period. In colour: those that are right at all sizes and the fastest in the "
+        "geometric mean.",
+        table,
+        [
+            Plot(
+                Axis("d", "unknowns d", log=True, values=sorted(set(table.d.tolist()))),
+                Axis("time_us", "time for one answer, µs (update and solve)", log=True),
+                best_lines(points=True, along="d"),
+                ("name", "d", "time_us", "problems"),
+                rules={"y": PERIOD_US},
+                search=True,
+            )
+        ],
+    )
+
+
+def stages(summary: pd.DataFrame) -> Figure:
+    """Shares of an answer's time, a plot a lane."""
+    table = pictures.stages(summary)
+    bars = table.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
+    return Figure(
+        "stages",
+        "Where the time goes",
+        f"Medians over the problems of what each part takes, for the fastest {pictures.MOST_BARS} of each lane at the "
+        "most exact tier that it reaches. The time beside a name is update and solve, which every answer costs; "
+        "set-up, paid once, is in the table.",
+        table,
+        [
+            Plot(
+                Axis("us", f"share of time, lane {lane}", percent=True),
+                Axis("label"),
+                (Mark("bar", "stage", share=True, along="at"),),
+                ("name", "stage", "us"),
+                STAGES,
+                height=30 + ROW * int(bars[lane]),
+                where=f"lane == '{lane}' and stage in {list(STAGES)}",
+            )
+            for lane in Lane
+            if lane in bars.index
+        ],
+    )
+
+
+def within_periods(found: Measurements) -> Figure:
+    """Gap within a budget of sampling periods."""
+    return Figure(
+        "anytime",
+        "Accuracy within sampling periods",
+        "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median "
+        "over the problems; lower and further left is better. In colour: the paper's method and those that are exact "
+        f"first. Gaps below {LEAST_GAP:g} are drawn at that.",
+        anytime.drawn(anytime.anytime(found)),
+        [
+            Plot(
+                Axis("budget", f"sampling periods of {PERIOD_US:g} µs", log=True),
+                Axis("drawn", "relative cost gap within them, median over the problems", log=True, powers_of_ten=True),
+                best_lines("step"),
+                search=True,
+            )
+        ],
+    )

@@ -1,0 +1,255 @@
+"""Plots as Vega-Lite specifications, drawn by the page's script or to SVG.
+
+Vega is of the University of Washington's Interactive Data Lab and in use since 2013. Its bundle of 0.9 MB comes offline in the package
+vl-convert-python (the one of plotly is 4.6 MB), a specification is a small text in which no code of ours runs, and it is drawn as SVG:
+text that takes the page's colours, light or dark, and prints sharp.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+from importlib.metadata import version
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import vl_convert
+
+from bench.passed import user_cache
+from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
+from piezo_model.atomic_file import write_text
+
+VEGA_LITE = "6.4"
+WIDTH = 780
+"""Of an SVG, pixels."""
+SVG_INK = "#222222"
+CONFIG: dict[str, Any] = {
+    "background": "transparent",
+    "font": "system-ui, sans-serif",
+    "view": {"stroke": None},
+    "axis": {
+        "labelColor": INK,
+        "titleColor": INK,
+        "domainColor": INK,
+        "tickColor": INK,
+        "gridColor": INK,
+        "gridOpacity": 0.12,
+        "titleFontWeight": "normal",
+        "labelFontSize": 11,
+        "titleFontSize": 12,
+        "labelLimit": 240,
+    },
+    "legend": {
+        "labelColor": INK,
+        "titleColor": INK,
+        "orient": "top",
+        "title": None,
+        "labelFontSize": 12,
+        "symbolSize": 80,
+        "columns": 3,
+        "labelLimit": 200,
+        "symbolOpacity": 1,
+    },
+    "title": {"color": INK},
+    "rule": {"color": INK},
+}
+KINDS: dict[str, dict[str, Any]] = {
+    "line": {"type": "line"},
+    "step": {"type": "line", "interpolate": "step-after"},
+    "point": {"type": "point", "filled": True},
+    "hollow": {"type": "point", "filled": False, "strokeWidth": 1},
+    "bar": {"type": "bar"},
+    "range": {"type": "rule", "strokeCap": "round"},
+}
+
+
+def library() -> str:
+    """The JavaScript that draws; it holds no end of a script element.
+
+    It is kept where it can be, since to put it together takes longer than to write a page.
+    """
+    kept = user_cache.folder("vega") / f"{VEGA_LITE}-{version('vl-convert-python')}.js"
+    with suppress(OSError):
+        return kept.read_text(encoding="utf-8")
+    bundle: str = vl_convert.javascript_bundle(vl_version=VEGA_LITE)  # type: ignore[call-arg]
+    bundle = bundle.replace("</script", "<\\/script")
+    user_cache.keep(kept, partial(write_text, text=bundle))
+    return bundle
+
+
+def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
+    """What the page hands to the library, over the page's whole width."""
+    shown = table.query(plot.where) if plot.where else table
+    views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
+    params: list[dict[str, Any]] = []
+    if len(views) > 1:
+        params.append(
+            {"name": "view", "value": first_view(shown), "bind": {"input": "select", "options": views, "name": "Show "}}
+        )
+    if any("sought" in mark.where for mark in plot.marks):
+        bind = {"bind": {"input": "search", "name": "Find a line ", "placeholder": "name"}} if plot.search else {}
+        params.append({"name": "sought", "value": "", **bind})
+    rules = [
+        {"mark": {"type": "rule", "strokeDash": [5, 4]}, "data": {"values": [{}]}, "encoding": {axis: {"datum": value}}}
+        for axis, value in plot.rules.items()
+    ]
+    return {
+        "data": {"values": plain_rows(shown)},
+        "params": params,
+        "width": "container",
+        "height": plot.height,
+        "config": CONFIG,
+        "transform": [{"filter": "datum.view == view"}] if len(views) > 1 else [],
+        "layer": [*rules, *(_layers(shown, plot, where, [*marks]) for where, marks in groupby(plot.marks, _filter))],
+    }
+
+
+def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """The rows as JSON can hold them; what is not finite is null."""
+    plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
+    return [
+        {str(name): value.item() if isinstance(value, np.generic) else value for name, value in row.items()}
+        for row in plain.to_dict("records")
+    ]
+
+
+def _filter(mark: Mark) -> str:
+    """What filters the rows of a mark, and its legend; a mark without colours is hidden, since nothing at all has no extent along an axis."""
+    return mark.where if mark.by else ""
+
+
+def _layers(table: pd.DataFrame, plot: Plot, where: str, marks: Sequence[Mark]) -> dict[str, Any]:
+    """Marks of the same rows, with the legend of the first: Vega merges those of colour, dash and shape only within one mark."""
+    layers = [_layer(table, plot, mark) for mark in marks]
+    for layer in layers[1:]:
+        for channel in {"color", "shape", "strokeDash"} & layer["encoding"].keys():
+            layer["encoding"][channel]["legend"] = None
+    return {
+        "transform": [{"filter": where}] if where else [],
+        "layer": layers,
+        "resolve": {"scale": dict.fromkeys(("color", "shape", "strokeDash"), "independent")},
+    }
+
+
+def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
+    """One mark of a plot."""
+    is_line, is_point = mark.kind in ("line", "step"), mark.kind in ("point", "hollow")
+    size = {"size": mark.size} if is_point else {} if mark.kind == "bar" else {"strokeWidth": mark.size}
+    encoding: dict[str, Any] = {
+        "x": _position(table, plot.x, mark.x, mark.share),
+        "y": _position(table, plot.y, "", False),
+    }
+    encoding |= {name: {"field": column} for name, column in (("x2", mark.x2), ("y2", mark.y2)) if column}
+    if mark.by:
+        encoding |= _coloured(plot, mark, is_line, is_point)
+    if is_line:
+        encoding |= {"detail": {"field": "name", "type": "nominal"}} if "name" in table else {}
+    if mark.along:
+        encoding["order"] = {"field": mark.along, "type": "quantitative"}
+    if plot.tips and not is_line:
+        encoding["tooltip"] = [
+            {"field": name, "format": ".4~g", "type": "quantitative"} if _is_number(table, name) else {"field": name}
+            for name in plot.tips
+        ]
+    hidden = {"condition": {"test": mark.where, "value": mark.opacity}, "value": 0}
+    encoding["opacity"] = hidden if mark.where and not _filter(mark) else {"value": mark.opacity}
+    colour = {} if mark.by or not mark.colour else {"color": mark.colour}
+    return {"mark": {**KINDS[mark.kind], "clip": not is_point, **size, **colour}, "encoding": encoding}
+
+
+def _is_number(table: pd.DataFrame, column: str) -> bool:
+    return (
+        column in table
+        and bool(pd.api.types.is_numeric_dtype(table[column]))
+        and not pd.api.types.is_bool_dtype(table[column])
+    )
+
+
+def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool) -> dict[str, Any]:
+    """Colours of a column's values; of the palette twice, the second time with dashes or triangles."""
+    if plot.colours:
+        return {
+            "color": {
+                "field": mark.by,
+                "type": "nominal",
+                "scale": {"domain": [*plot.colours], "range": [*plot.colours.values()]},
+            }
+        }
+    half = BEST - len(PALETTE)
+    found: dict[str, Any] = {
+        "color": {"field": mark.by, "type": "nominal", "sort": None, "scale": {"range": [*PALETTE, *PALETTE[:half]]}}
+    }
+    if is_line:
+        dashes: list[Any] = [[1, 0]] * len(PALETTE) + [[5, 3]] * half
+        found["strokeDash"] = {"field": mark.by, "type": "nominal", "sort": None, "scale": {"range": dashes}}
+    if is_point:
+        shapes = ["circle"] * len(PALETTE) + ["triangle-up"] * half
+        found["shape"] = {"field": mark.by, "type": "nominal", "sort": None, "scale": {"range": shapes}}
+    return found
+
+
+def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict[str, Any]:
+    """An axis, and which column lies along it."""
+    field = column or axis.column
+    if not _is_number(table, field):
+        return {"field": field, "type": "nominal", "sort": None, "title": axis.title or None}
+    drawn: dict[str, Any] = {
+        "labelOverlap": True,
+        **({"values": [*axis.values]} if axis.values else {}),
+        **({"format": "%", "tickCount": 5} if axis.percent else {}),
+        **({"labelExpr": axis.label} if axis.label else {}),
+    }
+    scale: dict[str, Any] = {
+        "nice": False,
+        **({"type": "log", "padding": 8} if axis.log else {"zero": False}),
+        **({"domain": [*axis.domain]} if axis.domain else {}),
+    }
+    if axis.log:
+        ticks, written = log_ticks(table[axis.column])
+        drawn = (
+            {"values": ticks, "format": ".0e" if axis.powers_of_ten and ticks else written, **drawn}
+            if ticks
+            else {"format": "~g", **drawn}
+        )
+    return {
+        "field": field,
+        "type": "quantitative",
+        "title": axis.title,
+        "axis": drawn,
+        "scale": {} if share else scale,
+        **({"stack": "normalize"} if share else {}),
+    }
+
+
+def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
+    """The plots under each other in dark ink on white, in the view that is shown unasked."""
+    parts = [specification(table, plot) for plot in plots]
+    params: dict[
+        str, dict[str, Any]
+    ] = {}  # belong to the whole drawing, and nothing is bound to what a reader could turn
+    for part in parts:
+        params |= {param["name"]: {"name": param["name"], "value": param["value"]} for param in part.pop("params")}
+        part["width"] = WIDTH
+        part.pop("config")
+    config = {**CONFIG, "background": "white", "aria": False, "font": "sans-serif"}
+    whole = {
+        "vconcat": parts,
+        "title": first_view(table),
+        "params": [*params.values()],
+        "config": config,
+        "resolve": {"scale": {"color": "independent", "shape": "independent", "strokeDash": "independent"}},
+    }
+    drawn: str = vl_convert.vegalite_to_svg(
+        json.dumps(whole).replace(INK, SVG_INK), vl_version=VEGA_LITE, allowed_base_urls=[]
+    )
+    numbers: dict[
+        str, int
+    ] = {}  # Vega counts its clip paths on through a process; the same plot shall be the same file
+    return re.sub(
+        r'(id="|url\(#)clip(\d+)', lambda found: f"{found[1]}clip{numbers.setdefault(found[2], len(numbers))}", drawn
+    )
