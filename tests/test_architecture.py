@@ -107,7 +107,7 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
 @pytest.mark.parametrize(("what", "unneeded"), [
     ("import piezo_model", {"scipy", "pyarrow", "qpsolvers"}),
     ("from bench.cli import app; app.run(['--help'])",
-     {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "altair"}),
+     {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "vl_convert"}),
 ])
 def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) -> None:
     program = f"import json, sys\n{what}\nprint(json.dumps(list(sys.modules)), file=sys.stderr)"

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import altair as alt
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -21,8 +20,7 @@ from outputs import arguments, rig_of, show
 from qpsolvers import Problem
 
 import solvers
-from bench.experiment.plots import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Line, axis, plot
-from bench.report.charts import data
+from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
 from bench.rig.rig import at_low_end
 from bench.rig.trial import Trial, learned
@@ -35,9 +33,9 @@ STEP_RATIO = 0.02
 ARROWS = 7
 ARROW_GAIN = 10.0
 LEVELS = 10
-WIDE = 380
-"""Pixels."""
-STAR = "M0,-1L0.225,-0.309L0.951,-0.309L0.363,0.118L0.588,0.809L0,0.382L-0.588,0.809L-0.363,0.118L-0.951,-0.309L-0.225,-0.309Z"
+WIDTH = 780
+"""Of the picture, pixels."""
+BLUE, RED, GREEN = PALETTE[:3]
 
 
 @dataclass(frozen=True)
@@ -96,65 +94,44 @@ def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float
 
 
 def figure(part: Slice) -> tuple[Figure, str]:
-    """Draw level lines, the admissible set and the trajectory, as deviations from the admissible optimum, and say how far it comes."""
+    """Level lines, the admissible set and the trajectory, as deviations from the admissible optimum, and how far it comes."""
     unbounded = np.linalg.solve(part.P, -part.q)
     reach = float(part.lb[0] - unbounded[0])
     # Far out along the free variable and near the bound: the path meets the boundary early and has a way to go on it.
     start = part.optimum + reach * np.array([0.6, 2.0 * np.sign(part.P[0, 1])])
-    w, free = trajectory(part, start)
+    w, unprojected = trajectory(part, start)
     touched = w[:, 0] <= part.lb[0]
-    first = int(np.argmax(touched))
-    power = int(np.floor(np.log10(reach)))
-    z, stepped, star = ((points - part.optimum) / 10.0**power for points in (w, free, unbounded))
-    table = pd.DataFrame({"step": np.arange(len(w)), "w_held": w[:, 0], "w_free": w[:, 1], "unprojected_held": free[:, 0],
-                          "unprojected_free": free[:, 1], "on_boundary": touched})
-
+    first, power = int(np.argmax(touched)), int(np.floor(np.log10(reach)))
+    z, stepped, star = ((points - part.optimum) / 10.0**power for points in (w, unprojected, unbounded))
     points = np.vstack([z, star])
-    low, high = points.min(axis=0), points.max(axis=0)
-    low, high = low - 0.15 * (high - low), high + 0.15 * (high - low)
-    tall = round(WIDE * float((high[1] - low[1]) / (high[0] - low[0])))  # equal scales: gradients are normal to level lines
-    x = axis(f"{part.names[0]}, scaled, from its bound, 1e{power}", domain=[low[0], high[0]])
-    y = axis(f"{part.names[1]}, scaled, from the optimum, 1e{power}", domain=[low[1], high[1]])
+    margin = 0.15 * np.ptp(points, axis=0)
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
 
-    tips = pd.DataFrame([{"x": z[k, 0], "y": z[k, 1], "to_x": tip[0], "to_y": tip[1],
-                          "angle": 90.0 - np.degrees(np.arctan2(tip[1] - z[k, 1], tip[0] - z[k, 0]))}
-                         for k in spaced(z, np.flatnonzero(touched), ARROWS)
-                         for tip in (z[k] + ARROW_GAIN * (stepped[k] - z[k]),)])
-    arrows = alt.Chart(data(tips))
-    bound = Line("bound", np.zeros(2), np.array([low[1], high[1]]), REFERENCE)
-    path = Line("path", z[:, 0], z[:, 1], LEARNED, width=2.0)
-    marks = pd.DataFrame([
-        ("projected difference equation", *z[0], LEARNED, "circle", 60, "start"),
-        (f"its step before projection, times {ARROW_GAIN:g}", *tips[["to_x", "to_y"]].iloc[0], STRAIGHT, "triangle-left", 0, ""),
-        ("admissible optimum", 0.0, 0.0, HINDSIGHT, STAR, 250, ""),
-        ("optimum without the bound", *star, REFERENCE, "cross", 70, "")],
-        columns=["mark", "x", "y", "colour", "shape", "size", "word"])
-    names, key = marks["mark"].tolist(), alt.Legend(columns=2, labelLimit=300)
-    marked = alt.Chart(data(marks)).encode(x="x:Q", y="y:Q")
-    corner = alt.Chart(data(pd.DataFrame({"x": [low[0]], "y": [low[1]]}))).encode(x="x:Q", y="y:Q")
-    chart = alt.layer(
-        alt.Chart(data(pd.DataFrame({"x": [low[0]], "x2": [0.0]}))).mark_rect(color=PALE, opacity=0.5).encode(x="x:Q", x2="x2:Q"),
-        plot([*level_lines(part.P, star, low, high), bound, path], x, y, WIDE, tall, legend=False),
-        arrows.mark_rule(color=STRAIGHT, clip=True).encode(x="x:Q", y="y:Q", x2="to_x:Q", y2="to_y:Q"),
-        arrows.mark_point(shape="triangle", filled=True, color=STRAIGHT, opacity=1.0, size=40, clip=True).encode(
-            x="to_x:Q", y="to_y:Q", angle=alt.Angle("angle:Q", scale=None)),
-        marked.mark_point(filled=True, opacity=1.0).encode(
-            color=alt.Color("mark:N", scale=alt.Scale(domain=names, range=marks.colour.tolist()), legend=key),
-            shape=alt.Shape("mark:N", scale=alt.Scale(domain=names, range=marks["shape"].tolist()), legend=key),
-            size=alt.Size("size:Q", scale=None, legend=None)),
-        marked.mark_text(dy=-12).encode(text="word:N"),
-        corner.mark_text(align="left", dx=6, dy=-8, color="#555555").encode(text=alt.value("not admissible")),
-    ).resolve_scale(color="independent", shape="independent")
-
+    arrows = {f"step {k}": np.array([z[k], z[k] + ARROW_GAIN * (stepped[k] - z[k])]) for k in spaced(z, np.flatnonzero(touched), ARROWS)}
+    ends = {"start": z[0], "admissible optimum": np.zeros(2), "optimum without the bound": star}
+    drawn = [*(("level", f"level {i}", line) for i, line in enumerate(level_lines(part.P, star, low, high))),
+             ("bound", "bound", np.array([[0.0, low[1]], [0.0, high[1]]])), ("unprojected", "unprojected", stepped),
+             *(("step", name, line) for name, line in arrows.items()), ("path", "path", z),
+             *(("point", name, at[None, :]) for name, at in ends.items())]
+    table = pd.concat([pd.DataFrame({"kind": kind, "name": name, "step": np.arange(len(line)), "held": line[:, 0], "free": line[:, 1]})
+                       for kind, name, line in drawn], ignore_index=True)
+    marks = [Mark("line", where=f"datum.kind == '{kind}'", colour=colour, size=size, along="step")
+             for kind, colour, size in (("level", GREY, 0.8), ("bound", INK, 1.2), ("step", RED, 1.2), ("path", BLUE, 2.0))]
+    equal = round(WIDTH * float((high[1] - low[1]) / (high[0] - low[0])))  # equal scales: gradients are normal to level lines
+    plot = Plot(Axis("held", f"{part.names[0]}, scaled, from its bound, 1e{power}", domain=(low[0], high[0])),
+                Axis("free", f"{part.names[1]}, scaled, from the optimum, 1e{power}", domain=(low[1], high[1])),
+                (*marks, Mark("point", "name", where="datum.kind == 'point'", size=80.0)), ("name",), height=equal,
+                colours=dict(zip(ends, (BLUE, GREEN, INK), strict=True)))
     distance = float(np.linalg.norm(w[-1] - part.optimum) / np.linalg.norm(start - part.optimum))
-    sentence = (f"With {part.names[0]} and {part.names[1]} of the problem learned last, the trajectory meets the boundary at step "
-                f"{first}, slides along it and has covered all but {distance:.1e} of its way after {STEPS} steps.")
     return Figure("fig2_boundary", "Fig. 2: the projected trajectory",
                   "A slice of the identification problem: level lines of the cost, the admissible set to the right of the bound, "
-                  f"and the path of the solver at a step size of {STEP_RATIO:g} of the stability limit.", table, [chart]), sentence
+                  f"the path of the solver at a step size of {STEP_RATIO:g} of the stability limit, and some steps before projection, "
+                  f"{ARROW_GAIN:g} times as long.", table, [plot]), (
+        f"With {part.names[0]} and {part.names[1]} of the problem learned last, the trajectory meets the boundary at step "
+        f"{first}, slides along it and has covered all but {distance:.1e} of its way after {STEPS} steps.")
 
 
-def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Line]:
+def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Matrix]:
     """Level lines of ½ (z − c)ᵀ P (z − c) in a window, evenly spaced on a logarithmic scale: with P = L Lᵀ and the height h
 
         z = c + √(2h) L⁻ᵀ (cos t, sin t)
@@ -163,13 +140,8 @@ def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Li
     highest = float(0.5 * np.einsum("ij,jk,ik->i", corners, P, corners).max())
     t = np.linspace(0.0, 2.0 * np.pi, 721)
     ellipse = np.linalg.solve(np.linalg.cholesky(P).T, np.array([np.cos(t), np.sin(t)])).T
-    lines = []
-    for height in np.geomspace(highest / 400.0, highest, LEVELS):
-        z = centre + np.sqrt(2.0 * height) * ellipse
-        near = np.all((z > low - (high - low)) & (z < high + (high - low)), axis=1, keepdims=True)
-        shown = np.where(near, z, np.nan)
-        lines.append(Line(f"level {height:.3g}", shown[:, 0], shown[:, 1], PALE, width=0.8))
-    return lines
+    lines = [centre + np.sqrt(2.0 * height) * ellipse for height in np.geomspace(highest / 400.0, highest, LEVELS)]
+    return [np.where(np.all((z > low - (high - low)) & (z < high + (high - low)), axis=1, keepdims=True), z, np.nan) for z in lines]
 
 
 def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:

@@ -2,59 +2,41 @@
 
 from __future__ import annotations
 
-import altair as alt
 import numpy as np
 import pandas as pd
 from outputs import arguments, show
 
-from bench.experiment.plots import HINDSIGHT, LEARNED, PALE, REFERENCE, STRAIGHT, Line, axis, beside, plot
-from bench.report.charts import data
+from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import decaying_triangle
 
 THRESHOLD = 0.4
 SAMPLE_TIME = 1e-3
-DURATION_S = 4.0
 RATES = (10.0, 1.0)
 DEAD_ZONES = (-0.4, 0.0, 0.4)
-SIDE = 220
-"""Of each plot, pixels."""
+BLUE, RED = PALETTE[:2]
 
 
 def figure() -> Figure:
-    """Draw play and dead zone against their inputs and creep against time."""
-    x = decaying_triangle(duration_s=DURATION_S, sample_time=SAMPLE_TIME, low=-1.0, high=1.0, cycles=3, final_share=0.4)
+    """Play and dead zone against their inputs, and creep against time."""
+    x = decaying_triangle(duration_s=4.0, sample_time=SAMPLE_TIME, low=-1.0, high=1.0, cycles=3, final_share=0.4)
     t = np.arange(x.size) * SAMPLE_TIME
-    played = play(x, [THRESHOLD], [0.0])[0][:, 0]
-    u = np.linspace(-1.0, 1.0, x.size)
-    zones = dead_zone(u, DEAD_ZONES)
-    step = np.where((t >= 0.2) & (t < 2.2), 1.0, 0.0)
+    u, step = np.linspace(-1.0, 1.0, x.size), np.where((t >= 0.2) & (t < 2.2), 1.0, 0.0)
+    played, zones = play(x, [THRESHOLD], [0.0])[0], dead_zone(u, DEAD_ZONES)
     crept = creep(step, [THRESHOLD] * len(RATES), RATES, SAMPLE_TIME, [0.0] * len(RATES))[0]
-    table = pd.DataFrame({"time_s": t, "play_input": x, "play_output": played, "dead_zone_input": u,
-                          **{f"dead_zone_output_r{r:+g}": zones[:, i] for i, r in enumerate(DEAD_ZONES)},
-                          "creep_input": step, **{f"creep_output_rate{a:g}": crept[:, i] for i, a in enumerate(RATES)}})
-
-    within = {"domain": [-1.05, 1.05]}
-    outputs = axis("output", **within)
-    threshold = pd.DataFrame({"x": [0.0, THRESHOLD], "y": 0.0, "shape": ["triangle-left", "triangle-right"]})
-    ends = alt.Chart(data(threshold)).encode(x="x:Q", y="y:Q")
-    letter = alt.Chart(data(pd.DataFrame({"x": [0.5 * THRESHOLD], "y": 0.0}))).encode(x="x:Q", y="y:Q")
-    chart = beside(
-        alt.layer(plot([Line("input", x, x, PALE), Line("output", x, played, LEARNED)], axis("input x", **within), outputs,
-                       SIDE, SIDE, "play H, threshold r", legend=False),
-                  ends.mark_line(color=REFERENCE, strokeWidth=1.0),
-                  ends.mark_point(filled=True, color=REFERENCE, opacity=1.0).encode(shape=alt.Shape("shape:N", scale=None)),
-                  letter.mark_text(dy=-9).encode(text=alt.value("r"))),
-        plot([Line(f"r = {r:g}", u, zones[:, i], colour)
-              for i, (r, colour) in enumerate(zip(DEAD_ZONES, (STRAIGHT, PALE, LEARNED), strict=True))],
-             axis("input u", **within), outputs, SIDE, SIDE, "one-sided dead zone S, threshold r"),
-        plot([Line("input x", t, step, REFERENCE, width=0.8),
-              *(Line(f"rate {a:g} /s", t, crept[:, i], colour)
-                for i, (a, colour) in enumerate(zip(RATES, (LEARNED, HINDSIGHT), strict=True)))],
-             axis("time, s", domain=[0.0, DURATION_S]), outputs, SIDE, SIDE, f"creep K, threshold r = {THRESHOLD:g}"))
+    lines = [("play", f"r = {THRESHOLD:g}", x, played[:, 0]), *(("zone", f"r = {r:+g}", u, zones[:, i]) for i, r in enumerate(DEAD_ZONES)),
+             ("creep", "input", step, step), *(("creep", f"rate {rate:g} /s", step, crept[:, i]) for i, rate in enumerate(RATES))]
+    table = pd.concat([pd.DataFrame({"operator": operator, "name": name, "time_s": t, "input": given, "output": output})[::4]
+                       for operator, name, given, output in lines], ignore_index=True)
+    time, given, output = Axis("time_s", "time, s"), Axis("input", "input"), Axis("output", "output")
+    by_name = (Mark("line", "name", along="time_s"),)
     return Figure("fig1_operators", "Fig. 1: the elementary operators",
-                  "Play and dead zone against their inputs, creep against time for a step of the input up and down.", table, [chart])
+                  "Play H and one-sided dead zones S against their inputs, creep K against time for a step of the input up and down.", table, [
+                      Plot(given, output, by_name, where="operator == 'play'", colours={lines[0][1]: BLUE}, height=260),
+                      Plot(given, output, by_name, where="operator == 'zone'", height=260),
+                      Plot(time, output, by_name, where="operator == 'creep'", height=260,
+                           colours=dict(zip(("input", *(f"rate {rate:g} /s" for rate in RATES)), (GREY, BLUE, RED), strict=True)))])
 
 
 def main() -> None:

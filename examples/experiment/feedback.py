@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import altair as alt
 import numpy as np
 import pandas as pd
 from hindsight import tracking_error
@@ -22,8 +21,7 @@ from outputs import arguments, show
 from robustness import FIRST_SEED, SAMPLE_TIME, learner_of
 from situations import CYCLE_S, Situation
 
-from bench.experiment.plots import CONTINUOUS, LEARNED, STRAIGHT, axis
-from bench.report.charts import data
+from bench.report.plot import PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
 from piezo_model import plants
 from solvers.arrays import Vector
@@ -37,7 +35,8 @@ JUDGED_S, SETTLING_S = 4.0, 2.0
 SHARE = 0.01
 """Of the reference's range, amplitude of a disturbance."""
 DISTURBANCES = {"creep of the mount": 0.0, "1 Hz": 1.0, "10 Hz": 10.0}
-WAYS = {"compensation alone": STRAIGHT, "PI control alone": CONTINUOUS, "compensation and integral action": LEARNED}
+WAYS = {"compensation alone": PALETTE[1], "PI control alone": PALETTE[5], "compensation and integral action": PALETTE[0]}
+"""With their colours."""
 
 
 def peak(k_p: float, k_i: float, delay: int) -> float:
@@ -112,17 +111,13 @@ def rows(seed: int) -> Iterator[dict[str, Any]]:
 
 def figure(table: pd.DataFrame) -> Figure:
     """Draw the errors of every situation by disturbance."""
-    names = [*WAYS]
-    chart = alt.Chart(data(table.assign(place=table["seed"].astype(str)))).mark_point(filled=True, size=70, opacity=0.9).encode(
-        x=alt.X("rms_percent:Q", **axis("RMS error, % of the reference's range", type="log")), y=alt.Y("place:N", title="seed"),
-        color=alt.Color("way:N", title=None, scale=alt.Scale(domain=names, range=[*WAYS.values()]), legend=alt.Legend(orient="top", labelLimit=300)),
-        shape=alt.Shape("way:N", scale=alt.Scale(domain=names), legend=None),
-        tooltip=["seed:N", "plant:N", "reference:N", "way:N", alt.Tooltip("rms_percent:Q", format=".4f")],
-    ).properties(width=240, height=28 * table["seed"].nunique() + 20).facet(column=alt.Column("disturbance:N", title=None))
+    drawn = table.assign(situation=table["seed"].astype(str))
     return Figure("feedback", "A sensor that stays in the loop",
                   f"Learned compensation (continuous), PI control, and both, in situations drawn at random; the output is moved by {SHARE:.0%} of "
-                  f"the range besides. PI control and integral action have the same peak of sensitivity; the gain is {GAIN:g} a sample.",
-                  table, [chart])
+                  f"the range besides. PI control and integral action have the same peak of sensitivity; the gain is {GAIN:g} a sample.", drawn,
+                  [Plot(Axis("rms_percent", f"{name}: RMS error, % of the reference's range", log=True), Axis("situation", "seed"),
+                        (Mark("point", "way", size=70.0),), ("seed", "plant", "reference", "way", "rms_percent"), WAYS,
+                        where=f"disturbance == '{name}'", height=28 * table["seed"].nunique() + 20) for name in DISTURBANCES])
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:

@@ -7,15 +7,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from bench.report import svg
-from bench.report.report import Figure
+from bench.report.report import Figure, Report
+from bench.report.writing import write_report
 from bench.rig.rig import Rig
 
 
 def arguments(**options: Any) -> argparse.Namespace:
     """The folder ``--out``, and further options with their defaults."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--out", type=Path, default=Path("results/experiment"), help="folder of the figure and its numbers")
+    parser.add_argument("--out", type=Path, default=Path("results/experiment"), help="folder of the report")
     for name, default in options.items():
         kind = {"action": "store_true"} if default is False else {"type": type(default), "default": default}
         parser.add_argument(f"--{name}", **kind)
@@ -28,8 +28,8 @@ def rig_of(given: argparse.Namespace, **options: Any) -> Rig:
 
 
 def show(figure: Figure, sentences: Iterable[str], folder: Path) -> None:
-    """Write ``<name>.svg`` and ``<name>.csv``, and print the title and what the numbers say."""
+    """Write the report of a figure and what its numbers say, and print the sentences."""
     folder.mkdir(parents=True, exist_ok=True)
-    svg.write(figure.plots, folder / f"{figure.name}.svg")
-    figure.data.to_csv(folder / f"{figure.name}.csv", index=False, float_format="%.6g")
-    print(figure.title, *sentences, sep="\n- ")
+    report = Report([*sentences], figures=[figure], title=figure.title)
+    written = write_report(report, folder, figure.name)
+    print(*report.verdict, f"Report: {written}", sep="\n")

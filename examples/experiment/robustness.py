@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import altair as alt
 import numpy as np
 import pandas as pd
 from hindsight import floor, tracking_error
 from outputs import arguments, show
 from situations import CYCLE_S, Situation
 
-from bench.experiment.plots import CONTINUOUS, HINDSIGHT, LEARNED, axis
-from bench.report.charts import data
+from bench.report.plot import Axis, Mark, Plot
 from bench.report.report import Figure
 from piezo_model import Compensator, HysteresisCreepModel, OperatorState, SelfLearningCompensator
 from piezo_model.learning.settings import Mode
@@ -73,24 +71,16 @@ def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None =
 
 def figure(table: pd.DataFrame) -> Figure:
     """Draw how many situations end within which multiple of the floor, by mode."""
-    ways = table["way"].unique().tolist()
-    ranked = table.sort_values("ratio")
+    ranked = table.sort_values("ratio").assign(name=lambda rows: rows["way"])
     ranked["kind"] = np.where(ranked["reference"] == "changing_amplitude", "amplitude changes each cycle", "other references")
-    ranked["share"] = 100.0 * ranked.groupby(["kind", "way"]).cumcount().add(1) / ranked.groupby(["kind", "way"])["ratio"].transform("size")
-    scale = alt.Scale(domain=ways, range=[HINDSIGHT, LEARNED, CONTINUOUS][:len(ways)])
-
-    def panel(kind: str) -> alt.Chart:
-        return alt.Chart(data(ranked[ranked.kind == kind]), width=330, height=260, title=kind).mark_line(
-            interpolate="step-after", point=alt.OverlayMarkDef(size=25)).encode(
-            x=alt.X("ratio:Q", **axis("error of the fifth cycle over the floor", type="log")),
-            y=alt.Y("share:Q", **axis("situations at most there, %", domain=[0, 100])),
-            color=alt.Color("way:N", title=None, scale=scale, legend=alt.Legend(orient="top")),
-            tooltip=["seed:N", "plant:N", "reference:N", "way:N", alt.Tooltip("ratio:Q", format=".2f")])
-
+    ranked["share"] = ranked.groupby(["kind", "way"]).cumcount().add(1) / ranked.groupby(["kind", "way"])["ratio"].transform("size")
+    share, marks = Axis("share", "situations at most there", percent=True), (Mark("step", "name"), Mark("point", "name", size=25.0))
+    plots = [Plot(Axis("ratio", f"{kind}: error of the fifth cycle over the floor", log=True), share, marks,
+                  ("seed", "plant", "reference", "ratio"), where=f"kind == '{kind}'", height=260) for kind in ranked["kind"].unique()]
     return Figure("robustness", "Situations drawn at random",
-                  "Actuator, sensor, reference and the ranges that the user believes in are drawn from a seed; the floor is the same structure "
-                  "fitted in hindsight to that very cycle (n = 5, m = 3).", table,
-                  [alt.hconcat(*(panel(kind) for kind in ranked["kind"].unique()))])
+                  "Share of situations whose error of the fifth cycle is within a multiple of the floor. Actuator, sensor, reference and the ranges "
+                  "that the user believes in are drawn from a seed; the floor is the same structure fitted in hindsight to that very cycle "
+                  "(n = 5, m = 3).", ranked, plots)
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
