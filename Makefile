@@ -13,8 +13,8 @@ help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
-$(VENV)/.field: EXTRAS := bench,field,copyleft
-$(VENV)/.dev:   EXTRAS := bench,field,copyleft,heavy,commercial,codegen,dask,formats,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
+$(VENV)/.field: EXTRAS := bench,field,copyleft,live
+$(VENV)/.dev:   EXTRAS := bench,field,copyleft,live,heavy,commercial,codegen,dask,formats,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
 $(VENV)/.docs:  EXTRAS := docs
 $(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@echo "installing $(EXTRAS) into $(VENV)"

@@ -23,7 +23,7 @@ LEVELS = (
     {"derived"},                                                        # what follows from a table of measurements
     {"races"},                                                          # what the kinds of race share
     {"a race"},                                                         # one kind of race, and nothing of another one
-    {"comparison", "deploy", "experiment", "export", "fleet"},
+    {"comparison", "deploy", "experiment", "export", "fleet", "live"},
     {"cli"},
 )
 """From the bottom up; a part imports itself and what lies below, nothing beside it."""

@@ -26,7 +26,7 @@ VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "
          "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "validate": "model_verbs",
          "simulate": "model_verbs", "compensate": "stage_verbs",
          "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
-         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs"}
+         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs", "live": "live_verb"}
 """Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
 AGAIN_S = 3.0
 """Seconds after which an interrupt that nobody deals with is taken for lost."""
@@ -129,6 +129,8 @@ def _listed() -> None:
 def _user_errors() -> tuple[type[Exception], ...]:
     """What a user can put right; imported once something has been raised."""
     from bench.export.settings import ExportError
+    from bench.live.device import DeviceError
+    from bench.live.reference import ReferenceError
     from bench.passed.race_error import RaceError
     from bench.problem_files import ProblemFileError
     from bench.problems import ProblemSetError
@@ -139,7 +141,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from solvers.registry import RegistrationError
 
     return (OutputError, RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
-            RecordingError, RegistrationError, ExportError, Unsupported)
+            RecordingError, RegistrationError, ExportError, DeviceError, ReferenceError, Unsupported)
 
 
 def _refuse(verb: str, sentence: str) -> int:

@@ -1,0 +1,178 @@
+"""The door to hardware: one file with one class.
+
+    class Stage:
+        input_unit, output_unit = "V", "um"
+        x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)      # of the drive, and what the output can reach
+        rate_limit, rest = 5000.0, 0.0                       # largest change of the drive per second; where it rests
+        def open(self): ...
+        def exchange(self, x): ...                           # write the drive, return what was measured
+        def close(self): ...
+
+Optional are ``timeout_s``, how long an exchange may take before the stage is taken for lost (0.5 s), and ``reopens``, whether a second
+process may open the stage after the first has died (True), which is what brings it to rest then.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import runpy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from piezo_model import plants
+
+METHODS = ("open", "exchange", "close")
+TIMEOUT_S = 0.5
+SLOWEST_S = 1.0
+"""Of a ramp over the whole range of a simulated stage."""
+
+
+class DeviceError(ValueError):
+    """A stage that cannot be used; the message is one sentence."""
+
+
+class Device(Protocol):
+    """What a stage has; what it declares besides is checked by :func:`declared`."""
+
+    def open(self) -> None:
+        """Get ready; the drive is at rest."""
+
+    def exchange(self, x: float) -> float:
+        """Write the drive (input unit) and return what was measured (output unit), NaN where nothing was."""
+
+    def close(self) -> None:
+        """Let go of the hardware."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What a stage says of itself."""
+
+    input_unit: str
+    output_unit: str
+    x_limits: tuple[float, float]
+    y_range: tuple[float, float]
+    rate_limit: float
+    rest: float
+    timeout_s: float
+    reopens: bool
+
+    @classmethod
+    def of(cls, device: Any, name: str) -> Declared:
+        """Check what a stage declares; DeviceError names what is missing or wrong."""
+
+        def number(attribute: str, value: Any) -> float:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise DeviceError(f"{name}: {attribute} must be a finite number, not {value!r}")
+            return float(value)
+
+        def pair(attribute: str) -> tuple[float, float]:
+            value = getattr(device, attribute)
+            if not isinstance(value, list | tuple) or len(value) != 2:
+                raise DeviceError(f"{name}: {attribute} must be two numbers, not {value!r}")
+            low, high = (number(attribute, end) for end in value)
+            if not low < high:
+                raise DeviceError(f"{name}: {attribute} must be in ascending order, not {value!r}")
+            return low, high
+
+        for attribute in ("input_unit", "output_unit", "x_limits", "y_range", "rate_limit", "rest"):
+            if not hasattr(device, attribute):
+                raise DeviceError(f"{name}: the class {type(device).__name__} does not say its {attribute}")
+        found = cls(
+            str(device.input_unit),
+            str(device.output_unit),
+            pair("x_limits"),
+            pair("y_range"),
+            number("rate_limit", device.rate_limit),
+            number("rest", device.rest),
+            number("timeout_s", getattr(device, "timeout_s", TIMEOUT_S)),
+            bool(getattr(device, "reopens", True)),
+        )
+        if not found.rate_limit > 0.0 or not found.timeout_s > 0.0:
+            raise DeviceError(f"{name}: rate_limit and timeout_s must be positive")
+        if not found.x_limits[0] <= found.rest <= found.x_limits[1]:
+            raise DeviceError(f"{name}: rest {found.rest:g} is outside of x_limits {found.x_limits}")
+        return found
+
+
+@dataclass(frozen=True)
+class DeviceFile:
+    """The stage of a user's file; each process makes its own."""
+
+    path: Path
+
+    def make(self) -> Device:
+        """The stage, not opened yet; DeviceError where the file holds none."""
+        try:
+            names = runpy.run_path(str(self.path), run_name="stage")
+        except OSError as error:
+            raise DeviceError(f"{self.path}: {error.strerror}") from None
+        except Exception as error:
+            raise DeviceError(f"{self.path}: cannot be run: {type(error).__name__}: {error}") from None
+        found = [
+            value
+            for value in names.values()
+            if inspect.isclass(value)
+            and value.__module__ == "stage"
+            and all(callable(getattr(value, method, None)) for method in METHODS)
+        ]
+        if len(found) != 1:
+            raise DeviceError(
+                f"{self.path}: holds {len(found)} classes with the methods {', '.join(METHODS)}, and one is needed"
+            )
+        try:
+            made: Any = found[0]()
+        except Exception as error:
+            raise DeviceError(f"{self.path}: {found[0].__name__}() failed: {type(error).__name__}: {error}") from None
+        device: Device = made
+        return device
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulated actuator with a sensor; it lives in the process of the loop."""
+
+    kind: str
+    sample_time: float
+    seed: int = 0
+    noise: float = 0.002
+    """Standard deviation of the sensor's noise, output units."""
+
+    def make(self) -> Device:
+        """The stage; DeviceError where there is no such plant."""
+        if self.kind not in plants.names():
+            raise DeviceError(f"there is no simulated actuator {self.kind!r}; known are {', '.join(plants.names())}")
+        return SimulatedStage(
+            plants.Sensor(plants.get(self.kind, sample_time=self.sample_time), noise_um=self.noise, seed=self.seed)
+        )
+
+    def __str__(self) -> str:
+        return f"simulated {self.kind}"
+
+
+class SimulatedStage:
+    """A plant as a stage."""
+
+    input_unit, output_unit = "V", "um"
+    reopens = False
+
+    def __init__(self, plant: plants.Plant) -> None:
+        self._plant = plant
+        self.x_limits, self.y_range = plant.x_range, plant.y_range
+        self.rest = self.x_limits[0]
+        self.rate_limit = 100.0 * (self.x_limits[1] - self.x_limits[0]) / SLOWEST_S
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def exchange(self, x: float) -> float:
+        """One sample of the plant."""
+        return self._plant.step(x)
+
+    def close(self) -> None:
+        """Nothing to close."""

@@ -1,0 +1,304 @@
+"""The page of a live run: what the loop has written on the board, drawn by Bokeh's server, and buttons that write commands on it.
+
+It only reads and asks; whatever becomes of it, the loop goes on. The server is bound to this machine unless told otherwise, answers nobody
+without the token of the run, and serves its own scripts, so nothing leaves the machine.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+import numpy as np
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.document import Document
+from bokeh.layouts import column, row
+from bokeh.models import Button, ColumnDataSource, Div, NumericInput, Span
+from bokeh.plotting import figure
+from bokeh.server.auth_provider import AuthProvider
+from bokeh.server.server import Server
+from tornado.web import RequestHandler
+
+from bench.live.board import Board, Command, State, edges_us
+from bench.live.device import Declared
+from bench.live.loop import Task
+from bench.report.plot import GREY, PALETTE
+from piezo_model import HysteresisCreepModel
+from piezo_model.units import quantity, shown
+from solvers.arrays import Matrix, Vector
+
+EVERY_MS = 200
+WINDOW_S, MOST_POINTS = 5.0, 1_200
+BLUE, RED, GREEN = PALETTE[:3]
+COOKIE = "piezobench-live"
+STATES = {
+    State.STARTING: "starting",
+    State.FOLLOWING: "following",
+    State.RAMPING: "ramping to rest",
+    State.ENDED: "at rest; the run is over",
+}
+STYLE = """
+:root { color-scheme: light dark; }
+body { margin: 0 auto; max-width: 88rem; padding: 0 .8rem 2rem; background: light-dark(#fff, #15181c); color: light-dark(#1b1f24, #e3e6ea);
+  font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
+"""
+TEMPLATE = f"""
+{{% block title %}}piezobench live{{% endblock %}}
+{{% block postamble %}}<meta name="viewport" content="width=device-width, initial-scale=1"><style>{STYLE}</style>{{% endblock %}}
+"""
+
+
+class View:
+    """What all documents of the page show, computed once for all of them."""
+
+    def __init__(self, task: Task, declared: Declared) -> None:
+        self.task, self.declared, self.board = task, declared, Board(task.board, task.rate)
+        self.first = task.plan.model(declared, 1.0 / task.rate)
+        self._parent, self._head, self.window = os.getppid(), -1, np.zeros((0, 4))
+        self.model, self.line, self.rms = self.first, np.zeros(0), (float("nan"), float("nan"))
+
+    def refresh(self) -> None:
+        """Look at the board; the page ends with the process that started it."""
+        if os.getppid() != self._parent:
+            os._exit(0)
+        if self._head == self.board.head:
+            return
+        self._head = self.board.head
+        self.window = self.board.read(max(0, self._head - round(WINDOW_S * self.task.rate)))[1].copy()
+        self.model = self.board.shown_model(self.first)
+        self.line = straight_line(self.model, self.window[:, 1])
+        self.rms = _rms(self.window[:, 3] - self.window[:, 1]), _rms(self.line - self.window[:, 1])
+
+    def thinned(self) -> tuple[Matrix, Vector]:
+        """The window and the straight line's output, in as many points as a picture shows."""
+        at = slice(None, None, max(1, len(self.window) // MOST_POINTS))
+        return self.window[at], self.line[at]
+
+
+def straight_line(model: HysteresisCreepModel, y_ref: Vector) -> Vector:
+    """What the model in use says of a drive along the straight line through its ranges, shape (N,)."""
+    s = model.structure
+    line: Vector = model.simulate(s.x_centre + s.x_scale * np.clip((y_ref - s.y_centre) / s.y_scale, -1.0, 1.0))
+    return line
+
+
+def _rms(error: Vector) -> float:
+    known = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def document(view: View, doc: Document) -> None:
+    """One browser's document."""
+    d, board = view.declared, view.board
+    unit = shown(d.output_unit)
+    sources = {
+        name: ColumnDataSource({column: [] for column in columns})
+        for name, columns in {
+            "time": ("t", "reference", "measured", "error", "line_error"),
+            "loop": ("reference", "measured", "line"),
+            "weights": ("i", "w"),
+            "service": ("left", "right", "count"),
+        }.items()
+    }
+    status, events = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")
+
+    def plot(title: str, x: str, y: str, **options: Any) -> Any:
+        made = figure(
+            title=title,
+            x_axis_label=x,
+            y_axis_label=y,
+            height=260,
+            min_width=330,
+            sizing_mode="stretch_width",
+            toolbar_location=None,
+            background_fill_alpha=0.0,
+            border_fill_alpha=0.0,
+            styles={"flex": "1 1 26rem"},
+            **options,
+        )
+        for part in (made.xaxis, made.yaxis):
+            part.axis_label_text_color = part.major_label_text_color = GREY
+        made.title.text_color = GREY
+        made.grid.grid_line_color, made.outline_line_color = "#80808040", None
+        return made
+
+    follow = plot("Reference and measurement", "time, s", unit)
+    follow.line("t", "reference", source=sources["time"], color=GREY, line_dash="dashed", legend_label="reference")
+    follow.line("t", "measured", source=sources["time"], color=BLUE, legend_label="measured")
+    error = plot("Tracking error", "time, s", unit)
+    error.line(
+        "t",
+        "line_error",
+        source=sources["time"],
+        color=RED,
+        alpha=0.6,
+        legend_label="straight line, by the model in use",
+    )
+    error.line("t", "error", source=sources["time"], color=BLUE, legend_label="measured")
+    loops = plot("Hysteresis, before and after", f"reference, {unit}", unit)
+    loops.line(
+        "reference",
+        "line",
+        source=sources["loop"],
+        color=RED,
+        alpha=0.6,
+        legend_label="straight line, by the model in use",
+    )
+    loops.line("reference", "measured", source=sources["loop"], color=BLUE, legend_label="measured")
+    weights = plot("Weights in use", "number", "unit amplitudes")
+    weights.vbar("i", top="w", width=0.7, source=sources["weights"], color=GREEN)
+    service = plot("Service time, and the deadline", "µs", "samples", x_axis_type="log")
+    service.quad(left="left", right="right", top="count", bottom=0, source=sources["service"], color=BLUE, alpha=0.7)
+    service.add_layout(Span(location=1e6 / view.task.rate, dimension="height", line_color=RED, line_dash="dashed"))
+    for each in (follow, error, loops):
+        each.legend.update(
+            background_fill_alpha=0.0, border_line_alpha=0.0, label_text_color=GREY, orientation="horizontal", padding=0
+        )
+        each.add_layout(each.legend[0], "below")
+
+    value = NumericInput(
+        mode="float",
+        value=0.5 * (d.y_range[0] + d.y_range[1]),
+        width=110,
+        stylesheets=["input { color: #1b1f24; }"],
+        low=d.y_range[0],
+        high=d.y_range[1],
+    )
+
+    def button(label: str, command: Command, of: Callable[[], float] = lambda: 0.0, kind: str = "default") -> Button:
+        made = Button(label=label, button_type=kind, width_policy="min")  # type: ignore[arg-type]
+        made.on_click(lambda: board.ask(command, of()))
+        return made
+
+    buttons = [
+        button("Stop", Command.STOP, kind="danger"),
+        button("Hold", Command.HOLD),
+        button("Follow the reference", Command.FOLLOW),
+        value,
+        button(f"Go to set point, {unit}", Command.SET_POINT, lambda: float(value.value or 0.0)),
+    ]
+    if view.task.plan.learn != "off":
+        buttons += [button("Learn", Command.LEARN, lambda: 1.0), button("Do not learn", Command.LEARN)]
+
+    def update() -> None:
+        view.refresh()
+        samples, line = view.thinned()
+        t, reference, _, measured = samples.T
+        sources["time"].data = {
+            "t": t,
+            "reference": reference,
+            "measured": measured,
+            "error": measured - reference,
+            "line_error": line - reference,
+        }
+        sources["loop"].data = {"reference": reference, "measured": measured, "line": line}
+        sources["weights"].data = {"i": np.arange(view.model.weights.size), "w": view.model.weights}
+        edges, counts = edges_us(), board.service
+        there = np.flatnonzero(counts)
+        sources["service"].data = {"left": edges[there], "right": edges[there + 1], "count": counts[there]}
+        measured_rms, line_rms = (quantity(value, d.output_unit, 3) for value in view.rms)
+        learning = (
+            ""
+            if view.task.plan.learn == "off"
+            else (", learning" if board.learning else ", learning waits") + f", {board.hand_overs} hand-overs"
+        )
+        status.text = (
+            f"<b>{escape(str(view.task.device))}</b>, {escape(view.task.reference.words)}: "
+            f"{STATES[State(board.state)]}{learning}.<br>Tracking error over the last {WINDOW_S:g} s: "
+            f"<b>{escape(measured_rms)}</b> RMS, along a straight line {escape(line_rms)} by the model in "
+            f"use.<br>{board.head} samples at {view.task.rate:g} Hz, {board.missed} deadlines missed; "
+            f"{board.late_null} of {board.null_samples} by a loop that does nothing."
+        )
+        events.text = "<b>Events</b><br>" + "<br>".join(escape(event) for event in reversed(board.said()))
+
+    update()
+    doc.title = "piezobench live"
+    doc.template = TEMPLATE  # type: ignore[assignment]
+    doc.add_root(
+        column(
+            Div(text="<h1 style='font-size:1.4rem;margin:.6rem 0'>A compensator on a stage</h1>"),
+            status,
+            row(*buttons, styles={"flex-wrap": "wrap", "gap": ".4rem"}, sizing_mode="stretch_width"),
+            row(follow, error, loops, weights, service, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width"),
+            events,
+            sizing_mode="stretch_width",
+        )
+    )
+    doc.add_periodic_callback(update, EVERY_MS)
+
+
+class Token(AuthProvider):
+    """Lets in whoever has the token of the run, in the address at first and in a cookie from then on."""
+
+    def __init__(self, token: str) -> None:
+        self._token = token
+        super().__init__()
+
+    @property
+    def get_user(self) -> Callable[[Any], str | None]:
+        """Who asks, or None for somebody without the token."""
+
+        def user(handler: Any) -> str | None:
+            given = handler.get_argument("token", "") or handler.get_cookie(COOKIE) or ""
+            if not secrets.compare_digest(given.encode(), self._token.encode()):
+                return None
+            if not hasattr(handler, "ws_connection"):
+                handler.set_cookie(COOKIE, given, httponly=True, samesite="Strict")
+            return "watcher"
+
+        return user
+
+    @property
+    def get_user_async(self) -> None:
+        """None: there is a function that need not wait."""
+
+    @property
+    def login_url(self) -> str:
+        """Where somebody without the token is sent."""
+        return "/token"
+
+    @property
+    def get_login_url(self) -> None:
+        """None: it is always the same."""
+
+    @property
+    def login_handler(self) -> type[RequestHandler]:
+        """What is said there."""
+        return Refusal
+
+    @property
+    def logout_url(self) -> None:
+        """None."""
+
+    @property
+    def logout_handler(self) -> None:
+        """None."""
+
+
+class Refusal(RequestHandler):
+    """Says that the token is missing."""
+
+    def get(self) -> None:
+        """Answer."""
+        self.set_status(403)
+        self.finish("The address of this page has a token, which piezobench live has printed.")
+
+
+def main(task: Task, declared: Declared, address: tuple[str, int], token: str) -> None:
+    """The process of the page."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    view, (host, port) = View(task, declared), address
+    server = Server(
+        {"/": Application(FunctionHandler(lambda doc: document(view, doc)))},
+        port=port,
+        address=host,
+        allow_websocket_origin=[f"{host}:{port}", *([f"localhost:{port}"] if host == "127.0.0.1" else [])],
+        auth_provider=Token(token),
+    )
+    server.io_loop.add_callback(server.start)
+    server.io_loop.start()

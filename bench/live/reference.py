@@ -1,0 +1,105 @@
+"""What the stage is to follow: a shape in words, a file, or a set point from the page.
+
+sine 5Hz:10um[:2um]           frequency, amplitude and, if not the middle of the range, centre
+staircase 0.5s:4um:8          time and height of a level, and how many levels up and down
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pint
+
+from piezo_model.recordings import read_reference
+from piezo_model.units import shown
+from solvers.arrays import Vector
+
+
+class ReferenceError(ValueError):
+    """A reference that cannot be followed; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Samples over and over, or one value."""
+
+    samples: Vector
+    """Shape (N,), output unit."""
+    words: str
+
+    def at(self, k: int) -> float:
+        """The sample k."""
+        return float(self.samples[k % self.samples.size])
+
+
+def constant(value: float) -> Reference:
+    """One set point."""
+    return Reference(np.array([value]), f"set point {value:g}")
+
+
+def sine(text: str, unit: str, centre: float, sample_time: float) -> Reference:
+    """A sine from words such as ``5Hz:10um``.
+
+    Examples
+    --------
+    >>> sine("1Hz:0.01mm", "um", 3.0, 0.25).samples.round(9).tolist()
+    [3.0, 13.0, 3.0, -7.0]
+    """
+    frequency, amplitude, *more = _quantities("--sine", text, ("Hz", unit, unit), 2)
+    if not 0.0 < frequency < 0.5 / sample_time:
+        raise ReferenceError(
+            f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
+        )
+    period = max(2, round(1.0 / (frequency * sample_time)))
+    at = more[0] if more else centre
+    return Reference(at + amplitude * np.sin(2.0 * math.pi * np.arange(period) / period), f"sine {text}")
+
+
+def staircase(text: str, unit: str, centre: float, sample_time: float) -> Reference:
+    """Levels up and down again from words such as ``0.5s:4um:8``.
+
+    Examples
+    --------
+    >>> staircase("1s:2um:3", "um", 0.0, 1.0).samples.tolist()
+    [-2.0, 0.0, 2.0, 0.0]
+    """
+    hold, height, count = _quantities("--staircase", text, ("s", unit, ""), 3)
+    held, levels = round(hold / sample_time), round(count)
+    if held < 1 or levels < 2:
+        raise ReferenceError(f"--staircase {text}: needs at least two levels, each held for a sample or longer")
+    steps = [*range(levels), *range(levels - 2, 0, -1)]
+    return Reference(np.repeat(centre + height * (np.array(steps) - 0.5 * (levels - 1)), held), f"staircase {text}")
+
+
+def of_file(path: Path, unit: str, sample_time: float) -> Reference:
+    """The reference column of a file, over and over; ReferenceError where it is sampled otherwise or in another unit."""
+    found = read_reference(path)
+    if abs(found.sample_time / sample_time - 1.0) > 0.01:
+        raise ReferenceError(
+            f"{path}: is sampled every {found.sample_time:g} s and the loop runs every {sample_time:g} s"
+        )
+    if found.unit and unit and found.unit != unit:
+        raise ReferenceError(f"{path}: is in {shown(found.unit)} and the stage measures in {shown(unit)}")
+    return Reference(found.values, path.name)
+
+
+def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> list[float]:
+    """Numbers in these units from parts between colons; a number without a unit has it already."""
+    parts = text.split(":")
+    if not fewest <= len(parts) <= len(units):
+        raise ReferenceError(f"{option} {text}: {fewest} parts between colons are needed")
+    registry: Any = pint.UnitRegistry()
+    found = []
+    for part, unit in zip(parts, units, strict=False):
+        try:
+            value = registry.Quantity(part)
+            found.append(float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude))
+        except (pint.errors.PintError, ValueError, TypeError, AttributeError, AssertionError):
+            raise ReferenceError(
+                f"{option} {text}: {part!r} is no number{f' in {shown(unit)}' if unit else ''}"
+            ) from None
+    return found

@@ -1,0 +1,540 @@
+"""A compensator on a stage: what is refused, how every end brings the stage to rest, what the recording holds, and the page in a browser."""
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as parquet
+import pytest
+from browser import Browser
+from command_line import CommandLine
+
+from bench.live.board import Board, Command
+from bench.live.device import Declared, DeviceError, DeviceFile
+from bench.live.recorder import Recorder, finish, stream_beside
+from bench.live.reference import ReferenceError, sine, staircase
+from piezo_model import Recording
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
+RATE, LIMIT, STEP = 500, 150.0, 3_000.0 / 500
+PATIENCE_S = 60.0
+FAULTS = {
+    "raises": "raise OSError('the amplifier is gone')",
+    "hangs": "time.sleep(1e6)",
+    "returns nothing": "return None",
+    "returns NaN": "return float('nan')",
+}
+
+
+def process_names(root: int) -> dict[int, str]:
+    """The processes below one, with what they were started for."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            found[int(path.name)] = (parent, (path / "cmdline").read_bytes().decode(errors="replace"))
+        except (OSError, IndexError):
+            continue  # it has ended meanwhile
+    return {pid: words for pid, (parent, words) in found.items() if parent == root and "spawn_main" in words}
+
+
+@dataclass
+class Stage:
+    """A stage in a process of its own, which writes down the drives that it gets."""
+
+    folder: Path
+    port: int = 0
+    server: subprocess.Popen[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.server = subprocess.Popen(
+            [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(self.folder / "drive.log")],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.server.stdout is not None
+        self.port = int(self.server.stdout.readline().split()[1])
+
+    def start(
+        self, *words: object, file: Path = EXAMPLES / "tcp_stage.py", before: tuple[str, ...] = ()
+    ) -> subprocess.Popen[str]:
+        """Begin a run and wait until the stage moves."""
+        command = [
+            *before,
+            sys.executable,
+            "-m",
+            "bench",
+            "live",
+            "--device",
+            str(file),
+            "--sine",
+            "2Hz:12um",
+            "--rate",
+            str(RATE),
+            *map(str, words),
+        ]
+        run = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "TCP_STAGE": f"127.0.0.1:{self.port}"},
+        )
+        end = time.monotonic() + PATIENCE_S
+        while self.drives().size < RATE // 2 and run.poll() is None:
+            assert time.monotonic() < end, "the stage does not move"
+            time.sleep(0.02)
+        return run
+
+    def drives(self) -> np.ndarray:
+        """All drives so far."""
+        text = (self.folder / "drive.log").read_text()
+        return np.array([float(line.split()[1]) for line in text[: text.rfind("\n") + 1].splitlines()])
+
+    def wait_for_rest(self) -> None:
+        """Until the last drive is that of rest and no other follows."""
+        end, before = time.monotonic() + PATIENCE_S, -1
+        while not (self.drives()[-1] == 0.0 and self.drives().size == before):
+            assert time.monotonic() < end, self.drives()[-5:]
+            before = self.drives().size
+            time.sleep(0.3)
+
+    def check(self) -> None:
+        """Limits and rate were kept, and the end is rest."""
+        x = np.concatenate([[0.0], self.drives()])
+        assert x.min() >= 0.0
+        assert x.max() <= LIMIT
+        assert np.abs(np.diff(x)).max() <= STEP * (1.0 + 1e-9)
+        assert x.max() > 30.0
+        assert x[-1] == 0.0
+
+    def close(self) -> None:
+        self.server.kill()
+        self.server.wait()
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    made = Stage(tmp_path)
+    yield made
+    made.close()
+
+
+def recorded(path: Path) -> pa.Table:
+    """The recording, or what is left of it as a stream."""
+    return parquet.read_table(path) if path.exists() else _batches(stream_beside(path))
+
+
+def _batches(stream: Path) -> pa.Table:
+    batches = []
+    with pa.OSFile(str(stream)) as source, pa.ipc.open_stream(source) as reader:
+        try:
+            batches.extend(reader)
+        except pa.ArrowException:
+            assert batches  # only the last one may be cut short
+    return pa.Table.from_batches(batches)
+
+
+def complete(stage: Stage, path: Path) -> None:
+    """The recording holds the drives up to the last second."""
+    x, drives = recorded(path)["drive_V"].to_numpy(), stage.drives()
+    assert drives.size - x.size <= RATE
+    np.testing.assert_array_equal(x[:50], drives[:50])
+
+
+def faulty(folder: Path, what: str, after: int) -> Path:
+    """A stage's file that goes wrong after so many samples."""
+    file = folder / "faulty.py"
+    file.write_text(
+        (EXAMPLES / "tcp_stage.py").read_text()
+        + f"""
+import time
+class Faulty(TcpStage):
+    count = 0
+    def exchange(self, x):
+        Faulty.count += 1
+        y = TcpStage.exchange(self, x)
+        if Faulty.count == {after} or ({what!r} != "hangs" and Faulty.count > {after}):
+            {FAULTS[what]}
+        return y
+TcpStage = Faulty
+del Faulty
+"""
+    )
+    return file
+
+
+def end_of(how: str, stage: Stage, folder: Path, chance: random.Random) -> tuple[int, str]:
+    """Begin a run, let it end in some way, and return its exit status and what it said."""
+    record = folder / "run.parquet"
+    words: tuple[object, ...] = ("--no-page", "--record", record)
+    if how in FAULTS:
+        run = stage.start(*words, file=faulty(folder, how, RATE + chance.randrange(RATE)))
+    elif how == "disk full":
+        (folder / "small").mkdir()
+        record = folder / "small" / "run.parquet"
+        run = stage.start(
+            "--no-page",
+            "--record",
+            record,
+            before=(
+                "unshare",
+                "-rm",
+                "sh",
+                "-c",
+                f'mount -t tmpfs -o size=100k tmpfs {folder / "small"} && "$@"; '
+                f"status=$?; cp -r {folder / 'small'} {folder / 'kept'}; exit $status",
+                "sh",
+            ),
+        )
+    else:
+        run = stage.start(*words)
+        time.sleep(chance.uniform(0.5, 2.5))
+        if how.startswith("kill "):
+            children = sorted(process_names(run.pid))
+            os.kill({"kill loop": children[0], "kill recorder": children[1], "kill all": run.pid}[how], signal.SIGKILL)
+            if how == "kill recorder":
+                time.sleep(2.5)
+                run.send_signal(signal.SIGINT)
+        else:
+            run.send_signal(signal.Signals[how])
+    out, err = run.communicate(timeout=PATIENCE_S)
+    stage.wait_for_rest()
+    return run.returncode, out + err
+
+
+ENDS = {
+    "SIGINT": 130,
+    "SIGTERM": 143,
+    "kill loop": 1,
+    "kill recorder": 130,
+    "kill all": -9,
+    "raises": 1,
+    "hangs": 1,
+    "returns nothing": 1,
+    "returns NaN": 1,
+}
+SAID = {
+    "SIGINT": "asked to stop",
+    "kill loop": "another process has brought the stage to rest",
+    "raises": "the amplifier is gone",
+    "hangs": "did not answer for 0.5 s; another process has brought",
+    "returns nothing": "returned None and no number",
+    "returns NaN": "nothing was measured for 0.5 s",
+}
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
+    how: str, stage: Stage, tmp_path: Path
+) -> None:
+    status, said = end_of(how, stage, tmp_path, random.Random(how))
+    assert status == ENDS[how], said
+    assert SAID.get(how, "") in said
+    stage.check() if how not in ("raises", "returns nothing") else None
+    complete(stage, tmp_path / "run.parquet")
+
+
+@pytest.mark.needs("unshare")
+def test_a_disk_that_fills_ends_the_run_at_rest_and_leaves_what_was_recorded(stage: Stage, tmp_path: Path) -> None:
+    if subprocess.run(["unshare", "-rm", "true"], check=False, capture_output=True).returncode:
+        pytest.skip("this system lets nobody but the administrator mount a small disk")
+    status, said = end_of("disk full", stage, tmp_path, random.Random(0))
+    assert status == 0
+    assert "run.arrow" in said
+    assert "No space left" in said
+    stage.check()
+    rows = _batches(tmp_path / "kept" / "run.arrow").num_rows
+    assert rows > RATE
+    found = Recording.open(
+        tmp_path / "kept" / "run.arrow", time="time_s", input="drive_V", output="displacement_um", resample=1.0 / RATE
+    )
+    assert found.x.size >= rows
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(50))
+def test_fifty_ends_drawn_at_random_keep_limits_and_rate(seed: int, stage: Stage, tmp_path: Path) -> None:
+    chance = random.Random(seed)
+    how = chance.choice([name for name in ENDS if name not in ("raises", "returns nothing")])
+    status, said = end_of(how, stage, tmp_path, chance)
+    assert status == ENDS[how], said
+    stage.check()
+    complete(stage, tmp_path / "run.parquet")
+
+
+def test_a_stage_that_cannot_be_opened_again_is_left_and_that_is_said(piezobench: CommandLine, tmp_path: Path) -> None:
+    run = subprocess.Popen(
+        [sys.executable, "-m", "bench", "live", "--simulate", "duhem", "--no-page"], stdout=subprocess.PIPE, text=True
+    )
+    end = time.monotonic() + PATIENCE_S
+    while not process_names(run.pid):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    time.sleep(6.0)
+    os.kill(min(process_names(run.pid)), signal.SIGKILL)
+    said, _ = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode in (1, 2)
+    assert "cannot be opened by another process" in said or run.returncode == 2
+
+
+def test_a_run_from_nothing_learns_and_its_recording_gives_a_model_as_good_as_one_made_open_loop(
+    tmp_path: Path, piezobench: CommandLine
+) -> None:
+    record = tmp_path / "run.parquet"
+    call = piezobench(
+        "live",
+        "--simulate",
+        "relay_preisach",
+        "--rate",
+        200,
+        "--seconds",
+        20,
+        "--sine",
+        "0.5Hz:15um",
+        "--no-page",
+        "--record",
+        record,
+    )
+    assert call.status == 0, call.stderr
+    assert "The stage is at rest; the time is over." in call.stdout
+    found = Recording.open(record, time="time_s", input="drive_V", output="displacement_um", resample=1.0 / 200)
+    assert found.x.size > 0.9 * 20 * 200
+    call = piezobench(
+        "identify",
+        record,
+        "--input",
+        "drive_V",
+        "--output",
+        "displacement_um",
+        "--resample",
+        1.0 / 200,
+        "--out",
+        tmp_path / "m.json",
+    )
+    assert call.status == 0, call.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "say either a simulated actuator or a stage's file"),
+        (("--simulate", "magic"), "there is no simulated actuator 'magic'"),
+        (("--simulate", "duhem", "--sine", "fast"), "--sine fast: 2 parts between colons are needed"),
+        (("--simulate", "duhem", "--sine", "5Hz:10V"), "'10V' is no number in µm"),
+        (("--simulate", "duhem", "--sine", "5Hz:1um", "--set-point", 3), "two references"),
+        (("--simulate", "duhem", "--rate", 1e6), "the rate must be from 1 to 20000 Hz"),
+        (("--simulate", "duhem", "--record", "run.csv"), "must end in .parquet"),
+        (("--simulate", "duhem", "--set-point", 300), "--set-point 300 is outside of the stage's range"),
+    ],
+)
+def test_what_cannot_run_is_refused_in_a_sentence_before_anything_moves(
+    words: tuple[object, ...], says: str, piezobench: CommandLine
+) -> None:
+    assert says in piezobench("live", "--no-page", *words).refusal
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("rest = 0.0 -> rest = 200.0", "rest 200 is outside of x_limits"),
+        ("x_limits, y_range = (0.0, 150.0) -> x_limits, y_range = (150.0, 0.0)", "x_limits must be in ascending order"),
+        ("rate_limit, rest = 3_000.0 -> rate_limit, rest = 0.0", "rate_limit and timeout_s must be positive"),
+        ("timeout_s = 0.5 -> timeout_s = 'long'", "timeout_s must be a finite number, not 'long'"),
+        ("input_unit, output_unit -> a_unit, output_unit", "does not say its input_unit"),
+        ("def exchange -> def swap", "holds 0 classes with the methods open, exchange, close"),
+        ("import os -> import no_such_module", "cannot be run: ModuleNotFoundError"),
+    ],
+)
+def test_what_a_stage_declares_is_checked_before_the_first_sample(change: str, says: str, tmp_path: Path) -> None:
+    old, new = change.split(" -> ")
+    file = tmp_path / "stage.py"
+    file.write_text((EXAMPLES / "tcp_stage.py").read_text().replace(old, new, 1))
+    with pytest.raises(DeviceError, match=re.escape(says)):
+        Declared.of(DeviceFile(file).make(), str(file))
+
+
+def test_the_stream_of_a_run_that_did_not_end_is_not_written_over(piezobench: CommandLine, tmp_path: Path) -> None:
+    (tmp_path / "run.arrow").write_text("precious")
+    refusal = piezobench("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet").refusal
+    assert "run.arrow" in refusal
+    assert (tmp_path / "run.arrow").read_text() == "precious"
+
+
+def test_a_recorder_goes_on_after_the_last_whole_second_of_one_that_was_cut_off(tmp_path: Path) -> None:
+    path, samples = tmp_path / "run.parquet", np.arange(40.0).reshape(10, 4)
+    first = Recorder(path, ("a", "b", "c", "d"))
+    first.add(samples)
+    with stream_beside(path).open("ab") as file:
+        file.write(b"\xff\xff\xff\xff\x00\x01")
+    second = Recorder(path, ("a", "b", "c", "d"))
+    assert second.rows == 10
+    second.add(samples + 100.0)
+    finish(path)
+    np.testing.assert_array_equal(
+        np.column_stack([column.to_numpy() for column in parquet.read_table(path).columns]),
+        np.concatenate([samples, samples + 100.0]),
+    )
+    assert not stream_beside(path).exists()
+
+
+def test_the_board_hands_over_samples_events_and_commands_in_their_order(tmp_path: Path) -> None:
+    one, other = Board(tmp_path / "board", 10.0, make=True), Board(tmp_path / "board", 10.0)
+    for k in range(3000):
+        one.write(k, (0.1 * k, 1.0, 2.0, float(k)))
+    start, samples = other.read(0)
+    assert start > 0
+    np.testing.assert_array_equal(samples[:, 3], np.arange(start, 3000))
+    other.ask(Command.SET_POINT, 7.5)
+    other.ask(Command.STOP)
+    assert one.asked(0) == [(Command.SET_POINT, 7.5), (Command.STOP, 0.0)]
+    one.say("fünf " * 100)
+    assert other.said()[0].startswith("299.900 s: fünf")
+
+
+@pytest.mark.parametrize("words", ["0Hz:1um", "600Hz:1um", "1Hz", "1:2:3:4"])
+def test_a_sine_that_cannot_be_sampled_is_refused(words: str) -> None:
+    with pytest.raises(ReferenceError, match="--sine"):
+        sine(words, "um", 0.0, 1e-3)
+
+
+def test_a_staircase_goes_up_and_down_in_its_levels_about_the_centre() -> None:
+    samples = staircase("2ms:1um:3", "um", 5.0, 1e-3).samples
+    assert samples.tolist() == [4.0, 4.0, 5.0, 5.0, 6.0, 6.0, 5.0, 5.0]
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A run of a stage whose file has markup in its name, and the address of its page."""
+    folder = tmp_path_factory.mktemp("watched")
+    file = folder / "<img src=x onerror=document.title='run'>.py"
+    file.write_text(
+        "from bench.live.device import Simulated\nMADE = Simulated('relay_preisach', 2e-3).make()\nclass Stage:\n    "
+        "input_unit, output_unit, x_limits, y_range, rate_limit, rest = 'V', 'um', MADE.x_limits, MADE.y_range, "
+        "5000.0, 0.0\n    def open(self): pass\n    def exchange(self, x): return MADE.exchange(x)\n    def "
+        "close(self): pass\n"
+    )
+    port = random.Random(os.getpid()).randrange(20_000, 50_000)
+    run = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "bench",
+            "live",
+            "--device",
+            str(file),
+            "--rate",
+            str(RATE),
+            "--sine",
+            "1Hz:10um",
+            "--port",
+            str(port),
+        ],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert run.stdout is not None
+    address = run.stdout.readline().split()[1]
+    end = time.monotonic() + PATIENCE_S
+    while not _answers(address):
+        assert time.monotonic() < end
+        time.sleep(0.3)
+    yield run, address
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=PATIENCE_S)
+
+
+def _answers(address: str) -> bool:
+    try:
+        return urllib.request.urlopen(address, timeout=5.0).status == 200
+    except (urllib.error.URLError, ConnectionError, TimeoutError):
+        return False
+
+
+def text_of(browser: Browser) -> str:
+    """All text of the page, that of Bokeh's shadow roots included."""
+    return browser.run(
+        """const texts = [];
+        const walk = node => {
+            if (node.shadowRoot) walk(node.shadowRoot);
+            if (node.nodeType === 3 && !['STYLE', 'SCRIPT'].includes(node.parentNode.nodeName)) texts.push(node.textContent);
+            node.childNodes.forEach(walk);
+        };
+        walk(document.body);
+        return texts.join(' ');"""
+    )
+
+
+def press(browser: Browser, label: str) -> None:
+    browser.run(
+        """const find = node => { if (node.nodeName === 'BUTTON' && node.textContent.trim() === arguments[0]) { node.click(); }
+        if (node.shadowRoot) find(node.shadowRoot); node.childNodes.forEach(find); }; find(document.body);""",
+        label,
+    )
+
+
+@pytest.mark.needs("chromium", "chromedriver")
+@pytest.mark.parametrize("width", ["desktop", "phone"])
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_moves_shows_names_as_text_and_asks_nobody_but_this_machine(
+    watched: tuple[subprocess.Popen[str], str], browser: Browser, width: str, dark: bool
+) -> None:
+    browser.open(watched[1], width, dark)
+    browser.wait_until(lambda: "samples at 500 Hz" in text_of(browser))
+    first = re.search(r"(\d+) samples", text_of(browser))
+    browser.wait_until(lambda: re.search(r"(\d+) samples", text_of(browser)).group(1) != first.group(1))
+    assert "<img src=x onerror=document.title='run'>.py" in text_of(browser)
+    assert browser.run("return document.title") == "piezobench live"
+    hosts = {
+        re.sub(r"^\w+://([^/:]*).*", r"\1", address)
+        for address in browser.requests()
+        if not address.startswith(("data:", "blob:", "chrome:"))
+    }
+    assert hosts <= {"127.0.0.1"}
+    assert browser.run("return document.documentElement.scrollWidth") <= {"desktop": 1400, "phone": 390}[width]
+    browser.picture(f"live-{width}{'-dark' if dark else ''}")
+
+
+@pytest.mark.needs("chromium", "chromedriver")
+def test_the_buttons_do_what_they_say(watched: tuple[subprocess.Popen[str], str], browser: Browser) -> None:
+    browser.open(watched[1])
+    browser.wait_until(lambda: "samples at" in text_of(browser))
+    for label, said in (
+        ("Do not learn", "learning waits"),
+        ("Learn", "s: learning"),
+        ("Hold", "s: holds"),
+        ("Go to set point, µm", "s: holds 0"),
+        ("Follow the reference", "s: follows sine 1Hz:10um"),
+    ):
+        press(browser, label)
+        browser.wait_until(lambda said=said: said in text_of(browser))
+
+
+def test_a_page_that_is_killed_is_there_again_and_the_loop_has_not_noticed(
+    watched: tuple[subprocess.Popen[str], str],
+) -> None:
+    run, address = watched
+    page = max(process_names(run.pid))
+    os.kill(page, signal.SIGKILL)
+    end = time.monotonic() + PATIENCE_S
+    while not (max(process_names(run.pid), default=page) != page and _answers(address)):
+        assert time.monotonic() < end
+        time.sleep(0.2)
+    assert run.poll() is None
+
+
+def test_nobody_without_the_token_is_let_in(watched: tuple[subprocess.Popen[str], str]) -> None:
+    for asked in (watched[1].partition("?")[0], re.sub(r"token=.*", "token=guess", watched[1])):
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(asked, timeout=20.0)
