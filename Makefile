@@ -14,7 +14,7 @@ help:                 ## list the targets
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := bench,field,copyleft,live
-$(VENV)/.dev:   EXTRAS := bench,field,copyleft,live,heavy,commercial,codegen,ecosystem,dask,formats,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
+$(VENV)/.dev:   EXTRAS := bench,field,copyleft,live,heavy,commercial,codegen,dask,formats,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
 $(VENV)/.docs:  EXTRAS := docs
 $(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@echo "installing $(EXTRAS) into $(VENV)"
@@ -57,12 +57,13 @@ fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SEC
 lint: core            ## style and types
 	$(BIN)/ruff check
 	$(BIN)/mypy
+	$(BIN)/mypy examples/*/*.py tests/benchmarks/[!t]*.py
 
 docs: $(VENV)/.docs   ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-perf: $(VENV)/.dev    ## time the hot kernels beside vectorised NumPy
-	$(BIN)/piezobench perf
+perf: core            ## time the hot kernels beside vectorised NumPy, the slowest sample, and banks
+	for each in kernels worst_case bank; do $(BIN)/python tests/benchmarks/$$each.py || exit 1; done
 
 report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)

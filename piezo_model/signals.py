@@ -185,6 +185,18 @@ def random_walk(*, duration_s: float, sample_time: float, low: float, high: floa
     return scaled(path, low, high)
 
 
+def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
+    """Let every step of a signal (N,) take ``step_s`` along a raised cosine; the first level has always been there."""
+    window = np.hanning(round(step_s / sample_time) + 2)[1:-1]
+    if window.size < 2:
+        return steps
+    held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
+    from scipy.signal import oaconvolve  # which takes most of a second
+
+    smooth: Vector = oaconvolve(held, window / window.sum(), "valid")
+    return np.clip(smooth, steps.min(), steps.max())
+
+
 SIGNALS: dict[str, Callable[..., Vector]] = {
     function.__name__: function for function in (staircase, decaying_triangle, multi_sine, raster_scan, random_walk)
 }

@@ -22,7 +22,7 @@ settings.load_profile("piezobench")
 SHARING = {
     "small races": ("border", "cli", "conditions", "debts", "engine", "hot_and_warm", "interrupts", "isolation", "report", "store"),
     "wide race": ("compare", "deploy", "html_report"),
-    "experiment": ("experiment", "figure_2_boundary", "figure_3_push_pull", "figure_4_staircase")}
+    "experiment": ("experiment", "figure_4_staircase")}
 """Files whose tests share what takes long to make: one process runs them all."""
 LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "export_fmu", "fleet")
 """Groups that begin first, so that all processes end together; any other file is a group of its own."""

@@ -17,4 +17,4 @@ class Figures:
         return (self.folder / "experiment.md").read_text(encoding="utf-8")
 
     def table(self, name: str) -> pd.DataFrame:
-        return pd.read_csv(self.folder / f"{name}.csv")
+        return pd.read_csv(self.folder / "figures" / f"{name}.csv")

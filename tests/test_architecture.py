@@ -23,8 +23,7 @@ LEVELS = (
     {"derived"},                                                        # what follows from a table of measurements
     {"races"},                                                          # what the kinds of race share
     {"a race"},                                                         # one kind of race, and nothing of another one
-    {"comparison", "deploy", "experiment", "export", "fleet", "live", "worst_case", "bank_figures"},
-    {"perf"},
+    {"comparison", "deploy", "experiment", "export", "fleet", "live"},
     {"cli"},
 )
 """From the bottom up; a part imports itself and what lies below, nothing beside it."""
@@ -108,7 +107,7 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
 @pytest.mark.parametrize(("what", "unneeded"), [
     ("import piezo_model", {"scipy", "pyarrow", "qpsolvers"}),
     ("from bench.cli import app; app.run(['--help'])",
-     {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "altair"}),
+     {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "vl_convert"}),
 ])
 def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) -> None:
     program = f"import json, sys\n{what}\nprint(json.dumps(list(sys.modules)), file=sys.stderr)"

@@ -26,8 +26,7 @@ VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "
          "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "validate": "model_verbs",
          "simulate": "model_verbs", "compensate": "stage_verbs",
          "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
-         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs",
-         "live": "live_verb", "perf": "perf_verbs"}
+         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs", "live": "live_verb"}
 """Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
 AGAIN_S = 3.0
 """Seconds after which an interrupt that nobody deals with is taken for lost."""

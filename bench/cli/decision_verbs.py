@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -27,20 +26,12 @@ NEAREST = 5
 """Solvers of which it says why they do not qualify."""
 
 
-class FailOn(StrEnum):
-    """What makes a comparison fail."""
-
-    nothing = "nothing"
-    regression = "regression"
-    difference = "difference"
-
-
 def compare_verb(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; all are compared with "
                                                                                        "the first.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the comparison; compare-A-B beside the last run by default.")] = None,
-    fail_on: Annotated[FailOn, typer.Option(help=f"What ends with exit status {FAILED}; with {CANNOT_TELL} where "
-                                                     "nothing is found and the runs cannot tell.")] = FailOn.nothing,
+    fail_on: Annotated[Literal["nothing", "regression", "difference"], typer.Option(
+        help=f"What ends with exit status {FAILED}; with {CANNOT_TELL} where nothing is found and the runs cannot tell.")] = "nothing",
     smallest: Annotated[float, typer.Option(help="Smallest change of times that matters, as a ratio above 1.")] = SMALLEST,
     as_json: AsJson = False,
 ) -> None:
@@ -68,8 +59,8 @@ def compare_verb(
     else:
         print_report(report, lines_of(report.notes))
         console.print(f"\n{OURS_NOTE}\nComparison: {page}")
-    bad = sum(each.differences if fail_on is FailOn.difference else each.regressions for each in found)
-    if fail_on is not FailOn.nothing and (bad or any(each.cannot_tell for each in found)):
+    bad = sum(each.differences if fail_on == "difference" else each.regressions for each in found)
+    if fail_on != "nothing" and (bad or any(each.cannot_tell for each in found)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
 
 

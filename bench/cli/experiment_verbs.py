@@ -1,4 +1,4 @@
-"""The verb ``experiment``: the paper's Fig. 4 and what belongs to it, on a simulated stage."""
+"""The verb ``experiment``: the paper's Fig. 4 on a simulated stage."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from bench.cli.solver_option import check_solver
-from bench.report.console import AsJson, console, print_json, progress_bar
+from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
 from bench.rig.rig import Rig
 
 FOLDER = Path("results/experiment")
 
 
 def experiment_verb(
-    out: Annotated[Path, typer.Option(help="Folder of the figures, their numbers and the page.")] = FOLDER,
+    out: Annotated[Path, typer.Option(help="Folder of the report, the figures and their numbers.")] = FOLDER,
     quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
     solver: Annotated[str, typer.Option(help="Any registered solver; the paper's by default.")] = "projected_difference",
@@ -29,14 +29,9 @@ def experiment_verb(
         raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
     rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)
     with progress_bar() as progress:
-        made = run(out, rig, progress, situations=2 if quick else 20)
+        found, written = run(out, rig, progress)
     if as_json:
-        print_json({"verdict": made.verdict, "page": made.page, "exhibits": [
-            {"title": exhibit.title, "sentences": list(exhibit.sentences)} for exhibit in made.exhibits]})
+        print_json({"report": written, "page": written.with_suffix(".html"), **found.document})
         return
-    console.print(made.verdict)
-    for exhibit in made.exhibits:
-        console.print(f"\n{exhibit.title}")
-        for sentence in exhibit.sentences:
-            console.print(f"- {sentence}")
-    console.print(f"\nFigures: {made.page}")
+    print_report(found, ["", *lines_of(found.notes)])
+    console.print(f"Page: {written.with_suffix('.html')}\nReport: {written}")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
+from bench.export.numbers import Precision
 from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
-from bench.export.settings import SOLVERS, ExportError, ExportSettings
+from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part
 from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
@@ -19,35 +19,11 @@ from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import format_of
 
-
-class PrecisionOption(StrEnum):
-    """Numbers of the exported C."""
-
-    double = "double"
-    float = "float"
-
-
-class PartOption(StrEnum):
-    """What is exported."""
-
-    compensator = "compensator"
-    learning = "learning"
-
-
-class SolverOption(StrEnum):
-    """What learns in the exported C."""
-
-    projected_difference = "projected_difference"
-    accelerated_projection = "accelerated_projection"
-    box_active_set = "box_active_set"
-    recursive_active_set = "recursive_active_set"
-
-
 ModelArgument = Annotated[Path, typer.Argument(help="Model written by identify, or compensator written by deploy.")]
-PartChoice = Annotated[PartOption, typer.Option("--part", help="Compensation alone, or the whole self-learning loop.")]
-SolverChoice = Annotated[SolverOption | None, typer.Option("--solver", help="Of the learning: a solver that works in cycles, or "
+PartChoice = Annotated[Part, typer.Option("--part", help="Compensation alone, or the whole self-learning loop.")]
+SolverChoice = Annotated[LoopSolver | None, typer.Option("--solver", help="Of the learning: a solver that works in cycles, or "
                                                            "recursive_active_set: continuous, exact at every interval.")]
-PrecisionChoice = Annotated[PrecisionOption, typer.Option("--precision", help="Of signals, states and model.")]
+PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Of signals, states and model.")]
 Low = Annotated[float | None, typer.Option("--low", help="Lowest drive; the file's or the model's range by default.")]
 High = Annotated[float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")]
 RateLimit = Annotated[float | None, typer.Option("--rate-limit", help="Fastest change of the drive, per second.")]
@@ -59,8 +35,8 @@ IntegralGain = Annotated[float, typer.Option("--integral-gain", help="Of integra
 def export_c_verb(
     model: ModelArgument,
     folder: Annotated[Path, typer.Argument(help="New or empty folder for the source.")],
-    precision: PrecisionChoice = PrecisionOption.double,
-    part: PartChoice = PartOption.compensator,
+    precision: PrecisionChoice = "double",
+    part: PartChoice = "compensator",
     solver: SolverChoice = None,
     low: Low = None,
     high: High = None,
@@ -72,7 +48,7 @@ def export_c_verb(
     from bench.export.c_source import export
     from bench.export.folder import write_folder
 
-    loaded, settings = _opened(model, low, high, rate_limit, solver, precision=precision.value, part=part.value, name=name,
+    loaded, settings = _opened(model, low, high, rate_limit, solver, precision=precision, part=part, name=name,
                                integral_gain=integral_gain)
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
@@ -108,9 +84,9 @@ def realtime_verb(
     model: ModelArgument,
     rate: Annotated[float, typer.Option(min=1.0, max=1e6, help="Samples per second.")] = 8000.0,
     seconds: Annotated[float, typer.Option(min=0.01, help="Length of the run.")] = 60.0,
-    part: PartChoice = PartOption.compensator,
+    part: PartChoice = "compensator",
     solver: SolverChoice = None,
-    precision: PrecisionChoice = PrecisionOption.double,
+    precision: PrecisionChoice = "double",
     priority: Annotated[int, typer.Option(min=0, max=99, help="Of SCHED_FIFO; 0 does not ask for it.")] = 80,
     core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last by default.")] = None,
     search: Annotated[bool, typer.Option("--search", help="Find the highest rate at which 99.99 % are met, too.")] = False,
@@ -124,7 +100,7 @@ def realtime_verb(
 
     if out is not None and not out.parent.is_dir():
         raise ExportError(f"{out}: the folder {out.parent} does not exist")
-    loaded, settings = _opened(model, None, None, None, solver, precision=precision.value, part=part.value)
+    loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
     with RealTime(loaded, settings, priority, core) as machine:
         step, null = machine.run(rate, seconds), machine.run(rate, seconds, null=True)
         best = None
@@ -177,12 +153,12 @@ def _print_cost(cost: StepCost, learns: bool) -> None:
         console.print(sentence)
 
 
-def _opened(path: Path, low: float | None, high: float | None, rate_limit: float | None, solver: SolverOption | None,
+def _opened(path: Path, low: float | None, high: float | None, rate_limit: float | None, solver: LoopSolver | None,
             **options: Any) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and settings of a file of identify or deploy."""
     if solver is not None and options.get("part") != "learning":
         raise typer.BadParameter("is for --part learning; a compensator alone has no solver", param_hint="--solver")
-    limits, chosen = None, None if solver is None else solver.value
+    limits, chosen = None, solver
     if format_of(path) == Deployment.FORMAT:
         deployed = Deployment.load(path)
         model, limits = deployed.model, deployed.x_limits
@@ -195,14 +171,15 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
     limits = (lowest if low is None else low, highest if high is None else high)
     if rate_limit is not None and not 0.0 < rate_limit < math.inf:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
-    return model, ExportSettings(solver=cast(Any, chosen or SOLVERS[0]), x_limits=limits, rate_limit=rate_limit, **options)
+    return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, rate_limit=rate_limit, **options)
 
 
-def _of_ours(deployed: Deployment, path: Path) -> str:
+def _of_ours(deployed: Deployment, path: Path) -> LoopSolver:
     """The exported solver of a deployed one; the recursive one, once a cycle, gives the optimum of the exact one."""
     if deployed.mode == "continuous":
-        return SOLVERS[-1]
-    if deployed.solver in SOLVERS:
-        return "box_active_set" if deployed.solver == SOLVERS[-1] else deployed.solver
+        return "recursive_active_set"
+    for solver in SOLVERS:
+        if solver == deployed.solver:
+            return "box_active_set" if solver == "recursive_active_set" else solver
     raise ExportError(f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives the exact optimum, "
                       "--solver projected_difference spreads its work over the learning phase")

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from bench.cli.given_options import refuse
+from bench.cli.option_groups import grouped
 from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.passed.race_error import RaceError
@@ -51,15 +50,31 @@ SETTING_OF = {
 
 
 class Scale(StrEnum):
-    """Scalings, as an option."""
+    """Scalings, as an option: a list of them cannot be one of a ``Literal``."""
 
     scaled = "scaled"
     raw = "raw"
 
 
+if TYPE_CHECKING:
+    KindName = str
+else:
+    KindName = Literal[*kinds()]
+
+
 def own_options() -> dict[str, Any]:
     """The options that kinds of race declare in their settings, by name."""
-    return {field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata}
+    declared = {field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata}
+    return {name: Annotated[int | None, typer.Option(min=field.metadata["least"],
+                                                     help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.")]
+            for name, field in declared.items()}
+
+
+def race_help() -> str:
+    """What the kinds of race are."""
+    *some, last = (f"{kind.summary} ({name})" for name, kind in kinds().items())
+    what = ", ".join(some) + f", or {last}."
+    return what[0].upper() + what[1:]
 
 
 def refuse_unused(context: typer.Context, kind: str) -> None:
@@ -71,31 +86,13 @@ def refuse_unused(context: typer.Context, kind: str) -> None:
             refuse(context, [option], f"is for the race {' or '.join(users)}; the race {kind} does not use it")
 
 
-def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb with a choice of kinds of race, and their own options in place of ``**own``."""
-    names = list(kinds())
-    *some, last = (f"{kind.summary} ({name})" for name, kind in kinds().items())
-    what = ", ".join(some) + f", or {last}."
-    choice = StrEnum("RaceName", {name: name for name in names})  # type: ignore[misc]
-    annotations = {**inspect.get_annotations(verb, eval_str=True), "kind": Annotated[choice, typer.Option("--race", help=what[0].upper() + what[1:])]}
-    del annotations["own"]
-    parameters = inspect.signature(verb).parameters
-    shown = [parameter.replace(annotation=annotations[name]) for name, parameter in parameters.items() if name != "own"]
-    for name, field in own_options().items():
-        annotations[name] = Annotated[int | None, typer.Option(
-            min=field.metadata["least"], help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.")]
-        shown.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotations[name]))
-    verb.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
-    verb.__annotations__ = annotations
-    return verb
-
-
 @reads_a_recording
-@with_options_of_kinds
+@grouped("own", own_options())
 def race_verb(
     context: typer.Context,
     reading: Reading,
-    kind: str = DEFAULT,
+    own: dict[str, int | None],
+    kind: Annotated[KindName, typer.Option("--race", help=race_help())] = DEFAULT,
     problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set, paper and measured by default; may be given "
                                                                          "again. A stream, a loop and a batch have their own problems.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
@@ -130,7 +127,6 @@ def race_verb(
     out: Annotated[Path, typer.Option(help="Folder of the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of this run; the time by default.")] = None,
     as_json: AsJson = False,
-    **own: int | None,
 ) -> None:
     """Race solvers: who is right, and how fast.
 

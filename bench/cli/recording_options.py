@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-import inspect
-from collections.abc import Callable
 from typing import Annotated, Any, TypedDict
 
 import typer
+
+from bench.cli.option_groups import Verb, grouped
 
 FILE = "A recording in any known format; piezobench inspect shows how it is read."
 Time = Annotated[str | None, typer.Option(help="Time column: a name, a path such as group/channel, or a number counted "
@@ -36,23 +36,16 @@ def as_text(**said: Any) -> dict[str, str]:
     return {name: str(value) for name, value in said.items() if value is not None}
 
 
-def reads_a_recording(verb: Callable[..., None]) -> Callable[..., None]:
+def reads_a_recording(verb: Verb) -> Verb:
     """Add the options to a verb, which gets them together as its argument ``reading``."""
-    own = inspect.signature(verb, eval_str=True)
-    kept = [parameter for name, parameter in own.parameters.items() if name != "reading"]
-    added = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-             for name, kind in READING_OPTIONS.items()]
-
+    @grouped("reading", READING_OPTIONS)
     @functools.wraps(verb)
-    def wrapped(**given: Any) -> None:
-        said = {name: given.pop(name) for name in READING_OPTIONS}
-        rate = said.pop("sample_rate")
+    def wrapped(*, reading: dict[str, Any], **given: Any) -> None:
+        rate = reading.pop("sample_rate")
         if rate is not None:
-            if said["sample_time"] is not None or not rate > 0.0:
+            if reading["sample_time"] is not None or not rate > 0.0:
                 raise typer.BadParameter("say either a positive rate or --sample-time", param_hint="--sample-rate")
-            said["sample_time"] = 1.0 / rate
-        verb(**given, reading=said)
+            reading["sample_time"] = 1.0 / rate
+        verb(reading=reading, **given)
 
-    wrapped.__signature__ = own.replace(parameters=[*kept, *added])  # type: ignore[attr-defined]
-    wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in (*kept, *added)}
     return wrapped

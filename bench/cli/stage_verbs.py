@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,15 +21,8 @@ from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from piezo_model import Recording
 from piezo_model.identification.fit_review import review
+from piezo_model.identification.identify import LagChoice
 from piezo_model.units import quantity
-
-
-class LagOption(StrEnum):
-    """What to do about a lag of the sensor."""
-
-    estimate = "estimate"
-    remove = "remove"
-    ignore = "ignore"
 
 
 @reads_a_recording
@@ -49,8 +41,8 @@ def identify_verb(
                                                          "recording by default.")] = None,
     skip: Annotated[int | None, typer.Option(min=0, help="Samples at the start not to count; a transient's by "
                                                         "default.")] = None,
-    lag: Annotated[LagOption, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
-                                                "ignored.")] = LagOption.estimate,
+    lag: Annotated[LagChoice, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
+                                                "ignored.")] = "estimate",
     solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
     force: Annotated[bool, typer.Option("--force", help="Write a model even of data that it does not describe.")] = False,
     select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
@@ -68,7 +60,7 @@ def identify_verb(
     if select:
         refuse(context, ("n", "m"), "is what --select-order chooses")
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag.value, solver, force, select)
+    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force, select)
     if out is None:
         process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
                 "Identification of a fleet", "gave a model", as_json)

@@ -1,89 +1,66 @@
-"""All figures of the experiment from the runs that they share, and the page that puts them together."""
+"""All figures of the experiment from the runs that they share, and their report."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from bench.experiment import (
-    actuators,
-    boundary,
-    cycles,
-    elementary_operators,
-    feedback,
-    loops,
-    page,
-    push_pull,
-    robustness,
-    staircases,
-)
-from bench.experiment.style import Exhibit
+from bench.experiment import cycles, loops, staircases
+from bench.experiment.runs import HINDSIGHT, LEARNED, STRAIGHT
+from bench.passed.progress import Progress, silent
+from bench.report.report import Report, Table
+from bench.report.writing import write_report
 from bench.rig import trial
-from bench.rig.rig import AXES, Rig
-from piezo_model.atomic_file import write_text
-
-PAGE = "experiment.md"
+from bench.rig.rig import AXES, LEVELS, RANGE_UM, Rig
+from bench.rig.trial import Trial
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """What an experiment gave: its page, the verdict and the exhibits on it."""
-
-    page: Path
-    verdict: str
-    exhibits: tuple[Exhibit, ...]
-
-
-def run(folder: Path, rig: Rig, progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-        situations: int = 20) -> Experiment:
-    """Make the experiment and write its page and figures into a folder, which is made if it is not there; OSError where it cannot be.
-
-    So many ``situations`` are drawn at random, besides the rig.
-    """
+def run(folder: Path, rig: Rig, progress: Progress = silent) -> tuple[Report, Path]:
+    """Make the experiment and write its report and figures into a folder, which is made if it is not there; OSError where it cannot be."""
     folder.mkdir(parents=True, exist_ok=True)
-    disturbed = situations // 4 + 1
-    total, done = len(push_pull.CASES) + len(actuators.CASES) + situations + disturbed + 5, 0
+    runs: dict[str, Trial] = {}
+    for done, (name, made) in enumerate({STRAIGHT: trial.straight, HINDSIGHT: trial.best_straight, LEARNED: trial.learned}.items()):
+        progress(name, done, 5)
+        runs[name] = made(rig)
+    progress("a drifting stage", 3, 5)
+    found = report(rig, runs, cycles.errors(runs))
+    progress("figures", 4, 5)
+    return found, write_report(found, folder, "experiment", pictures=len(found.figures))
 
-    def say(what: str) -> None:
-        nonlocal done
-        progress(what, done, total)
-        done += 1
 
-    say("straight line")
-    straight = trial.straight(rig)
-    say("best straight line with hindsight")
-    hindsight = trial.best_straight(rig)
-    say("self-learning compensation")
-    learned = trial.learned(rig)
-    say("a drifting stage")
-    by_cycle = cycles.exhibit(straight, hindsight, learned)
+def report(rig: Rig, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Report:
+    """What the runs say and show."""
+    indices = range(len(AXES))
+    rows = [[AXES[i], *(f"{runs[name].rms_percent()[i]:.3f}" for name in (STRAIGHT, HINDSIGHT, LEARNED))] for i in indices]
+    return Report(
+        [verdict(runs)], Table("RMS error in the last cycle, % of range", ("axis", STRAIGHT, HINDSIGHT, LEARNED), rows),
+        figures=[*(staircases.figure(i, runs) for i in indices), loops.figure(runs), cycles.figure(by_cycle)],
+        notes=[*(staircases.sentence(i, runs) for i in indices), *loops.sentences(runs), *cycles.sentences(by_cycle)],
+        definitions=["A straight line is the one through the corners of the ranges. Errors are those of the measured platform in percent of the "
+                     "reference's range."],
+        environment=settings(rig), title="Self-learning compensation of a two-axis stage")
 
-    def rows(cases: Iterable[actuators.Case | push_pull.Case]) -> pd.DataFrame:
-        def row(case: actuators.Case | push_pull.Case) -> dict[str, Any]:
-            say(str(case))
-            return case.row(rig)
 
-        return pd.DataFrame([row(case) for case in cases])
+def verdict(runs: Mapping[str, Trial]) -> str:
+    """The experiment in one sentence."""
+    before, best, after = (float(np.sqrt(np.mean(runs[name].rms_percent() ** 2))) for name in (STRAIGHT, HINDSIGHT, LEARNED))
+    first = f"Self-learning compensation brings the stage from {before:.2f} % to {after:.3f} % RMS of range"
+    if not after < best:
+        return f"{first}: a straight line with hindsight would have done as well ({best:.2f} %)."
+    return (f"{first}, {before / after:.0f} times nearer to the reference than a straight line and {best / after:.0f} times nearer "
+            f"than the best straight line that hindsight can give ({best:.2f} %).")
 
-    def drawn(count: int, what: str, of_seed: Callable[[int], Iterable[dict[str, Any]]]) -> pd.DataFrame:
-        found: list[dict[str, Any]] = []
-        for seed in range(robustness.FIRST_SEED, robustness.FIRST_SEED + count):
-            say(f"{what}, situation {seed}")
-            found += of_seed(seed)
-        return pd.DataFrame(found)
 
-    exhibits = (*(staircases.exhibit(i, straight, hindsight, learned) for i in range(len(AXES))),
-                loops.exhibit(straight, learned), by_cycle, actuators.exhibit(rows(actuators.CASES)),
-                push_pull.exhibit(rows(push_pull.CASES)),
-                robustness.exhibit(drawn(situations, "learning", robustness.rows)),
-                feedback.exhibit(drawn(disturbed, "feedback", feedback.rows)), elementary_operators.exhibit(), boundary.exhibit(learned))
-    say("figures")
-    for exhibit in exhibits:
-        exhibit.write(folder)
-    sentence = page.verdict(straight, hindsight, learned)
-    write_text(folder / PAGE, page.render(rig, sentence, exhibits))
-    return Experiment(folder / PAGE, sentence, exhibits)
+def settings(rig: Rig) -> list[tuple[str, str]]:
+    """What the experiment was made with."""
+    kinds = ", ".join(f"{axis}: {actuators.plant}" for axis, actuators in zip(AXES, rig.actuators, strict=True))
+    return [("stage", f"two axes, {'two actuators in push-pull' if rig.push_pull else 'one actuator'} each ({kinds}), cross-coupled, with structural "
+                      f"dynamics, noise of {1e3 * rig.noise_um:g} nm and steps of {1e3 * rig.quantum_um:g} nm in the sensors"),
+            ("reference", f"staircase of {LEVELS} levels over {RANGE_UM:g} µm, each held {rig.hold_s:g} s, a step taking {1e3 * rig.step_s:g} ms; "
+                          "axis y a quarter of a period ahead"),
+            ("model", f"n = {rig.n}, m = {rig.m}"),
+            ("learning", f"{rig.cycles} cycles of {rig.reset_s:g} s reset, {rig.build_s:g} s building and {rig.learn_s:g} s learning; solver "
+                         f"{rig.solver}; a sample every {1e6 * rig.sample_time:g} µs; seed {rig.seed}")]

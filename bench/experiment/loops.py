@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-import altair as alt
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 import pandas as pd
 
-from bench.experiment.style import LEARNED, REFERENCE, STRAIGHT, Exhibit, Line, above, axis, beside, plot
-from bench.rig.rig import AMPLITUDE_UM, AXES, RANGE_UM
+from bench.experiment.runs import LEARNED, STRAIGHT, THINNING, lines
+from bench.report.plot import Axis
+from bench.report.report import Figure
+from bench.rig.rig import AMPLITUDE_UM, AXES, RANGE_UM, Rig
 from bench.rig.trial import Trial
+from solvers.arrays import Vector
 
-THINNING = 8
 BINS = 64
 
 
-def opening_percent(reference: np.ndarray, y: np.ndarray) -> float:
+def arrived(rig: Rig) -> int:
+    """Sample from which on a loop counts: before it the stage comes from the staircase."""
+    return round(rig.step_s / rig.sample_time)
+
+
+def opening_percent(reference: Vector, y: Vector) -> float:
     """Widest opening of the loops in percent of the range: the largest spread of y over references that are nearly the same."""
     share = (reference + AMPLITUDE_UM) / RANGE_UM
     bins = np.clip((share * BINS).astype(int), 0, BINS - 1)
@@ -22,30 +30,27 @@ def opening_percent(reference: np.ndarray, y: np.ndarray) -> float:
     return 100.0 / RANGE_UM * max(float(np.ptp(error[bins == i])) for i in range(BINS) if np.any(bins == i))
 
 
-def exhibit(straight: Trial, learned: Trial) -> Exhibit:
-    """Draw the loops of both axes, and what is left of them on a finer scale."""
-    arrived = round(learned.rig.step_s / learned.rig.sample_time)  # before that the stage comes from the staircase
-    reference, before, after = (values[arrived:] for values in (learned.rig.loop_ref, straight.loop, learned.loop))
-    table = pd.DataFrame({f"{axis}_{what}_um": values[::THINNING, i] for i, axis in enumerate(AXES)
-                          for what, values in (("reference", reference), ("straight", before), ("learned", after))})
+def figure(runs: Mapping[str, Trial]) -> Figure:
+    """The loops of both axes, and what is left of them on a finer scale."""
+    rig = runs[LEARNED].rig
+    at = np.arange(arrived(rig), len(rig.loop_ref), THINNING)
+    table = pd.concat([pd.DataFrame({"axis": axis, "name": name, "sample": at, "reference_um": (reference := rig.loop_ref[at, i]),
+                                     "position_um": (y := runs[name].loop[at, i]), "error_um": y - reference})
+                       for i, axis in enumerate(AXES) for name in (STRAIGHT, LEARNED)], ignore_index=True)
+    plots = []
+    for axis in AXES:
+        x, where = Axis("reference_um", f"reference {axis}, µm"), f"axis == '{axis}'"
+        plots += [lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), where, "sample"),
+                  lines(x, Axis("error_um", "error, µm"), (LEARNED,), where, "sample", height=150)]
+    return Figure("loops", "Hysteresis loops before and after", "Measured position over reference for triangles of falling amplitude, on signals "
+                  "that were never learned from; below each, what compensation leaves.", table, plots)
 
-    def row(i: int) -> tuple[alt.TopLevelMixin, alt.TopLevelMixin]:
-        at, x = slice(None, None, THINNING), axis("reference, µm", domain=[-1.05 * AMPLITUDE_UM, 1.05 * AMPLITUDE_UM])
-        left = 1e3 * (after - reference)[at, i]
-        return (plot([Line("straight line", reference[at, i], before[at, i], STRAIGHT, width=1.0),
-                      Line("compensated", reference[at, i], after[at, i], LEARNED, width=1.0)],
-                     x, axis("measured position, µm"), 340, 230, f"axis {AXES[i]}"),
-                plot([Line("zero", reference[[0, -1], i], np.zeros(2), REFERENCE, width=0.6),
-                      Line("compensated", reference[at, i], left, LEARNED, width=0.8)], x, axis("compensated error, nm"), 340, 140,
-                     legend=False))
 
-    positions, errors = zip(*(row(i) for i in range(len(AXES))), strict=True)
-    chart = above(beside(*positions), beside(*errors, y="shared"))
-    widths = [(opening_percent(reference[:, i], before[:, i]), opening_percent(reference[:, i], after[:, i]))
-              for i in range(len(AXES))]
-    sentences = tuple(f"Axis {name}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
-                      "compensation, on a signal that was never learned from."
-                      for name, (wide, narrow) in zip(AXES, widths, strict=True))
-    return Exhibit("loops", "Hysteresis loops before and after",
-                   "Measured position over reference for triangles of falling amplitude; below, what compensation leaves, in nm.",
-                   sentences, table, chart)
+def sentences(runs: Mapping[str, Trial]) -> Iterator[str]:
+    """How far the loops open."""
+    rig = runs[LEARNED].rig
+    part = slice(arrived(rig), None)
+    for i, axis in enumerate(AXES):
+        wide, narrow = (opening_percent(rig.loop_ref[part, i], runs[name].loop[part, i]) for name in (STRAIGHT, LEARNED))
+        yield (f"Axis {axis}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
+               "compensation, on a signal that was never learned from.")

@@ -53,9 +53,9 @@ def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
         raise ExportError(str(error)) from None
 
 
-def sources(settings: ExportSettings) -> dict[str, str]:
-    """Text of the files that are the same for every model: the interface, and the core in a folder of its own."""
-    interface = ("piezo.h", "piezo.c", *(("piezo_learner.h", "piezo_learner.c") if settings.learning else ()))
+def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
+    """Text of the files that are the same for every model: the interface with ``more`` of its folder, and the core in a folder of its own."""
+    interface = ("piezo.h", "piezo.c", *(("piezo_learner.h", "piezo_learner.c") if settings.learning else ()), *more)
     core = (*SHARED, *(LEARNER if settings.learning else ()))
     folders = core_folders(Path(piezo_model.core.__file__).parents[1])
     return {**{_named(name, settings.name): _named((INTERFACE / name).read_text(encoding="utf-8"), settings.name)

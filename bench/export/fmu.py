@@ -77,10 +77,10 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         raise ExportError(f"there is an FMU for FMI 2 and 3, not {fmi}")
     name = settings.name
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
-    code = {**sources(settings), **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"})}
-    token = f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()) + str(fmi))}}}"
+    code = {**sources(settings, f"fmi{fmi}.c", "fmu.h"), **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"})}
+    token = f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()))}}}"
     about = _about(model.structure, settings, token, fmi)
-    code |= render(model, settings, title, {f"fmi{fmi}.c": f"fmi{fmi}.c.jinja"}, about)
+    code |= render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, about)
     data, templates = {**known(model, settings, title), **about}, xml_templates("bench.export")
     contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in code.items()}
     contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(data)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from bench.problem_files.mat import read_mat
 from bench.problem_files.npz import read_npz
-from bench.problem_files.program import ProblemFileError, ReadProgram
+from bench.problem_files.program import ProblemFileError, ReadProgram, about, checked
 from bench.problem_files.qps import read_qps
 
 __all__ = ["READERS", "ProblemFileError", "ReadProgram", "read"]
 
 READERS: Mapping[str, Callable[[Path], ReadProgram]] = {
     ".npz": read_npz, ".mat": read_mat, ".qps": read_qps, ".mps": read_qps}
-"""Reader by suffix, in small letters."""
+"""Reader by suffix, in small letters; a reader says what is wrong by a ValueError."""
 
 
 def read(path: Path) -> ReadProgram:
@@ -22,4 +22,6 @@ def read(path: Path) -> ReadProgram:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise ProblemFileError(f"{path}: unknown suffix {path.suffix!r}; a program is in {', '.join(READERS)}")
-    return reader(path)
+    with about(path):
+        found = reader(path)
+        return ReadProgram(checked(found.qp), found.constant)

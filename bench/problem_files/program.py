@@ -1,8 +1,9 @@
-"""What every reader returns, and the way from rows with two sides to the rows of qpsolvers.
+"""What every reader returns, what is asked of it, and the way from rows with two sides to the rows of qpsolvers.
 
     l ≤ C x ≤ u   becomes   A x = b  where l = u,   C x ≤ u  where u is finite,   −C x ≤ −l  where l is finite
 
-Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
+Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set. What is wrong with a file is
+a ValueError until :func:`about` names the file.
 """
 
 from __future__ import annotations
@@ -49,11 +50,13 @@ class ReadProgram:
 
 @contextmanager
 def about(path: Any) -> Iterator[None]:
-    """What is found wrong with the arrays of a file becomes a ProblemFileError that names it."""
+    """What is found wrong with a file becomes a ProblemFileError that names it."""
     try:
         yield
     except ProblemFileError:
         raise
+    except OSError as error:
+        raise ProblemFileError(f"{path}: {error.strerror or error}") from None
     except ValueError as error:
         raise ProblemFileError(f"{path}: {error}") from None
 
@@ -139,29 +142,28 @@ def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: V
                    lb if np.isfinite(lb).any() else None, ub if np.isfinite(ub).any() else None)
 
 
-def checked(path: Any, qp: Problem) -> Problem:
-    """The program, its P symmetric to the last bit; ProblemFileError where shapes disagree or P is not symmetric."""
+def checked(qp: Problem) -> Problem:
+    """The program, its P symmetric to the last bit; ValueError where shapes disagree, a number makes no sense or P is not symmetric."""
     d = qp.q.size
     if not d:
-        raise ProblemFileError(f"{path}: has no variables")
+        raise ValueError("has no variables")
     shapes = [("P", qp.P, (d, d)), *((name, getattr(qp, name), (d,)) for name in ("lb", "ub"))]
     for rows, right in (("G", "h"), ("A", "b")):
         M, v = getattr(qp, rows), getattr(qp, right)
         if (M is None) != (v is None):
-            raise ProblemFileError(f"{path}: has {rows if v is None else right} without {right if v is None else rows}")
+            raise ValueError(f"has {rows if v is None else right} without {right if v is None else rows}")
         if v is not None:
             shapes += [(right, v, (v.size,)), (rows, M, (v.size, d))]
     for name, value, shape in shapes:
         if value is not None and value.shape != shape:
-            raise ProblemFileError(f"{path}: {name} is of shape {value.shape} and not {shape}, for the {d} variables of q")
+            raise ValueError(f"{name} is of shape {value.shape} and not {shape}, for the {d} variables of q")
     for name in ("P", "q", "G", "A", "b"):
         value = getattr(qp, name)
         if value is not None and not np.isfinite(value if isinstance(value, np.ndarray) else value.data).all():
-            raise ProblemFileError(f"{path}: {name} has an element that is not a finite number")
-    with about(path):
-        check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
+            raise ValueError(f"{name} has an element that is not a finite number")
+    check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
     difference = abs(qp.P - qp.P.T)
     if difference.size and difference.max() > SYMMETRY * abs(qp.P).max():
-        raise ProblemFileError(f"{path}: P is not symmetric; one that holds a triangle only is not guessed at")
+        raise ValueError("P is not symmetric; one that holds a triangle only is not guessed at")
     P = 0.5 * (qp.P + qp.P.T)
     return Problem(P if isinstance(P, np.ndarray) else csc_matrix(P), qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)

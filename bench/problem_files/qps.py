@@ -21,52 +21,34 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import (
-    ProblemFileError,
-    ReadProgram,
-    about,
-    check_sides,
-    checked,
-    two_sided,
-    with_infinities,
-)
+from bench.problem_files.program import ReadProgram, check_sides, two_sided, with_infinities
 
 FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47), slice(49, 61))
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
 SECTIONS = ("NAME", "OBJSENSE", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", *QUADRATIC, "ENDATA")
 
 
-class _Wrong(Exception):
-    """What is wrong with a line."""
-
-
 def read_qps(path: Path) -> ReadProgram:
-    """Read a QPS or MPS file; continuous variables only.
-
-    ProblemFileError says what is wrong, with file and line.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ProblemFileError(f"{path}: cannot be read: {error.strerror}") from None
+    """Read a QPS or MPS file; continuous variables only. What is wrong is said with the line."""
+    content = path.read_bytes()
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
         lines = content.decode("latin-1").splitlines()  # a character a byte, so that two names never become one
     try:
-        return _Reading(path, fixed=False).take(lines)
-    except ProblemFileError as error:
+        return _Reading(fixed=False).take(lines)
+    except ValueError as error:
         try:
-            return _Reading(path, fixed=True).take(lines)
-        except ProblemFileError:
+            return _Reading(fixed=True).take(lines)
+        except ValueError:
             raise error from None
 
 
 class _Reading:
     """What has been read of a file so far."""
 
-    def __init__(self, path: Path, fixed: bool) -> None:
-        self.path, self.fixed = path, fixed
+    def __init__(self, fixed: bool) -> None:
+        self.fixed = fixed
         self.kinds: dict[str, str] = {}
         self.columns: dict[str, int] = {}
         self.linear: dict[tuple[str, str], float] = {}
@@ -91,19 +73,19 @@ class _Reading:
                     self._header(line.split())
                 else:
                     self._line(line)
-            except _Wrong as error:
-                raise ProblemFileError(f"{self.path}: line {number}: {error}") from None
+            except ValueError as error:
+                raise ValueError(f"line {number}: {error}") from None
             if self.section == "ENDATA":
                 return self._program()
-        raise ProblemFileError(f"{self.path}: ends without ENDATA")
+        raise ValueError("ends without ENDATA")
 
     def _header(self, words: list[str]) -> None:
         self.section = words[0].upper()
         if self.section not in SECTIONS:
-            raise _Wrong(f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
+            raise ValueError(f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
         kind = "quadratic" if self.section in QUADRATIC else self.section
         if kind in self.seen:
-            raise _Wrong(f"a second {kind} section")
+            raise ValueError(f"a second {kind} section")
         self.seen.add(kind)
         if self.section in QUADRATIC:
             self.whole_P = self.section == "QMATRIX"
@@ -117,7 +99,7 @@ class _Reading:
         elif self.section == "ROWS":
             kind, name = (line[FIXED[0]].strip(), line[FIXED[1]].strip()) if self.fixed else _exactly(words, 2)
             if kind.upper() not in ("N", "E", "L", "G"):
-                raise _Wrong(f"the kind of row {kind!r} is not one of N, E, L, G")
+                raise ValueError(f"the kind of row {kind!r} is not one of N, E, L, G")
             _put(self.kinds, name, kind.upper(), "row")
         elif self.section == "BOUNDS":
             self._bound(*self._bound_fields(line, words))
@@ -126,23 +108,23 @@ class _Reading:
             for name, text in pairs:
                 self._element(head, name, text)
         else:
-            raise _Wrong(f"data in the section {self.section or 'before any section'}")
+            raise ValueError(f"data in the section {self.section or 'before any section'}")
 
     def _sense(self, word: str) -> None:
         if word.upper() not in ("MIN", "MINIMIZE", "MAX", "MAXIMIZE"):
-            raise _Wrong(f"the sense {word!r} is neither MIN nor MAX")
+            raise ValueError(f"the sense {word!r} is neither MIN nor MAX")
         self.sign = -1.0 if word.upper().startswith("MAX") else 1.0
 
     def _pairs(self, line: str, words: list[str]) -> tuple[str, list[tuple[str, str]]]:
         """Head of a line, and its one or two pairs of name and number."""
         if "'MARKER'" in words:
-            raise _Wrong("marks integer variables, and only continuous ones are taken")
+            raise ValueError("marks integer variables, and only continuous ones are taken")
         if self.fixed:
             _, head, *rest = (line[field].strip() for field in FIXED)
             return head, [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
         head = words.pop(0) if len(words) % 2 else ""  # the name of a vector may be left out
         if not 2 <= len(words) <= 4 or (not head and self.section in ("COLUMNS", *QUADRATIC)):
-            raise _Wrong("is no name followed by one or two pairs of name and number")
+            raise ValueError("is no name followed by one or two pairs of name and number")
         return head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
@@ -152,25 +134,25 @@ class _Reading:
         if self.section in QUADRATIC:
             for column in (head, name):
                 if column not in self.columns:
-                    raise _Wrong(f"there is no column {column!r}")
+                    raise ValueError(f"there is no column {column!r}")
             if not self.whole_P and head != name and (name, head) in self.quadratic:
-                raise _Wrong(f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
+                raise ValueError(f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
             _put(self.quadratic, (head, name), value, "element")
             return
         if name not in self.kinds:
-            raise _Wrong(f"there is no row {name!r}")
+            raise ValueError(f"there is no row {name!r}")
         if self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
             _put(self.linear, (name, head), value, "element")
         else:
             self._only_vector(head)
             if self.section == "RHS" and with_infinities(value) == {"L": -np.inf, "G": np.inf}.get(self.kinds[name]):
-                raise _Wrong(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
+                raise ValueError(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
             _put(self.right if self.section == "RHS" else self.ranges, name, value, "row")
 
     def _only_vector(self, head: str) -> None:
         if self.vectors.setdefault(self.section, head) != head:
-            raise _Wrong(f"a second vector {head!r} in the section {self.section}")
+            raise ValueError(f"a second vector {head!r} in the section {self.section}")
 
     def _bound_fields(self, line: str, words: list[str]) -> tuple[str, str, str, str]:
         """Kind, vector, column and value."""
@@ -188,13 +170,13 @@ class _Reading:
     def _bound(self, kind: str, head: str, column: str, text: str) -> None:
         self._only_vector(head)
         if column not in self.columns:
-            raise _Wrong(f"there is no column {column!r}")
+            raise ValueError(f"there is no column {column!r}")
         kind = kind.upper()
         if kind not in ("FR", "MI", "PL", "LO", "UP", "FX"):
-            raise _Wrong(f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
+            raise ValueError(f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
         value = 0.0 if kind in ("FR", "MI", "PL") else float(with_infinities(_number(text)))
         if value == {"LO": np.inf, "UP": -np.inf}.get(kind) or (kind == "FX" and np.isinf(value)):
-            raise _Wrong(f"no number of the column {column!r} is within the bound {text}")
+            raise ValueError(f"no number of the column {column!r} is within the bound {text}")
         if kind in ("FR", "MI", "LO", "FX"):
             self._side(self.lower, column, -np.inf if kind in ("FR", "MI") else value, "lower")
         if kind in ("FR", "PL", "UP", "FX"):
@@ -203,13 +185,13 @@ class _Reading:
     @staticmethod
     def _side(sides: dict[str, float], column: str, value: float, which: str) -> None:
         if sides.setdefault(column, value) != value:
-            raise _Wrong(f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
+            raise ValueError(f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
         d = len(self.columns)
         if objective is None or not d:
-            raise ProblemFileError(f"{self.path}: has no {'objective' if d else 'columns'}")
+            raise ValueError(f"has no {'objective' if d else 'columns'}")
         rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
         q = np.zeros(d)
         for (row, column), value in self.linear.items():
@@ -225,10 +207,9 @@ class _Reading:
         elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.quadratic.items()]
         if not self.whole_P:
             elements += [(j, i, value) for i, j, value in elements if i != j]
-        with about(self.path):
-            check_sides(l=l, u=u, lb=lb, ub=ub)
+        check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, _sparse(inside, (len(rows), d)), l, u, lb, ub)
-        return ReadProgram(checked(self.path, qp), -self.sign * self.right.get(objective, 0.0))
+        return ReadProgram(qp, -self.sign * self.right.get(objective, 0.0))
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
@@ -245,13 +226,13 @@ def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) 
 
 def _exactly(words: list[str], count: int) -> list[str]:
     if len(words) != count:
-        raise _Wrong(f"has {len(words)} fields where {count} are needed")
+        raise ValueError(f"has {len(words)} fields where {count} are needed")
     return words
 
 
 def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
     if name in into:
-        raise _Wrong(f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
+        raise ValueError(f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
     into[name] = value
 
 
@@ -261,11 +242,11 @@ def _number(text: str) -> float:
     except ValueError:
         value = np.nan
     if np.isnan(value) or "_" in text:
-        raise _Wrong(f"{text!r} is no number")
+        raise ValueError(f"{text!r} is no number")
     return value
 
 
 def _finite(value: float, text: str) -> float:
     if np.isinf(value):
-        raise _Wrong(f"{text!r} is no finite number")
+        raise ValueError(f"{text!r} is no finite number")
     return value

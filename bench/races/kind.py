@@ -11,8 +11,8 @@ from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
 from bench.processes.engine import Workers
 from bench.races.field import checked
-from bench.races.settings import RaceSettings
 from bench.races.run_report import of_run
+from bench.races.settings import RaceSettings
 from bench.report.report import Report
 from bench.report.writing import write_report
 from bench.store import Run, Schema

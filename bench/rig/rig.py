@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.references import smoothed
-from piezo_model.signals import decaying_triangle, random_walk, staircase
+from piezo_model.signals import decaying_triangle, random_walk, smoothed, staircase
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
 from piezo_model.stage.stage import Stage

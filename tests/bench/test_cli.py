@@ -175,7 +175,6 @@ def test_an_option_that_a_race_does_not_go_by_is_refused_and_no_other(piezobench
     (["problems", "--set", "paper", "--folder", "."], "--folder is for the problem set foreign, and not for paper"),
     (["problems", "--set", "paper", "--work", 1e9], "--work is for the problem set foreign or test_set, and not for paper"),
     (["problems", "--from", ".", "--seed", 0], "--seed: is for making problems"),
-    (["perf", "--threads", 1], "--threads: is for a --bank"),
     (["identify", "stage.csv", "--out", "other.json", "--workers", 2], "--workers: is for many recordings, with --out-dir"),
     (["compensate", "model.json", "path.csv", "--out", "drive.csv", "--backend", "local"], "--backend: is for many recordings, with --out-dir"),
     (["validate", "model.json", "stage.csv", "--scheduler", "tcp://here:1"], "--scheduler: is for many recordings, with --out-dir"),

@@ -1,19 +1,23 @@
 """Fig. 2: the trajectory of (7) meets the boundary of the admissible set, slides along it, and ends at the optimum."""
 
+from pathlib import Path
+
+import boundary
 import numpy as np
-from figures import Figures
+import pandas as pd
+from example_scripts import run_example
 
-from bench.experiment import boundary
 
-
-def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(figures: Figures) -> None:
-    t = figures.table("fig2_boundary")
-    first = int(np.argmax(t.on_boundary))
-    assert not t.on_boundary.iloc[0]
-    assert t.on_boundary.iloc[first:].all()
-    assert (t.w_held >= t.w_held.iloc[-1]).all()
-    assert (t.unprojected_held[first:] < t.w_held.iloc[-1]).all()
-    assert np.ptp(t.w_free[first:]) > 0.0
+def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(tmp_path: Path) -> None:
+    run_example("experiment/boundary.py", "--quick", "--seed", 1, "--out", tmp_path)
+    t = pd.read_csv(tmp_path / "figures" / "fig2_boundary.csv").set_index("name")
+    path, unprojected = t.loc["path"].set_index("step"), t.loc["unprojected"].set_index("step")
+    first = int(np.argmax(path.held <= 0.0))
+    assert path.held[0] > 0.0, "it begins inside; the bound is at 0"
+    assert (path.held >= 0.0).all()
+    assert (path.held[first:] == 0.0).all()
+    assert (unprojected.held[first:] < 0.0).all()
+    assert np.ptp(path.free[first:]) > 0.0
 
 
 def test_the_trajectory_ends_at_the_optimum_of_the_whole_problem() -> None:

@@ -1,15 +1,18 @@
 """Fig. 3: of the positioning system, each axis is driven by one actuator, which needs S, or by two in push-pull, which do not."""
 
 import re
+from pathlib import Path
 
+import pandas as pd
 import pytest
-from figures import Figures
+from example_scripts import run_example
 
 
-def test_one_curved_actuator_needs_s_and_two_in_push_pull_do_not(figures: Figures) -> None:
-    t = figures.table("push_pull").set_index(["kind", "n", "push_pull", "m"]).rms_percent
+def test_one_curved_actuator_needs_s_and_two_in_push_pull_do_not(tmp_path: Path) -> None:
+    output = run_example("experiment/push_pull.py", "--quick", "--seed", 1, "--out", tmp_path)
+    t = pd.read_csv(tmp_path / "figures" / "push_pull.csv").set_index(["kind", "n", "push_pull", "m"]).rms_percent
     assert t["curved", 10, False, 0] > 5.0 * t["curved", 10, False, 3]
     assert t["curved", 10, True, 0] <= 1.1 * t["curved", 10, True, 3]
-    said = re.search(r"Curved actuators, n = 10: with one actuator .* is ([\d.]+) times .* without S is as good as with it", figures.page)
+    said = re.search(r"Curved actuators, n = 10: with one actuator .* is ([\d.]+) times .* without S is as good as with it", output)
     assert said is not None
     assert float(said[1]) == pytest.approx(t["curved", 10, False, 0] / t["curved", 10, False, 3], abs=0.06)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_model.references import changing_amplitude, from_samples, set_point_steps
 from piezo_model.signals import SIGNALS, decaying_triangle, multi_sine, random_walk, raster_scan, staircase
 
 TWO_SECONDS = {"duration_s": 2.0, "sample_time": 1e-3, "low": -20.0, "high": 130.0}
@@ -128,37 +127,3 @@ def test_a_random_walk_starts_at_the_centre_roams_the_range_and_is_band_limited(
     assert np.ptp(s) > 120.0
     power = np.abs(np.fft.rfft(np.diff(s) * np.hanning(s.size - 1))) ** 2
     assert power[200 * 60:].sum() < 1e-3 * power.sum()
-
-
-# References of a machine at work
-
-
-@settings(max_examples=20, deadline=None)
-@given(low=st.floats(-1e3, 1e3), width=st.floats(1e-3, 1e3), seconds=st.floats(0.05, 3.0), seed=st.integers(0, 2**31))
-def test_every_reference_stays_inside_its_limits(low, width, seconds, seed):
-    options = {"duration_s": seconds, "sample_time": 1e-3, "low": low, "high": low + width}
-    for s in (set_point_steps(**options, seed=seed), changing_amplitude(**options, seed=seed),
-              from_samples(np.random.default_rng(seed).normal(size=9), **options)):
-        assert s.shape == (round(seconds / 1e-3),)
-        assert s.min() >= low
-        assert s.max() <= low + width
-
-
-def test_set_points_are_held_for_their_mean_time_and_no_step_is_a_jump():
-    s = set_point_steps(duration_s=200.0, sample_time=1e-3, low=0.0, high=1.0, seed=1, mean_hold_s=0.5, step_s=0.02)
-    moves = np.flatnonzero(np.diff((np.abs(np.diff(s)) > 1e-9).astype(int)) == 1)
-    assert moves.size == pytest.approx(400, rel=0.15)
-    assert np.max(np.abs(np.diff(s))) < 0.12
-
-
-def test_every_piece_has_an_amplitude_of_its_own():
-    s = changing_amplitude(duration_s=40.0, sample_time=1e-3, low=-1.0, high=1.0, seed=4, piece_s=5.0, frequency_Hz=2.0)
-    spans = [np.ptp(piece[500:]) for piece in np.split(s, 8)]
-    assert max(spans) > 2.0 * min(spans)
-    assert min(spans) > 0.3 * 0.95
-
-
-def test_samples_that_are_no_reference_are_refused():
-    for values in ([1.0, 1.0], [1.0, np.nan], np.zeros((2, 2))):
-        with pytest.raises(ValueError, match="values must be a vector"):
-            from_samples(values, **TWO_SECONDS)

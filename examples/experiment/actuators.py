@@ -11,26 +11,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import altair as alt
 import numpy as np
 import pandas as pd
+from hindsight import ROUNDS, SOLVER, floor
+from outputs import arguments, rig_of, show
 
-from bench.experiment.hindsight import ROUNDS, SOLVER, floor
-from bench.experiment.style import (
-    CONTINUOUS,
-    DASHED,
-    DOTTED,
-    HINDSIGHT,
-    LEARNED,
-    OTHER,
-    REFERENCE,
-    STRAIGHT,
-    Exhibit,
-    Line,
-    axis,
-    beside,
-    plot,
-)
+from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
+from bench.report.report import Figure
 from bench.rig.rig import CREEP_RATES, LEVELS, Rig, at_low_end
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
@@ -72,10 +59,9 @@ class Case:
                 **{f"cycle_{i}_percent": error for i, error in enumerate(errors, 1)}}
 
 
-LEARNERS: tuple[tuple[int, int, Mode, str, str], ...] = (
-    (5, 3, "cyclic", LEARNED, "square"), (5, 3, "continuous", CONTINUOUS, "circle"), (20, 7, "cyclic", OTHER, "diamond"))
-"""Orders and mode, colour and shape; hindsight is drawn for the first."""
-CASES = tuple(Case(plant, n, m, mode) for plant in plants.names() for n, m, mode, _, _ in LEARNERS)
+LEARNERS: tuple[tuple[int, int, Mode], ...] = ((5, 3, "cyclic"), (5, 3, "continuous"), (20, 7, "cyclic"))
+"""Orders and mode; hindsight is drawn for the first."""
+CASES = tuple(Case(plant, *learner) for plant in plants.names() for learner in LEARNERS)
 
 
 def sensor_of(plant: str, rig: Rig) -> plants.Sensor:
@@ -112,29 +98,23 @@ def straight_lines(sensor: plants.Sensor, y_ref: Vector) -> tuple[float, float]:
     return errors[0], min(errors)
 
 
-def exhibit(table: pd.DataFrame) -> Exhibit:
+def figure(table: pd.DataFrame) -> Figure:
     """Draw the rows of all cases."""
-    cycles = cycles_of(table)
-    number = np.arange(1, len(cycles) + 1)
-
-    def panel(plant: str, rows: pd.DataFrame) -> alt.TopLevelMixin:
-        first, ends = rows.iloc[0], number[[0, -1]]
-
-        def level(name: str, percent: float, colour: str, dash: tuple[int, ...] = ()) -> Line:
-            return Line(name, ends, np.full(2, percent), colour, dash)
-
-        learners = [Line(f"{mode} learning, n = {n}, m = {m}", number, error, colour, shape=shape)
-                    for error, (n, m, mode, colour, shape) in zip(rows[cycles].to_numpy(float), LEARNERS, strict=True)]
-        return plot([level("best straight line", first.best_straight_percent, STRAIGHT), *learners,
-                     level(f"with hindsight, n = {first.n}, m = {first.m}", first.hindsight_percent, HINDSIGHT, DASHED),
-                     level("noise of the sensor", 100.0 * NOISE, REFERENCE, DOTTED)],
-                    {**axis("cycle", padding=8), "axis": alt.Axis(values=number.tolist(), format="d")},
-                    axis("RMS error, % of range", type="log", padding=8), 180, 250, plant.replace("_", " "))
-
-    chart = beside(*(panel(str(plant), rows) for plant, rows in table.groupby("plant", sort=False)), color="shared", y="shared")
-    return Exhibit("actuators", "Actuators that are not in the model class",
-                   f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
-                   "best model of the same orders, identified from the last cycle itself.", tuple(sentences(table)), table, chart)
+    lines, cycles = [], cycles_of(table)
+    for plant, rows in table.groupby("plant", sort=False):
+        first = rows.iloc[0]
+        levels = {"best straight line": first.best_straight_percent, "with hindsight": first.hindsight_percent, "noise of the sensor": 100.0 * NOISE}
+        errors = {f"{mode}, n = {n}, m = {m}": found for found, (n, m, mode) in zip(rows[cycles].to_numpy(float), LEARNERS, strict=True)}
+        lines += [{"plant": plant, "name": name, "cycle": cycle, "percent": percent}
+                  for name, values in {**{name: np.full(len(cycles), level) for name, level in levels.items()}, **errors}.items()
+                  for cycle, percent in enumerate(values, 1)]
+    cycle = Axis("cycle", "cycle", values=range(1, len(cycles) + 1), label="format(datum.value, 'd')")
+    colours = dict(zip([*levels, *errors], (PALETTE[1], PALETTE[2], GREY, PALETTE[0], PALETTE[5], INK), strict=True))
+    plots = [Plot(cycle, Axis("percent", f"{str(plant).replace('_', ' ')}: RMS error, %", log=True), (Mark("line", "name"), Mark("point", "name")),
+                  where=f"plant == '{plant}'", colours=colours, height=200) for plant in table.plant.unique()]
+    return Figure("actuators", "Actuators that are not in the model class",
+                  f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
+                  "best model of the same orders, n = 5 and m = 3, identified from the last cycle itself.", pd.DataFrame(lines), plots)
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -148,3 +128,14 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 def cycles_of(table: pd.DataFrame) -> list[str]:
     """The columns that hold a cycle's error each."""
     return [str(name) for name in table if str(name).startswith("cycle_")]
+
+
+def main() -> None:
+    """Let every learner learn on every actuator."""
+    given = arguments(quick=False, seed=0)
+    table = pd.DataFrame([case.row(rig_of(given, seed=given.seed)) for case in CASES])
+    show(figure(table), sentences(table), given.out)
+
+
+if __name__ == "__main__":
+    main()

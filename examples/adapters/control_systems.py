@@ -1,5 +1,7 @@
 """Model, inverse and compensator as nonlinear discrete-time systems of python-control.
 
+Run alone, it puts a compensator before an actuator.
+
     z(k+1) = f(z(k), u(k)),   output(k) = g(z(k), u(k))
 
 with the states z of the play and creep operators in unit amplitudes. All three have direct feedthrough: the output at a sample
@@ -7,8 +9,7 @@ depends on the input at the same sample. So model and inverse in series are the 
 can be interconnected with it as with any other block; a loop that feeds the plant's output back to the reference needs
 a delay somewhere, as any digital controller has.
 
-python-control is optional: ``pip install 'piezobench[ecosystem]'``. Its ``input_output_response`` interpolates inputs, so one
-that is not finite reaches the sample after it as well.
+``control.input_output_response`` interpolates inputs, so one that is not finite reaches the sample after it as well.
 """
 
 from __future__ import annotations
@@ -17,18 +18,13 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any
 
+import control
 import numpy as np
 
-from piezo_model.compensator import BUMP, CORRECTION, Compensator
-from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
+from piezo_model import Compensator, HysteresisCreepModel, ModelStructure, OperatorState, identify, plants
+from piezo_model.compensator import BUMP, CORRECTION
+from piezo_model.signals import decaying_triangle, multi_sine
 from solvers.arrays import Vector
-
-try:
-    import control
-except ImportError as error:
-    raise ImportError("piezo_model.control_systems needs python-control: pip install 'piezobench[ecosystem]'") from error
 
 
 def initial_states(structure: ModelStructure, state: OperatorState | None = None) -> Vector:
@@ -120,3 +116,21 @@ def _system(s: ModelStructure, moved: Callable[[Vector, Vector], tuple[float, Op
     states += [f"creep[{rate:g}/s,{i}]" for rate in s.creep_rates for i in range(s.n + 1)]
     return control.nlsys(update, output, inputs=[input_name], outputs=[output_name],
                          states=[f"{name}_{state}" for state in states], dt=s.sample_time, name=name)
+
+
+def main() -> None:
+    """Follow a triangle, open loop, with the compensator of an identified model and with a straight line in its place."""
+    x = multi_sine(duration_s=4.0, sample_time=1e-3, low=0.0, high=150.0)
+    y = plants.get("relay_preisach", sample_time=1e-3).run(x)
+    s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (float(y.min()), float(y.max())), (), 1e-3)
+    actuator, line = identify(x, y, s), HysteresisCreepModel.from_weights(s, s.straight_line)
+    wanted = decaying_triangle(duration_s=0.5, sample_time=s.sample_time, low=-12.0, high=12.0, cycles=3, final_share=0.3)
+    for what, model in (("the model's compensator", actuator), ("a straight line", line)):
+        series = control.series(compensator_system(Compensator(model, (0.0, 150.0))), model_system(actuator))
+        start = np.concatenate([initial_states(s), initial_states(s)])
+        found = control.input_output_response(series, np.arange(wanted.size) * s.sample_time, wanted, start).outputs
+        print(f"along {what}: RMS error {np.sqrt(np.mean((found - wanted) ** 2)):.4f} µm")
+
+
+if __name__ == "__main__":
+    main()

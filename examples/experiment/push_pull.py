@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import altair as alt
 import pandas as pd
+from outputs import arguments, rig_of, show
 
 from bench.experiment.cycles import per_cycle
-from bench.experiment.style import LEARNED, STRAIGHT, Exhibit, axis, beside
-from bench.report.charts import data
+from bench.report.plot import PALETTE, Axis, Mark, Plot
+from bench.report.report import Figure
 from bench.rig.rig import Actuators, Rig
 from bench.rig.trial import learned
 
@@ -55,27 +55,14 @@ class Case:
 CASES = tuple(Case(kind, n, pair, m) for kind in KINDS for n in ORDERS for pair in (False, True) for m in (WITHOUT_S, WITH_S))
 
 
-def exhibit(table: pd.DataFrame) -> Exhibit:
+def figure(table: pd.DataFrame) -> Figure:
     """Draw the rows of all cases."""
-    low, high = 0.5 * float(table.rms_percent.min()), 2.0 * float(table.rms_percent.max())
-    drawn = table.assign(
-        place=[f"n = {n}|{'push-pull' if pair else 'one|actuator'}" for n, pair in zip(table.n, table.push_pull, strict=True)],
-        model=table.m.map(MODELS), low=low, label=[f"{percent:.2g}" for percent in table.rms_percent])
-    drawn = drawn.sort_values(["push_pull", "n"])  # the order of the bars
-
-    def panel(kind: str) -> alt.TopLevelMixin:
-        base = alt.Chart(data(drawn[drawn.kind == kind]), width=220, height=230, title=f"{kind} actuators").encode(
-            x=alt.X("place:N", title=None, sort=None, axis=alt.Axis(labelAngle=0, labelExpr="split(datum.label, '|')")),
-            xOffset=alt.XOffset("model:N", sort=[*MODELS.values()]),
-            y=alt.Y("rms_percent:Q", **axis("RMS error in the last cycle, % of range", type="log", domain=[low, high])))
-        bars = base.mark_bar().encode(y2="low:Q", color=alt.Color(
-            "model:N", scale=alt.Scale(domain=[*MODELS.values()], range=[STRAIGHT, LEARNED])))
-        return alt.layer(bars, base.mark_text(baseline="bottom", dy=-2, fontSize=9).encode(text="label:N"))
-
-    chart = beside(*(panel(kind) for kind in KINDS), color="shared", y="shared")
-    return Exhibit("push_pull", "One actuator or two in push-pull, with and without S",
-                   "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.",
-                   tuple(sentences(table)), table, chart)
+    drawn = table.assign(name=table.m.map(MODELS), stage=[f"{kind}, n = {n}, {'push-pull' if pair else 'one actuator'}"
+                                                          for kind, n, pair in zip(table.kind, table.n, table.push_pull, strict=True)])
+    plot = Plot(Axis("rms_percent", "RMS error in the last cycle, % of range", log=True), Axis("stage"), (Mark("point", "name", size=90.0),),
+                ("stage", "name", "rms_percent"), dict(zip(MODELS.values(), (PALETTE[1], PALETTE[0]), strict=True)), height=320)
+    return Figure("push_pull", "One actuator or two in push-pull, with and without S",
+                  "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.", drawn, [plot])
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -90,3 +77,14 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
         yield (f"{kind.capitalize()} actuators, n = {n}: with one actuator the error without S is {single / single_S:.1f} times "
                f"that with it ({single:.3f} % and {single_S:.3f} %); in push-pull the model without S is {judged} "
                f"({pair:.4f} % and {pair_S:.4f} %).")
+
+
+def main() -> None:
+    """Let a stage learn in every case."""
+    given = arguments(quick=False, seed=0)
+    table = pd.DataFrame([case.row(rig_of(given, seed=given.seed)) for case in CASES])
+    show(figure(table), sentences(table), given.out)
+
+
+if __name__ == "__main__":
+    main()

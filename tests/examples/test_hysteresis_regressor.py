@@ -1,17 +1,17 @@
 """The regressor under scikit-learn's own checks, in a grid search, and against ``identify``."""
 
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
+from example_scripts import run_example
+from hysteresis_regressor import HysteresisRegressor
 from numpy.typing import NDArray
 from sklearn.base import clone
-from sklearn.model_selection import GridSearchCV, TimeSeriesSplit, cross_val_score
+from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from piezo_model import ModelStructure, identify, plants
-from piezo_model.estimator import HysteresisRegressor
 from piezo_model.signals import multi_sine
 
 Vector = NDArray[np.float64]
@@ -40,15 +40,11 @@ def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: An
     check(estimator)
 
 
-def test_a_grid_search_over_the_orders_finds_the_larger_model_better(recording: tuple[Vector, Vector]) -> None:
-    search = GridSearchCV(HysteresisRegressor(sample_time=SAMPLE_TIME), {"n": [1, 4, 8], "m": [0, 2]},
-                          cv=TimeSeriesSplit(n_splits=2), error_score="raise").fit(*recording)
-    scores = dict(zip(((p["n"], p["m"]) for p in search.cv_results_["params"]), search.cv_results_["mean_test_score"],
-                      strict=True))
-    assert search.best_params_ == {"n": 8, "m": 2}
-    assert scores[1, 0] < scores[4, 0] < scores[4, 2] < scores[8, 2]
-    assert search.best_estimator_.model_.structure.n == 8
-    assert search.score(*recording) > 0.99  # the first rows pay for states that predict cannot know
+def test_run_alone_it_finds_the_larger_model_better() -> None:
+    *lines, chosen = run_example("adapters/hysteresis_regressor.py").splitlines()
+    scores = {line.partition(":")[0]: float(line.split()[8]) for line in lines}
+    assert scores["n = 1, m = 0"] < scores["n = 4, m = 0"] < scores["n = 4, m = 2"] < scores["n = 8, m = 2"]
+    assert chosen == "chosen: n = 8, m = 2"
 
 
 def test_cross_validation_scores_what_was_not_fitted(recording: tuple[Vector, Vector]) -> None:
@@ -99,9 +95,3 @@ def test_a_drive_or_an_output_at_rest_is_refused(recording: tuple[Vector, Vector
     with pytest.raises(ValueError, match="y never changes"):
         HysteresisRegressor().fit(X, np.ones_like(y))
 
-
-def test_without_scikit_learn_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "piezo_model.estimator")
-    monkeypatch.setitem(sys.modules, "sklearn.base", None)
-    with pytest.raises(ImportError, match=r"pip install 'piezobench\[ecosystem\]'"):
-        import piezo_model.estimator  # noqa: F401

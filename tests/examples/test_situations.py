@@ -1,11 +1,13 @@
 """Situations drawn at random: repeatable, of every kind, and such that a learner can do something with them."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from references import changing_amplitude, from_samples, set_point_steps
+from situations import REFERENCES, Situation
 
 from piezo_model import plants
-from piezo_model.family import REFERENCES, Situation
 
 T = 1e-3
 
@@ -36,4 +38,28 @@ def test_every_kind_of_actuator_and_reference_is_drawn_and_individuals_differ() 
 def test_a_chosen_reference_changes_nothing_but_the_reference() -> None:
     one, other = Situation.draw(3, 1.0, T, "staircase"), Situation.draw(3, 1.0, T, "random_walk")
     assert (one.plant, one.actuator_options, one.x_range, one.y_range) == (other.plant, other.actuator_options, other.x_range, other.y_range)
-    assert one.guessed(2.0).x_range[1] - one.guessed(2.0).x_range[0] == 2.0 * (one.x_range[1] - one.x_range[0])
+
+
+@settings(max_examples=20, deadline=None)
+@given(low=st.floats(-1e3, 1e3), width=st.floats(1e-3, 1e3), seconds=st.floats(0.05, 3.0), seed=st.integers(0, 2**31))
+def test_every_reference_stays_inside_its_limits(low: float, width: float, seconds: float, seed: int) -> None:
+    options = {"duration_s": seconds, "sample_time": 1e-3, "low": low, "high": low + width}
+    for s in (set_point_steps(**options, seed=seed), changing_amplitude(**options, seed=seed),
+              from_samples(np.random.default_rng(seed).normal(size=9), **options)):
+        assert s.shape == (round(seconds / 1e-3),)
+        assert s.min() >= low
+        assert s.max() <= low + width
+
+
+def test_set_points_are_held_for_their_mean_time_and_no_step_is_a_jump() -> None:
+    s = set_point_steps(duration_s=200.0, sample_time=1e-3, low=0.0, high=1.0, seed=1, mean_hold_s=0.5, step_s=0.02)
+    moves = np.flatnonzero(np.diff((np.abs(np.diff(s)) > 1e-9).astype(int)) == 1)
+    assert moves.size == pytest.approx(400, rel=0.15)
+    assert np.max(np.abs(np.diff(s))) < 0.12
+
+
+def test_every_piece_has_an_amplitude_of_its_own() -> None:
+    s = changing_amplitude(duration_s=40.0, sample_time=1e-3, low=-1.0, high=1.0, seed=4, piece_s=5.0, frequency_Hz=2.0)
+    spans = [np.ptp(piece[500:]) for piece in np.split(s, 8)]
+    assert max(spans) > 2.0 * min(spans)
+    assert min(spans) > 0.3 * 0.95

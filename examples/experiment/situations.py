@@ -6,17 +6,16 @@ how learning works; seeds that rules were chosen on say nothing about others.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from references import changing_amplitude, from_samples, set_point_steps
 
 from piezo_model import plants
-from piezo_model.references import changing_amplitude, from_samples, set_point_steps, smoothed
-from piezo_model.signals import decaying_triangle, multi_sine, random_walk, raster_scan, staircase
+from piezo_model.signals import decaying_triangle, multi_sine, random_walk, raster_scan, smoothed, staircase
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -72,6 +71,7 @@ REFERENCES: dict[str, Callable[..., Vector]] = {
 @dataclass(frozen=True)
 class Situation:
     """One situation.
+
     Examples
     --------
     >>> situation = Situation.draw(7, duration_s=2.0, sample_time=1e-3)
@@ -142,11 +142,3 @@ class Situation:
     def structure(self, n: int = 5, m: int = 3, offset: bool = True) -> ModelStructure:
         """The equidistant structure over the ranges that the user gives."""
         return ModelStructure.equidistant(n, m, self.x_range, self.y_range, CREEP_RATES, self.sample_time, offset=offset)
-
-    def guessed(self, factor: float) -> Situation:
-        """The same with the user's ranges wider by a factor about their centres."""
-        def wider(span: tuple[float, float]) -> tuple[float, float]:
-            centre, half = 0.5 * (span[0] + span[1]), 0.5 * factor * (span[1] - span[0])
-            return centre - half, centre + half
-
-        return dataclasses.replace(self, x_range=wider(self.x_range), y_range=wider(self.y_range))

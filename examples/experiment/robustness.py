@@ -1,6 +1,6 @@
 """Learning in situations drawn at random: how near each mode comes to the floor, and where it does worst.
 
-Each situation (`piezo_model.family`) is an actuator, its sensor and a reference that no rule was made for. The error of
+Each situation (`situations`) is an actuator, its sensor and a reference that no rule was made for. The error of
 the last of five cycles is divided by the floor (`hindsight`), the best that the same structure can do on that very cycle.
 """
 
@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import altair as alt
 import numpy as np
 import pandas as pd
+from hindsight import floor, tracking_error
+from outputs import arguments, show
+from situations import CYCLE_S, Situation
 
-from bench.experiment.hindsight import floor, tracking_error
-from bench.experiment.style import CONTINUOUS, HINDSIGHT, LEARNED, Exhibit, axis
-from bench.report.charts import data
+from bench.report.plot import Axis, Mark, Plot
+from bench.report.report import Figure
 from piezo_model import Compensator, HysteresisCreepModel, OperatorState, SelfLearningCompensator
-from piezo_model.family import CYCLE_S, Situation
 from piezo_model.learning.settings import Mode
 
 FIRST_SEED = 5000
@@ -69,26 +69,18 @@ def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None =
     return found
 
 
-def exhibit(table: pd.DataFrame) -> Exhibit:
+def figure(table: pd.DataFrame) -> Figure:
     """Draw how many situations end within which multiple of the floor, by mode."""
-    ways = table["way"].unique().tolist()
-    ranked = table.sort_values("ratio")
+    ranked = table.sort_values("ratio").assign(name=lambda rows: rows["way"])
     ranked["kind"] = np.where(ranked["reference"] == "changing_amplitude", "amplitude changes each cycle", "other references")
-    ranked["share"] = 100.0 * ranked.groupby(["kind", "way"]).cumcount().add(1) / ranked.groupby(["kind", "way"])["ratio"].transform("size")
-    scale = alt.Scale(domain=ways, range=[HINDSIGHT, LEARNED, CONTINUOUS][:len(ways)])
-
-    def panel(kind: str) -> alt.Chart:
-        return alt.Chart(data(ranked[ranked.kind == kind]), width=330, height=260, title=kind).mark_line(
-            interpolate="step-after", point=alt.OverlayMarkDef(size=25)).encode(
-            x=alt.X("ratio:Q", **axis("error of the fifth cycle over the floor", type="log")),
-            y=alt.Y("share:Q", **axis("situations at most there, %", domain=[0, 100])),
-            color=alt.Color("way:N", title=None, scale=scale, legend=alt.Legend(orient="top")),
-            tooltip=["seed:N", "plant:N", "reference:N", "way:N", alt.Tooltip("ratio:Q", format=".2f")])
-
-    return Exhibit("robustness", "Situations drawn at random",
-                   "Actuator, sensor, reference and the ranges that the user believes in are drawn from a seed; the floor is the same structure "
-                   "fitted in hindsight to that very cycle (n = 5, m = 3).", tuple(sentences(table)), table,
-                   alt.hconcat(*(panel(kind) for kind in ranked["kind"].unique())))
+    ranked["share"] = ranked.groupby(["kind", "way"]).cumcount().add(1) / ranked.groupby(["kind", "way"])["ratio"].transform("size")
+    share, marks = Axis("share", "situations at most there", percent=True), (Mark("step", "name"), Mark("point", "name", size=25.0))
+    plots = [Plot(Axis("ratio", f"{kind}: error of the fifth cycle over the floor", log=True), share, marks,
+                  ("seed", "plant", "reference", "ratio"), where=f"kind == '{kind}'", height=260) for kind in ranked["kind"].unique()]
+    return Figure("robustness", "Situations drawn at random",
+                  "Share of situations whose error of the fifth cycle is within a multiple of the floor. Actuator, sensor, reference and the ranges "
+                  "that the user believes in are drawn from a seed; the floor is the same structure fitted in hindsight to that very cycle "
+                  "(n = 5, m = 3).", ranked, plots)
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -98,5 +90,15 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
         yield (f"{str(way).capitalize()}: {(found.ratio <= 1.5).mean():.0%} of {len(found)} situations end within 1.5 times the floor, "
                f"{(found.ratio <= 2.0).mean():.0%} within twice; the worst is seed {worst.seed} ({worst.plant}, {worst.reference}) with "
                f"{worst.ratio:.1f} times, {worst.straight / worst.cycle_5:.0f} times nearer than the straight line that it began with.")
-    yield ("Where the controller can afford it, take the continuous mode: it is nearer to the floor in every kind of situation. "
-           "`piezobench perf` prints what a sample of either costs.")
+    yield "Where the controller can afford it, take the continuous mode: it is nearer to the floor in every kind of situation."
+
+
+def main() -> None:
+    """Learn in some situations from a first seed on."""
+    given = arguments(first=FIRST_SEED, situations=20)
+    table = pd.DataFrame([row for seed in range(given.first, given.first + given.situations) for row in rows(seed)])
+    show(figure(table), sentences(table), given.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,6 @@
 """A sensor that stays in the loop: learned compensation with integral action, against either of them alone.
 
-Situations are drawn at random (`piezo_model.family`), and something that the model does not know moves the output: a mount that
+Situations are drawn at random (`situations`), and something that the model does not know moves the output: a mount that
 creeps, or a vibration of 1 or 10 Hz. PI control alone is a rival at its best: for each of RATIOS the gains are raised until the
 sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with the steepest slope of the actuator in L,
 
@@ -14,16 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import altair as alt
 import numpy as np
 import pandas as pd
+from hindsight import tracking_error
+from outputs import arguments, show
+from robustness import FIRST_SEED, SAMPLE_TIME, learner_of
+from situations import CYCLE_S, Situation
 
-from bench.experiment.hindsight import tracking_error
-from bench.experiment.robustness import SAMPLE_TIME, learner_of
-from bench.experiment.style import CONTINUOUS, LEARNED, STRAIGHT, Exhibit, axis
-from bench.report.charts import data
+from bench.report.plot import PALETTE, Axis, Mark, Plot
+from bench.report.report import Figure
 from piezo_model import plants
-from piezo_model.family import CYCLE_S, Situation
 from solvers.arrays import Vector
 
 GAIN = 0.2
@@ -35,7 +35,8 @@ JUDGED_S, SETTLING_S = 4.0, 2.0
 SHARE = 0.01
 """Of the reference's range, amplitude of a disturbance."""
 DISTURBANCES = {"creep of the mount": 0.0, "1 Hz": 1.0, "10 Hz": 10.0}
-WAYS = {"compensation alone": STRAIGHT, "PI control alone": CONTINUOUS, "compensation and integral action": LEARNED}
+WAYS = {"compensation alone": PALETTE[1], "PI control alone": PALETTE[5], "compensation and integral action": PALETTE[0]}
+"""With their colours."""
 
 
 def peak(k_p: float, k_i: float, delay: int) -> float:
@@ -108,19 +109,15 @@ def rows(seed: int) -> Iterator[dict[str, Any]]:
                    "rms_percent": 100.0 * least / span}
 
 
-def exhibit(table: pd.DataFrame) -> Exhibit:
+def figure(table: pd.DataFrame) -> Figure:
     """Draw the errors of every situation by disturbance."""
-    names = [*WAYS]
-    chart = alt.Chart(data(table.assign(place=table["seed"].astype(str)))).mark_point(filled=True, size=70, opacity=0.9).encode(
-        x=alt.X("rms_percent:Q", **axis("RMS error, % of the reference's range", type="log")), y=alt.Y("place:N", title="seed"),
-        color=alt.Color("way:N", title=None, scale=alt.Scale(domain=names, range=[*WAYS.values()]), legend=alt.Legend(orient="top", labelLimit=300)),
-        shape=alt.Shape("way:N", scale=alt.Scale(domain=names), legend=None),
-        tooltip=["seed:N", "plant:N", "reference:N", "way:N", alt.Tooltip("rms_percent:Q", format=".4f")],
-    ).properties(width=240, height=28 * table["seed"].nunique() + 20).facet(column=alt.Column("disturbance:N", title=None))
-    return Exhibit("feedback", "A sensor that stays in the loop",
-                   f"Learned compensation (continuous), PI control, and both, in situations drawn at random; the output is moved by {SHARE:.0%} of "
-                   f"the range besides. PI control and integral action have the same peak of sensitivity; the gain is {GAIN:g} a sample.",
-                   tuple(sentences(table)), table, chart)
+    drawn = table.assign(situation=table["seed"].astype(str))
+    return Figure("feedback", "A sensor that stays in the loop",
+                  f"Learned compensation (continuous), PI control, and both, in situations drawn at random; the output is moved by {SHARE:.0%} of "
+                  f"the range besides. PI control and integral action have the same peak of sensitivity; the gain is {GAIN:g} a sample.", drawn,
+                  [Plot(Axis("rms_percent", f"{name}: RMS error, % of the reference's range", log=True), Axis("situation", "seed"),
+                        (Mark("point", "way", size=70.0),), ("seed", "plant", "reference", "way", "rms_percent"), WAYS,
+                        where=f"disturbance == '{name}'", height=28 * table["seed"].nunique() + 20) for name in DISTURBANCES])
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -134,3 +131,14 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
     ratio = both / errors.drop(columns=both.name).min(axis=1)
     yield (f"Against the better of the two alone it is {ratio.median():.2f} times the error in the median and {ratio.max():.2f} times in the "
            "worst case.")
+
+
+def main() -> None:
+    """Compare them in some situations from a first seed on."""
+    given = arguments(first=FIRST_SEED, situations=6)
+    table = pd.DataFrame([row for seed in range(given.first, given.first + given.situations) for row in rows(seed)])
+    show(figure(table), sentences(table), given.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,17 +1,15 @@
 """Model, inverse and compensator in python-control: the same trajectories, alone, in series and in a closed loop."""
 
-import subprocess
-import sys
-
 import control
 import numpy as np
 import pytest
+from control_systems import compensator_system, initial_states, inverse_system, model_system
+from example_scripts import run_example
 from hypothesis import given, settings
 from numpy.typing import NDArray
 from random_models import Case, cases, drive
 
 from piezo_model import Compensator, HysteresisCreepModel, ModelStructure
-from piezo_model.control_systems import compensator_system, initial_states, inverse_system, model_system
 from piezo_model.operator_state import OperatorState
 
 Vector = NDArray[np.float64]
@@ -100,13 +98,6 @@ def test_the_states_of_another_structure_are_refused() -> None:
         initial_states(a_model().structure, OperatorState.at_rest(other))
 
 
-def test_without_python_control_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "piezo_model.control_systems")
-    monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(ImportError, match=r"pip install 'piezobench\[ecosystem\]'"):
-        import piezo_model.control_systems  # noqa: F401
-
-
-def test_the_library_itself_needs_neither_of_them() -> None:
-    program = "import sys; sys.modules['control'] = sys.modules['sklearn'] = None; import piezo_model"
-    subprocess.run([sys.executable, "-c", program], check=True)
+def test_run_alone_the_compensator_follows_and_the_straight_line_does_not() -> None:
+    compensated, straight = (float(line.split()[-2]) for line in run_example("adapters/control_systems.py").splitlines())
+    assert compensated < 0.1 * straight

@@ -1,10 +1,9 @@
-"""A scikit-learn style regressor over ``identify``: drive in, displacement out, orders that a grid search can turn.
+"""A scikit-learn regressor over ``identify``: drive in, displacement out. Run alone, it chooses the orders by a grid search.
 
 A column of drive samples in time order is one recording; ``predict`` simulates the model from rest at the middle of the fitted
 range, and ``score`` counts the first rows too, in which the states of a real actuator are not known. Order matters to a model
 with memory, so rows must not be shuffled: search with ``sklearn.model_selection.TimeSeriesSplit`` or ``PredefinedSplit``.
-
-scikit-learn is optional: ``pip install 'piezobench[ecosystem]'``.
+It takes scikit-learn 1.6 or later.
 """
 
 from __future__ import annotations
@@ -13,17 +12,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted, validate_data
 
-from piezo_model.identification.identify import identify
-from piezo_model.structure import ModelStructure
+from piezo_model import ModelStructure, identify, plants
+from piezo_model.signals import multi_sine
 from solvers.arrays import Vector
-
-try:
-    from sklearn.base import BaseEstimator, RegressorMixin
-    from sklearn.utils import Tags
-    from sklearn.utils.validation import check_is_fitted, validate_data
-except ImportError as error:
-    raise ImportError("piezo_model.estimator needs scikit-learn 1.6 or later: pip install 'piezobench[ecosystem]'") from error
 
 
 class HysteresisRegressor(RegressorMixin, BaseEstimator):
@@ -116,3 +112,18 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
         if not 0 <= column < columns:
             raise ValueError(f"column must lie between 0 and {columns - 1}, the last column of X, and is {column}")
         return np.ascontiguousarray(X[:, column], dtype=np.float64)
+
+
+def main() -> None:
+    """Choose n and m for a simulated actuator."""
+    x = multi_sine(duration_s=6.0, sample_time=1e-3, low=0.0, high=150.0)
+    y = plants.get("dense_prandtl_ishlinskii", creep_share=0.0).run(x)
+    search = GridSearchCV(HysteresisRegressor(sample_time=1e-3), {"n": [1, 4, 8], "m": [0, 2]}, cv=TimeSeriesSplit(n_splits=2))
+    search.fit(x[:, None], y)
+    for orders, score in zip(search.cv_results_["params"], search.cv_results_["mean_test_score"], strict=True):
+        print(f"n = {orders['n']}, m = {orders['m']}: R² = {score:.5f} on data left out")
+    print(f"chosen: n = {search.best_params_['n']}, m = {search.best_params_['m']}")
+
+
+if __name__ == "__main__":
+    main()

@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-
-from bench.experiment import robustness
+import robustness
 
 
 @pytest.fixture(scope="module")

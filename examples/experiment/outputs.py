@@ -1,0 +1,35 @@
+"""What the scripts of this folder share: their options, and how a figure is written beside its numbers."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from bench.report.report import Figure, Report
+from bench.report.writing import write_report
+from bench.rig.rig import Rig
+
+
+def arguments(**options: Any) -> argparse.Namespace:
+    """The folder ``--out``, and further options with their defaults."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--out", type=Path, default=Path("results/experiment"), help="folder of the report")
+    for name, default in options.items():
+        kind = {"action": "store_true"} if default is False else {"type": type(default), "default": default}
+        parser.add_argument(f"--{name}", **kind)
+    return parser.parse_args()
+
+
+def rig_of(given: argparse.Namespace, **options: Any) -> Rig:
+    """The paper's rig, or the one of ``--quick``."""
+    return (Rig.quick if given.quick else Rig)(**options)
+
+
+def show(figure: Figure, sentences: Iterable[str], folder: Path) -> None:
+    """Write the report of a figure and what its numbers say, and print the sentences."""
+    folder.mkdir(parents=True, exist_ok=True)
+    report = Report([*sentences], figures=[figure], title=figure.title)
+    written = write_report(report, folder, figure.name)
+    print(*report.verdict, f"Report: {written}", sep="\n")

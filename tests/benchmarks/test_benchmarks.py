@@ -1,0 +1,60 @@
+"""The benchmarks of the kernels, of the recursive solver's slowest sample and of a bank run, each as a developer starts it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter_ns
+
+import numpy as np
+import pytest
+from bank import Loop, by_count, paced
+
+HERE = Path(__file__).parent
+
+
+def run(script: str, *words: object) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
+    return subprocess.run([sys.executable, str(HERE / script), *map(str, words)], env=environment, check=True, capture_output=True, text=True).stdout
+
+
+def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> None:
+    said = run("kernels.py", 1)
+    assert len(said.partition("data basis, d = 18, 3 creep rates, a sample")[2].splitlines()[0].split()) == 3, "ours, NumPy's and the ratio"
+    assert "whole loop, box_active_set, continuous: learn" in said
+
+
+def test_the_recursive_solver_stands_beside_a_null_step() -> None:
+    said = run("worst_case.py", 5000)
+    assert "recursive solver, d = 60" in said
+    assert said.count("a null step as long, the machine's floor") == 2
+
+
+def test_a_step_begins_when_it_is_due_and_the_one_after_a_long_one_at_once() -> None:
+    calls = []
+
+    def step(y_ref: np.ndarray, y: np.ndarray) -> np.ndarray:
+        calls.append(y_ref)
+        end = perf_counter_ns() + (2_500_000 if len(calls) == 3 else 0)
+        while perf_counter_ns() < end:
+            pass
+        return np.full(4, 75.0)
+
+    service, response = paced(step, Loop(4, 100.0), 6, 2_000_000)
+    assert len(calls) == 6
+    assert service[2] >= 2_500_000
+    assert response[2] > 2_000_000, "the third ends after the fourth is due"
+    assert response[3] >= response[2] - 2_000_000
+    assert np.all(response >= service)
+
+
+def test_a_bank_is_stepped_in_real_time_beside_a_null_step() -> None:
+    said = run("bank.py", 9, 500, 0.1, 2)
+    assert said.partition("a bank of 9, 2 threads")[2].split()[1:3] == ["–", "–"], "50 steps support a median alone"
+    assert "a null step as long, the machine's floor" in said
+    assert "Period 2000 µs, 10 exact optima a second of each" in said
+
+
+def test_the_cost_of_a_bank_is_shown_by_its_size(capsys: pytest.CaptureFixture[str]) -> None:
+    by_count((8,))
+    assert capsys.readouterr().out.splitlines()[-1].split()[0] == "8"

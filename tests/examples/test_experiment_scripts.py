@@ -1,0 +1,46 @@
+"""The figures beside the experiment, each by its script in its shortest form: what its numbers say, and that it says it."""
+
+from pathlib import Path
+
+import pandas as pd
+from example_scripts import run_example
+
+
+def made(folder: Path, script: str, name: str, *words: object) -> tuple[pd.DataFrame, str]:
+    """The numbers of a figure, and what its script prints."""
+    said = run_example(f"experiment/{script}.py", "--out", folder, *words)
+    assert "<svg" in (folder / f"{name}.svg").read_text(encoding="utf-8")
+    return pd.read_csv(folder / "figures" / f"{name}.csv"), said
+
+
+def test_creep_comes_to_rest_at_its_threshold(tmp_path: Path) -> None:
+    t, said = made(tmp_path, "elementary_operators", "fig1_operators")
+    assert abs(t[t.name == "rate 10 /s"].output.iloc[-1] - 0.4) < 1e-6
+    assert "creep ends at r = 0.4" in said
+
+
+def test_in_situations_drawn_at_random_learning_ends_nearer_than_a_straight_line(tmp_path: Path) -> None:
+    t, said = made(tmp_path, "robustness", "robustness", "--situations", 1, "--first", 5001)
+    assert t["way"].nunique() == 3
+    assert (t.cycle_5 < t.straight).all()
+    assert (t[t["way"] == "continuous"].ratio < 2.0).all()
+    assert said.count(" of 1 situations end within 1.5 times the floor") == 3
+
+
+def test_integral_action_beside_the_compensation_is_better_than_either_alone(tmp_path: Path) -> None:
+    t, said = made(tmp_path, "feedback", "feedback", "--situations", 1)
+    errors = t.pivot(index=["seed", "disturbance"], columns="way", values="rms_percent")
+    both = errors.pop("compensation and integral action")
+    assert len(both) == 3
+    assert (both < errors.min(axis=1)).all()
+    assert said.count("Disturbance ") == 3
+
+
+def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_the_class_can_do(tmp_path: Path) -> None:
+    t, said = made(tmp_path, "actuators", "actuators", "--quick", "--seed", 1)
+    last = t[t.cycle == t.cycle.max()].pivot(index="plant", columns="name", values="percent")
+    learned = last[[name for name in last if "n = " in name]]
+    assert list(learned) == ["continuous, n = 5, m = 3", "cyclic, n = 20, m = 7", "cyclic, n = 5, m = 3"]
+    assert learned.lt(0.2 * last["best straight line"], axis=0).all(axis=None)
+    assert (last["with hindsight"] < 1.1 * last["cyclic, n = 5, m = 3"]).all()  # else it would not be the best
+    assert said.count(" times what hindsight gives") == learned.size
