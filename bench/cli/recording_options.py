@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Annotated, Any, TypedDict
 
 import typer
@@ -20,6 +21,18 @@ READING_OPTIONS: dict[str, Any] = {
     "header_row": Annotated[int | None, typer.Option(help="Row that names the columns, counted from 1; 0 for none.")],
     "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; found by default.")],
     "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")]}
+
+
+class StartOption(StrEnum):
+    """The operators' states before the first sample."""
+
+    identified = "identified"
+    rest = "rest"
+
+
+Start = Annotated[StartOption, typer.Option("--start", help="Begin with the states that identify found before its recording, or at rest at the "
+                                                            "centre of the range.")]
+STARTS = {"identified": "Begins with the states that identify found before its recording.", "rest": "Begins at rest at the centre of the range."}
 
 
 class Reading(TypedDict):

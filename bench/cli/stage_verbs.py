@@ -11,7 +11,7 @@ import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.given_options import refuse
-from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
+from bench.cli.recording_options import FILE, STARTS, Input, Output, Reading, Start, StartOption, Time, reads_a_recording
 from bench.cli.solver_option import check_solver
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
@@ -118,6 +118,7 @@ def compensate_verb(
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
     rate_limit: Annotated[float | None, typer.Option(help="Fastest change of the drive, per second.")] = None,
+    start: Start = StartOption.identified,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
@@ -126,7 +127,7 @@ def compensate_verb(
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
     if rate_limit is not None and not rate_limit > 0.0:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
-    work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit)
+    work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start.value)
     if out is None:
         process(work, reference, out_dir_of(reference, out_dir), Workers(workers, backend, scheduler), "Compensation of a fleet", "gave a drive",
                 as_json)
@@ -136,11 +137,12 @@ def compensate_verb(
     found = work.do(file, [Path(model)], out)
     if as_json:
         print_json({"drive": out, **{name: found[name] for name in (
-            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit")}})
+            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit", "start")}})
         return
     console.print(f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere "
                   f"it misses by up to {quantity(found['largest_error'], found['output_unit'], 3)}." if found["share_followed"] < 1.0 else
                   f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
+    console.print(STARTS[found["start"]])
     console.print(f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
                   f"{quantity(found['highest'], found['unit'])}; "
                   + (f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
