@@ -11,7 +11,17 @@ import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.given_options import refuse
-from bench.cli.recording_options import FILE, STARTS, Input, Output, Reading, Start, StartOption, Time, reads_a_recording
+from bench.cli.recording_options import (
+    FILE,
+    STARTS,
+    Input,
+    Output,
+    Reading,
+    Start,
+    StartOption,
+    Time,
+    reads_a_recording,
+)
 from bench.cli.solver_option import check_solver
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
@@ -20,7 +30,6 @@ from bench.fleet.places import absolute
 from bench.processes.engine import Backend, Workers
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
-from piezo_model import Recording
 from piezo_model.identification.fit_review import review
 from piezo_model.units import quantity
 
@@ -75,7 +84,7 @@ def identify_verb(
         return
     file = Path(only(context, recording, out_dir))
     check_writable(out)
-    opened = Recording.open(file, **opening)
+    opened = work.opened(file)
     if page is not None:
         check_writable(page, "--page")
     if not as_json:

@@ -10,6 +10,7 @@ from typing import Any
 from bench.fleet.places import model_of
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.identification.fit_review import review
+from piezo_model.identification.identify import check_direction
 from piezo_model.identification.validation import Validation
 
 
@@ -40,5 +41,5 @@ class Validating:
 
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and what it is worth there."""
-        loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, **self.opening)
+        loaded, opened = HysteresisCreepModel.load(model), check_direction(Recording.open(recording, **self.opening))
         return opened, loaded, loaded.validate(opened)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, ModelStructure, Recording, identify
 from piezo_model.identification.counting import Counted, count
-from piezo_model.identification.identify import choose_creep_rates
+from piezo_model.identification.identify import check_direction, choose_creep_rates
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
@@ -53,7 +53,7 @@ class Recorded(ProblemSet):
     def _whole(self) -> Recording:
         time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
         reading: dict[str, Any] = {name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options}
-        return Recording.open(self.options["recording"], time, input, output, **reading).in_memory()
+        return check_direction(Recording.open(self.options["recording"], time, input, output, **reading)).in_memory()
 
     @cached_property
     def _parts(self) -> tuple[Recording, Recording]:

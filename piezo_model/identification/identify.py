@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 from numpy.typing import ArrayLike
 
 from piezo_model.identification.counting import count, require, y_range
+from piezo_model.identification.direction import directed
 from piezo_model.identification.fit_report import Fit, FitReport, Offset
 from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
 from piezo_model.identification.forward_error import forward_error
@@ -104,7 +105,7 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
         raise IdentificationError(f"lag must be one of {', '.join(get_args(LagChoice))}, not {lag!r}")
     if skip is not None and skip < 0:
         raise IdentificationError(f"skip must not be negative, not {skip}")
-    recording = _recording_of(x, y, structure)
+    recording = check_direction(_recording_of(x, y, structure))
     given: dict[str, Any] = {"structure": structure, "n": n, "m": m, "creep_rates": creep_rates, "skip": skip}
 
     def fitted(**changes: int) -> HysteresisCreepModel:
@@ -114,6 +115,14 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
         return fitted()
     except InadequateError as refusal:
         raise IdentificationError(f"{refusal}{remedy(fitted, recording, skip, m if structure is None else None)}") from None
+
+
+def check_direction(recording: Recording) -> Recording:
+    """The recording with input and output as a fit both ways round tells them, where nothing but their values does; see `direction`."""
+    def fit(part: Recording) -> HysteresisCreepModel:
+        return _fitted(part, None, 5, 3, None, None, solver="box_active_set", lag="ignore", state=None, proximal=1e-10, force=True)
+
+    return directed(recording, fit)
 
 
 def _fitted(recording: Recording, structure: ModelStructure | None, n: int, m: int, creep_rates: Sequence[float] | None, skip: int | None,

@@ -167,6 +167,13 @@ class Recording:
             return self.in_memory()
         return replace(self, length=samples, _pieces=partial(iter, (np.stack(next(self.chunks(samples))),)))
 
+    def swapped(self) -> Recording:
+        """Return the recording with input and output exchanged."""
+        other = {"input": "output", "output": "input"}
+        return replace(self, x_range=self.y_range, y_range=self.x_range, input_unit=self.output_unit, output_unit=self.input_unit,
+                       columns={other.get(role, role): name for role, name in self.columns.items()},
+                       guesses={other.get(role, role): name for role, name in self.guesses.items()}, _pieces=partial(_turned, self._pieces))
+
     def require(self, samples: int) -> None:
         """Refuse a recording of fewer samples than, say, the order of a model needs."""
         if self.length < samples:
@@ -257,6 +264,10 @@ def _scanned(table: Table, roles: Roles, signals: Iterable[str], sample_time: fl
 
 def _rows(table: Table, at: list[int], length: int) -> Iterator[Matrix]:
     return limited(table.pieces(at), length)
+
+
+def _turned(pieces: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:
+    return (piece[::-1] for piece in pieces())
 
 
 def _names(table: Table, roles: Roles) -> dict[str, str]:
