@@ -30,7 +30,7 @@ WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 KEPT_BACK = 0.2
 LONGEST_VALIDATION = 200_000
 """Samples; every problem carries its own copy."""
-READING = {"sample_time": float, "header_row": int, "decimal": str, "sheet": str}
+READING = {"sample_time": float, "header_row": int, "decimal": str, "sheet": str, "resample": float, "input_unit": str, "output_unit": str}
 """Options of ``Recording.open`` for what a file does not say, and how each is read from its text."""
 SOLVER, PROXIMAL = "box_active_set", 1e-10
 
