@@ -233,6 +233,12 @@ class HysteresisCreepModel:
         face.model_simulate(self._core.block, state.play, state.creep, unit_x, y)
         return s.y_centre + s.y_scale * y
 
+    @property
+    def warning(self) -> str:
+        """What speaks against a model that was forced, in one sentence; "" for any other."""
+        refusal = self.report.get("refusal")
+        return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
+
     def initial_state(self, start: StartChoice = "identified") -> OperatorState:
         """States to begin a signal with: those before the recording of the identification, or at rest at the centre of the range.
 

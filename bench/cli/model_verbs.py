@@ -91,8 +91,10 @@ def simulate_verb(
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     write_table(out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))})
     if as_json:
-        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit, "start": began})
+        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit, "start": began, "forced": loaded.warning})
         return
+    if loaded.warning:
+        console.print(loaded.warning)
     console.print(STARTS[began])
     console.print(f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}.")
     console.print(f"Output: {out}")

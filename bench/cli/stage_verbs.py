@@ -146,12 +146,13 @@ def compensate_verb(
     found = work.do(file, [Path(model)], out)
     if as_json:
         print_json({"drive": out, **{name: found[name] for name in (
-            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit", "start")}})
+            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit", "start", "forced")}})
         return
     console.print(f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere "
                   f"it misses by up to {quantity(found['largest_error'], found['output_unit'], 3)}." if found["share_followed"] < 1.0 else
                   f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
-    console.print(STARTS[found["start"]])
+    for sentence in filter(None, (STARTS[found["start"]], found["forced"])):
+        console.print(sentence)
     console.print(f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
                   f"{quantity(found['highest'], found['unit'])}; "
                   + (f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."

@@ -53,7 +53,7 @@ class Compensating:
         x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(wanted.values)
         write_table(target, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive_{s.input_unit}".rstrip("_"): x})
         error, span = np.abs(model.simulate(x, state) - wanted.values), 2.0 * abs(s.y_scale)
-        return {"start": self.start if model.start is not None else "rest", "samples": x.size,
+        return {"forced": model.warning, "start": self.start if model.start is not None else "rest", "samples": x.size,
                 "lowest": float(x.min()), "highest": float(x.max()), "unit": s.input_unit,
                 "share_at_limits": float(np.mean((x <= limits[0]) | (x >= limits[1]))), "share_followed": float(np.mean(error <= FOLLOWED * span)),
                 "largest_error": float(error.max()), "output_unit": s.output_unit,

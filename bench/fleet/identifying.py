@@ -39,7 +39,7 @@ class Identifying:
         model.save(target)
         s, fit = model.structure, model.report["fit"]
         figures = {name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")}
-        return {**figures, "output_unit": s.output_unit, "sample_time_s": s.sample_time, "n": s.n, "m": s.dead_zones // 2,
+        return {**figures, "forced": model.warning, "output_unit": s.output_unit, "sample_time_s": s.sample_time, "n": s.n, "m": s.dead_zones // 2,
                 **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)}}
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:

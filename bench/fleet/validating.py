@@ -28,10 +28,10 @@ class Validating:
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Figures of the fit, and the offset of the sensor against the session of the identification."""
-        _, _, found = self.judged(recording, further[0])
+        _, model, found = self.judged(recording, further[0])
         fit = asdict(found.fit)
         return {**{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
-                "shift": found.shift, "beyond_percent": found.beyond_percent, "output_unit": found.unit}
+                "forced": model.warning, "shift": found.shift, "beyond_percent": found.beyond_percent, "output_unit": found.unit}
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
         """Write the page that validate writes of one recording."""
