@@ -236,3 +236,25 @@ def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
         identify(recording, n=5, m=3)
     assert "\n" not in str(caught.value)
     assert identify(recording, n=5, m=2).report["fit"]["rms_percent"] < 3.0
+
+
+@pytest.mark.parametrize(("rate", "highest", "damping"), [(20_000, 2000.0, 0.005), (10_000, 4000.0, 0.02), (5000, 0.0, 0.01), (4000, 0.0, 0.005)])
+def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_has(rate: int, highest: float, damping: float) -> None:
+    """A sweep, or a random drive, through a resonance at 919 Hz."""
+    rng, t = np.random.default_rng(0), np.arange(20_000) / rate
+    u = np.sin(np.pi * highest * t**2 / t[-1]) if highest else lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
+    w = 2.0 * np.pi * 919.0 / rate
+    a, b = 2.0 * np.exp(-damping * w) * np.cos(w), -np.exp(-2.0 * damping * w)
+    y = noisy(rng, lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], loops(rng, u / np.abs(u).max(), 0.1)), 0.001)
+    with pytest.raises(IdentificationError, match=r"the output has a resonance at 9(1|2)\d Hz"):
+        identify(Recording.from_arrays(u, y, 1.0 / rate))
+
+
+@pytest.mark.parametrize("sharpness", [3.0, 60.0])
+def test_a_butterfly_is_named_be_its_switching_soft_or_sharp(sharpness: float) -> None:
+    rng, k = np.random.default_rng(0), np.arange(6000)
+    field = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 3.0 * k / k.size + 1.0))
+    polarisation = np.tanh(sharpness * (field - 0.4 * np.sign(np.gradient(field))))
+    strain = noisy(rng, 0.6 * polarisation * field + 0.4 * polarisation**2)
+    with pytest.raises(IdentificationError, match="as the butterfly of a strain over a field"):
+        identify(Recording.from_arrays(75.0 * field, strain, SAMPLE_TIME))
