@@ -14,7 +14,7 @@ from conftest import Race
 
 from bench.derived.summary import summary
 from bench.derived.verdict import verdict
-from bench.races.registry import kind_of
+from bench.races.kind import kind_of
 from bench.report import charts, svg
 from bench.report.words import marked
 from bench.store import Run
