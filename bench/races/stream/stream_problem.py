@@ -20,7 +20,6 @@ from qpsolvers import Problem
 
 import solvers
 from bench.problems.simulation import SAMPLE_TIME, Experiment
-from piezo_model import DataBasis, OperatorState
 from piezo_model.regressors import regressor_rows
 from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, certify
@@ -65,13 +64,9 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
 
     Both forget with the time constant; so many instants get a proof as are to be ``certified``, at most every tenth sample and the last.
     """
-    plant = experiment.sensor()
-    x = experiment.reference(experiment.drive, experiment.build_s + samples * SAMPLE_TIME, plant)
-    y = plant.run(x)
-    built = x.size - samples
-    structure = experiment.structure(plant, x[:built], y[:built])
     forgetting = float(np.exp(-SAMPLE_TIME / time_constant_s))
-    basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0), forgetting)
+    _, x, y, basis = experiment.measured(experiment.build_s + samples * SAMPLE_TIME, forgetting)
+    structure, built = basis.structure, x.size - samples
     basis.update(x[:built], y[:built])
     form = basis.problem(proximal=experiment.proximal).form("slope", "scaled")
     rows = regressor_rows(structure, basis.state.copy(), x[built:], y[built:])
