@@ -27,6 +27,7 @@ from bench.problem_files.program import (
     compressed_columns,
     constant_term,
     doubles,
+    require,
     vector,
     with_infinities,
 )
@@ -91,25 +92,17 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def read_npz(path: Path) -> ReadProgram:
-    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one.
-
-    ProblemFileError says what is wrong.
-    """
+    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one; ValueError says what is wrong."""
     with opened(path) as arrays:
         found = {name: _field(path, arrays, name) for name in QP_FIELDS}
-        if found["P"] is None or found["q"] is None:
-            raise ProblemFileError(f"{path}: holds no {'P' if found['P'] is None else 'q'}; a program has P and q at least")
-        for name in ("l", "u"):
-            if name in arrays:
-                raise ProblemFileError(f"{path}: holds {name}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub")
-        for name in ("q", "h", "b", "lb", "ub"):
-            if found[name] is not None:
-                found[name] = vector(name, found[name])
-        for name in ("h", "lb", "ub"):
-            if found[name] is not None:
-                found[name] = with_infinities(found[name])
+        unread = [name for name in ("l", "u") if name in arrays]
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
-        return ReadProgram(checked(path, Problem(**found)), constant)
+    for name in ("P", "q"):
+        require(found[name] is not None, f"holds no {name}; a program has P and q at least")
+    require(not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub")
+    found |= {name: vector(name, found[name]) for name in ("q", "h", "b", "lb", "ub") if found[name] is not None}
+    found |= {name: with_infinities(found[name]) for name in ("h", "lb", "ub") if found[name] is not None}
+    return ReadProgram(checked(Problem(**found)), constant)
 
 
 def _field(path: Path, arrays: Any, name: str) -> Any:

@@ -22,11 +22,10 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from bench.problem_files.program import (
-    ProblemFileError,
     ReadProgram,
-    about,
     check_sides,
     checked,
+    require,
     two_sided,
     with_infinities,
 )
@@ -36,37 +35,30 @@ QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
 SECTIONS = ("NAME", "OBJSENSE", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", *QUADRATIC, "ENDATA")
 
 
-class _Wrong(Exception):
-    """What is wrong with a line."""
-
-
 def read_qps(path: Path) -> ReadProgram:
-    """Read a QPS or MPS file; continuous variables only.
-
-    ProblemFileError says what is wrong, with file and line.
-    """
+    """Read a QPS or MPS file; continuous variables only. ValueError says what is wrong, and in which line."""
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ProblemFileError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ValueError(f"cannot be read: {error.strerror}") from None
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
         lines = content.decode("latin-1").splitlines()  # a character a byte, so that two names never become one
     try:
-        return _Reading(path, fixed=False).take(lines)
-    except ProblemFileError as error:
+        return _Reading(fixed=False).take(lines)
+    except ValueError as error:
         try:
-            return _Reading(path, fixed=True).take(lines)
-        except ProblemFileError:
+            return _Reading(fixed=True).take(lines)
+        except ValueError:
             raise error from None
 
 
 class _Reading:
     """What has been read of a file so far."""
 
-    def __init__(self, path: Path, fixed: bool) -> None:
-        self.path, self.fixed = path, fixed
+    def __init__(self, fixed: bool) -> None:
+        self.fixed = fixed
         self.kinds: dict[str, str] = {}
         self.columns: dict[str, int] = {}
         self.linear: dict[tuple[str, str], float] = {}
@@ -91,19 +83,17 @@ class _Reading:
                     self._header(line.split())
                 else:
                     self._line(line)
-            except _Wrong as error:
-                raise ProblemFileError(f"{self.path}: line {number}: {error}") from None
+            except ValueError as error:
+                raise ValueError(f"line {number}: {error}") from None
             if self.section == "ENDATA":
                 return self._program()
-        raise ProblemFileError(f"{self.path}: ends without ENDATA")
+        raise ValueError("ends without ENDATA")
 
     def _header(self, words: list[str]) -> None:
         self.section = words[0].upper()
-        if self.section not in SECTIONS:
-            raise _Wrong(f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
+        require(self.section in SECTIONS, f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
         kind = "quadratic" if self.section in QUADRATIC else self.section
-        if kind in self.seen:
-            raise _Wrong(f"a second {kind} section")
+        require(kind not in self.seen, f"a second {kind} section")
         self.seen.add(kind)
         if self.section in QUADRATIC:
             self.whole_P = self.section == "QMATRIX"
@@ -116,8 +106,7 @@ class _Reading:
             self._sense(words[0])
         elif self.section == "ROWS":
             kind, name = (line[FIXED[0]].strip(), line[FIXED[1]].strip()) if self.fixed else _exactly(words, 2)
-            if kind.upper() not in ("N", "E", "L", "G"):
-                raise _Wrong(f"the kind of row {kind!r} is not one of N, E, L, G")
+            require(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
             _put(self.kinds, name, kind.upper(), "row")
         elif self.section == "BOUNDS":
             self._bound(*self._bound_fields(line, words))
@@ -126,23 +115,21 @@ class _Reading:
             for name, text in pairs:
                 self._element(head, name, text)
         else:
-            raise _Wrong(f"data in the section {self.section or 'before any section'}")
+            raise ValueError(f"data in the section {self.section or 'before any section'}")
 
     def _sense(self, word: str) -> None:
-        if word.upper() not in ("MIN", "MINIMIZE", "MAX", "MAXIMIZE"):
-            raise _Wrong(f"the sense {word!r} is neither MIN nor MAX")
+        require(word.upper() in ("MIN", "MINIMIZE", "MAX", "MAXIMIZE"), f"the sense {word!r} is neither MIN nor MAX")
         self.sign = -1.0 if word.upper().startswith("MAX") else 1.0
 
     def _pairs(self, line: str, words: list[str]) -> tuple[str, list[tuple[str, str]]]:
         """Head of a line, and its one or two pairs of name and number."""
-        if "'MARKER'" in words:
-            raise _Wrong("marks integer variables, and only continuous ones are taken")
+        require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         if self.fixed:
             _, head, *rest = (line[field].strip() for field in FIXED)
             return head, [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
         head = words.pop(0) if len(words) % 2 else ""  # the name of a vector may be left out
-        if not 2 <= len(words) <= 4 or (not head and self.section in ("COLUMNS", *QUADRATIC)):
-            raise _Wrong("is no name followed by one or two pairs of name and number")
+        require(2 <= len(words) <= 4 and (head or self.section not in ("COLUMNS", *QUADRATIC)),
+                "is no name followed by one or two pairs of name and number")
         return head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
@@ -151,26 +138,23 @@ class _Reading:
             value = _finite(value, text)
         if self.section in QUADRATIC:
             for column in (head, name):
-                if column not in self.columns:
-                    raise _Wrong(f"there is no column {column!r}")
-            if not self.whole_P and head != name and (name, head) in self.quadratic:
-                raise _Wrong(f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
+                require(column in self.columns, f"there is no column {column!r}")
+            require(self.whole_P or head == name or (name, head) not in self.quadratic,
+                    f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
             _put(self.quadratic, (head, name), value, "element")
             return
-        if name not in self.kinds:
-            raise _Wrong(f"there is no row {name!r}")
+        require(name in self.kinds, f"there is no row {name!r}")
         if self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
             _put(self.linear, (name, head), value, "element")
         else:
             self._only_vector(head)
             if self.section == "RHS" and with_infinities(value) == {"L": -np.inf, "G": np.inf}.get(self.kinds[name]):
-                raise _Wrong(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
+                raise ValueError(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
             _put(self.right if self.section == "RHS" else self.ranges, name, value, "row")
 
     def _only_vector(self, head: str) -> None:
-        if self.vectors.setdefault(self.section, head) != head:
-            raise _Wrong(f"a second vector {head!r} in the section {self.section}")
+        require(self.vectors.setdefault(self.section, head) == head, f"a second vector {head!r} in the section {self.section}")
 
     def _bound_fields(self, line: str, words: list[str]) -> tuple[str, str, str, str]:
         """Kind, vector, column and value."""
@@ -187,14 +171,12 @@ class _Reading:
 
     def _bound(self, kind: str, head: str, column: str, text: str) -> None:
         self._only_vector(head)
-        if column not in self.columns:
-            raise _Wrong(f"there is no column {column!r}")
+        require(column in self.columns, f"there is no column {column!r}")
         kind = kind.upper()
-        if kind not in ("FR", "MI", "PL", "LO", "UP", "FX"):
-            raise _Wrong(f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
+        require(kind in ("FR", "MI", "PL", "LO", "UP", "FX"), f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
         value = 0.0 if kind in ("FR", "MI", "PL") else float(with_infinities(_number(text)))
-        if value == {"LO": np.inf, "UP": -np.inf}.get(kind) or (kind == "FX" and np.isinf(value)):
-            raise _Wrong(f"no number of the column {column!r} is within the bound {text}")
+        require(value != {"LO": np.inf, "UP": -np.inf}.get(kind) and not (kind == "FX" and np.isinf(value)),
+                f"no number of the column {column!r} is within the bound {text}")
         if kind in ("FR", "MI", "LO", "FX"):
             self._side(self.lower, column, -np.inf if kind in ("FR", "MI") else value, "lower")
         if kind in ("FR", "PL", "UP", "FX"):
@@ -202,14 +184,13 @@ class _Reading:
 
     @staticmethod
     def _side(sides: dict[str, float], column: str, value: float, which: str) -> None:
-        if sides.setdefault(column, value) != value:
-            raise _Wrong(f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
+        require(sides.setdefault(column, value) == value,
+                f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
         d = len(self.columns)
-        if objective is None or not d:
-            raise ProblemFileError(f"{self.path}: has no {'objective' if d else 'columns'}")
+        require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
         rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
         q = np.zeros(d)
         for (row, column), value in self.linear.items():
@@ -225,10 +206,9 @@ class _Reading:
         elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.quadratic.items()]
         if not self.whole_P:
             elements += [(j, i, value) for i, j, value in elements if i != j]
-        with about(self.path):
-            check_sides(l=l, u=u, lb=lb, ub=ub)
+        check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, _sparse(inside, (len(rows), d)), l, u, lb, ub)
-        return ReadProgram(checked(self.path, qp), -self.sign * self.right.get(objective, 0.0))
+        return ReadProgram(checked(qp), -self.sign * self.right.get(str(objective), 0.0))
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
@@ -244,14 +224,12 @@ def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) 
 
 
 def _exactly(words: list[str], count: int) -> list[str]:
-    if len(words) != count:
-        raise _Wrong(f"has {len(words)} fields where {count} are needed")
+    require(len(words) == count, f"has {len(words)} fields where {count} are needed")
     return words
 
 
 def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
-    if name in into:
-        raise _Wrong(f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
+    require(name not in into, f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
     into[name] = value
 
 
@@ -260,12 +238,10 @@ def _number(text: str) -> float:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         value = np.nan
-    if np.isnan(value) or "_" in text:
-        raise _Wrong(f"{text!r} is no number")
+    require(not np.isnan(value) and "_" not in text, f"{text!r} is no number")
     return value
 
 
 def _finite(value: float, text: str) -> float:
-    if np.isinf(value):
-        raise _Wrong(f"{text!r} is no finite number")
+    require(not np.isinf(value), f"{text!r} is no finite number")
     return value

@@ -10,7 +10,7 @@ from typing import ClassVar
 from qpsolvers import Problem
 
 from bench.problem_files import ReadProgram
-from bench.problem_files.program import checked
+from bench.problem_files.program import about, checked
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.foreign import ForeignPrograms, Source
 from bench.problems.protocol import ProblemSetError
@@ -55,4 +55,5 @@ class QpbenchmarkTestSet(ForeignPrograms):
 
 
 def _checked(where: str, qp: Problem) -> ReadProgram:
-    return ReadProgram(checked(where, qp))
+    with about(where):
+        return ReadProgram(checked(qp))
