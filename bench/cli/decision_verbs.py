@@ -14,7 +14,7 @@ from bench.deploy.actuator_model import model_for
 from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
-from bench.races.registry import open_run
+from bench.races.kind import open_run
 from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_report, progress_bar
 from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel

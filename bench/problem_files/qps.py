@@ -21,7 +21,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import ReadProgram, check_sides, two_sided, with_infinities
+from bench.problem_files.program import (
+    ReadProgram,
+    check_sides,
+    checked,
+    require,
+    two_sided,
+    with_infinities,
+)
 
 FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47), slice(49, 61))
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
@@ -29,8 +36,11 @@ SECTIONS = ("NAME", "OBJSENSE", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", *Q
 
 
 def read_qps(path: Path) -> ReadProgram:
-    """Read a QPS or MPS file; continuous variables only. What is wrong is said with the line."""
-    content = path.read_bytes()
+    """Read a QPS or MPS file; continuous variables only. ValueError says what is wrong, and in which line."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from None
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
@@ -81,11 +91,9 @@ class _Reading:
 
     def _header(self, words: list[str]) -> None:
         self.section = words[0].upper()
-        if self.section not in SECTIONS:
-            raise ValueError(f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
+        require(self.section in SECTIONS, f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
         kind = "quadratic" if self.section in QUADRATIC else self.section
-        if kind in self.seen:
-            raise ValueError(f"a second {kind} section")
+        require(kind not in self.seen, f"a second {kind} section")
         self.seen.add(kind)
         if self.section in QUADRATIC:
             self.whole_P = self.section == "QMATRIX"
@@ -98,8 +106,7 @@ class _Reading:
             self._sense(words[0])
         elif self.section == "ROWS":
             kind, name = (line[FIXED[0]].strip(), line[FIXED[1]].strip()) if self.fixed else _exactly(words, 2)
-            if kind.upper() not in ("N", "E", "L", "G"):
-                raise ValueError(f"the kind of row {kind!r} is not one of N, E, L, G")
+            require(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
             _put(self.kinds, name, kind.upper(), "row")
         elif self.section == "BOUNDS":
             self._bound(*self._bound_fields(line, words))
@@ -111,20 +118,18 @@ class _Reading:
             raise ValueError(f"data in the section {self.section or 'before any section'}")
 
     def _sense(self, word: str) -> None:
-        if word.upper() not in ("MIN", "MINIMIZE", "MAX", "MAXIMIZE"):
-            raise ValueError(f"the sense {word!r} is neither MIN nor MAX")
+        require(word.upper() in ("MIN", "MINIMIZE", "MAX", "MAXIMIZE"), f"the sense {word!r} is neither MIN nor MAX")
         self.sign = -1.0 if word.upper().startswith("MAX") else 1.0
 
     def _pairs(self, line: str, words: list[str]) -> tuple[str, list[tuple[str, str]]]:
         """Head of a line, and its one or two pairs of name and number."""
-        if "'MARKER'" in words:
-            raise ValueError("marks integer variables, and only continuous ones are taken")
+        require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         if self.fixed:
             _, head, *rest = (line[field].strip() for field in FIXED)
             return head, [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
         head = words.pop(0) if len(words) % 2 else ""  # the name of a vector may be left out
-        if not 2 <= len(words) <= 4 or (not head and self.section in ("COLUMNS", *QUADRATIC)):
-            raise ValueError("is no name followed by one or two pairs of name and number")
+        require(2 <= len(words) <= 4 and (head or self.section not in ("COLUMNS", *QUADRATIC)),
+                "is no name followed by one or two pairs of name and number")
         return head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
@@ -133,14 +138,12 @@ class _Reading:
             value = _finite(value, text)
         if self.section in QUADRATIC:
             for column in (head, name):
-                if column not in self.columns:
-                    raise ValueError(f"there is no column {column!r}")
-            if not self.whole_P and head != name and (name, head) in self.quadratic:
-                raise ValueError(f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
+                require(column in self.columns, f"there is no column {column!r}")
+            require(self.whole_P or head == name or (name, head) not in self.quadratic,
+                    f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
             _put(self.quadratic, (head, name), value, "element")
             return
-        if name not in self.kinds:
-            raise ValueError(f"there is no row {name!r}")
+        require(name in self.kinds, f"there is no row {name!r}")
         if self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
             _put(self.linear, (name, head), value, "element")
@@ -151,8 +154,7 @@ class _Reading:
             _put(self.right if self.section == "RHS" else self.ranges, name, value, "row")
 
     def _only_vector(self, head: str) -> None:
-        if self.vectors.setdefault(self.section, head) != head:
-            raise ValueError(f"a second vector {head!r} in the section {self.section}")
+        require(self.vectors.setdefault(self.section, head) == head, f"a second vector {head!r} in the section {self.section}")
 
     def _bound_fields(self, line: str, words: list[str]) -> tuple[str, str, str, str]:
         """Kind, vector, column and value."""
@@ -169,14 +171,12 @@ class _Reading:
 
     def _bound(self, kind: str, head: str, column: str, text: str) -> None:
         self._only_vector(head)
-        if column not in self.columns:
-            raise ValueError(f"there is no column {column!r}")
+        require(column in self.columns, f"there is no column {column!r}")
         kind = kind.upper()
-        if kind not in ("FR", "MI", "PL", "LO", "UP", "FX"):
-            raise ValueError(f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
+        require(kind in ("FR", "MI", "PL", "LO", "UP", "FX"), f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
         value = 0.0 if kind in ("FR", "MI", "PL") else float(with_infinities(_number(text)))
-        if value == {"LO": np.inf, "UP": -np.inf}.get(kind) or (kind == "FX" and np.isinf(value)):
-            raise ValueError(f"no number of the column {column!r} is within the bound {text}")
+        require(value != {"LO": np.inf, "UP": -np.inf}.get(kind) and not (kind == "FX" and np.isinf(value)),
+                f"no number of the column {column!r} is within the bound {text}")
         if kind in ("FR", "MI", "LO", "FX"):
             self._side(self.lower, column, -np.inf if kind in ("FR", "MI") else value, "lower")
         if kind in ("FR", "PL", "UP", "FX"):
@@ -184,14 +184,13 @@ class _Reading:
 
     @staticmethod
     def _side(sides: dict[str, float], column: str, value: float, which: str) -> None:
-        if sides.setdefault(column, value) != value:
-            raise ValueError(f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
+        require(sides.setdefault(column, value) == value,
+                f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
         d = len(self.columns)
-        if objective is None or not d:
-            raise ValueError(f"has no {'objective' if d else 'columns'}")
+        require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
         rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
         q = np.zeros(d)
         for (row, column), value in self.linear.items():
@@ -209,7 +208,7 @@ class _Reading:
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, _sparse(inside, (len(rows), d)), l, u, lb, ub)
-        return ReadProgram(qp, -self.sign * self.right.get(objective, 0.0))
+        return ReadProgram(checked(qp), -self.sign * self.right.get(str(objective), 0.0))
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
@@ -225,14 +224,12 @@ def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) 
 
 
 def _exactly(words: list[str], count: int) -> list[str]:
-    if len(words) != count:
-        raise ValueError(f"has {len(words)} fields where {count} are needed")
+    require(len(words) == count, f"has {len(words)} fields where {count} are needed")
     return words
 
 
 def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
-    if name in into:
-        raise ValueError(f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
+    require(name not in into, f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
     into[name] = value
 
 
@@ -241,12 +238,10 @@ def _number(text: str) -> float:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         value = np.nan
-    if np.isnan(value) or "_" in text:
-        raise ValueError(f"{text!r} is no number")
+    require(not np.isnan(value) and "_" not in text, f"{text!r} is no number")
     return value
 
 
 def _finite(value: float, text: str) -> float:
-    if np.isinf(value):
-        raise ValueError(f"{text!r} is no finite number")
+    require(not np.isinf(value), f"{text!r} is no finite number")
     return value

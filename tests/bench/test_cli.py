@@ -17,8 +17,8 @@ from bench.cli.app import VERBS
 from bench.cli.race_verbs import SETTING_OF, own_options
 from bench.passed.progress import silent
 from bench.problems import sets
+from bench.races.kind import kinds
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.registry import kinds
 from bench.races.run_problems import problems_of
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table

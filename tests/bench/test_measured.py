@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from bench.problems import RaceProblem, make
-from bench.problems.measured import FOLDER
+from bench.problems.measured import FOLDER, read
 from bench.problems.measured.making import PROGRAMS
 from bench.problems.measured.making import make as made_from
-from bench.problems.measured.stored import read
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model import DataBasis, plants
 from piezo_model.recordings import write_table
