@@ -61,10 +61,9 @@ COUNTS = (
     "learning",
     "stop",
     "core",
-    "unwritten",
 )
 """Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of each
-follow, the core of the loop, and drives that the stage did not take."""
+follow, and the core of the loop."""
 
 
 class Board:

@@ -76,7 +76,7 @@ class Controller:
     """The compensator of a run."""
 
     def __init__(self, compensator: Compensator | SelfLearningCompensator, learning: bool, every: int) -> None:
-        self.learning, self.hand_overs = learning, 0
+        self.learning = learning
         self._every, self._calls, self._told = every, 0, 0
         self._compensator = compensator
         if isinstance(compensator, SelfLearningCompensator):
@@ -119,16 +119,15 @@ class Controller:
         self._fixed.correct(y)
         return self._fixed.step(y_ref)
 
-    def tell(self, board: Board) -> bool:
-        """Show weights and events now and then; whether it is time for that."""
+    def tell(self, board: Board) -> None:
+        """Show weights and events now and then."""
         self._calls += 1
-        if self._calls % self._every != 1 % self._every:
-            return False
+        if self._calls % self._every:
+            return
         board.show_model(self._compensator.model)
         if self._learner is not None:
-            self.hand_overs = self._learner.counts["hand_overs"]
+            board.note(hand_overs=self._learner.counts["hand_overs"])
             new = [event for event in self._learner.log if event.sample >= self._told]
             for event in new:
                 board.say(f"{event.what}: {event.message}")
             self._told = max((event.sample + 1 for event in new), default=self._told)
-        return True

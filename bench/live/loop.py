@@ -45,48 +45,45 @@ class Task:
 
 
 class Loop:
-    """One run."""
+    """One run; ``controller`` is None where there is only the ramp to rest left, from the drive on the board."""
 
-    def __init__(self, board: Board, device: Device, declared: Declared, controller: Controller, task: Task) -> None:
-        self._board, self._device, self._declared, self._controller, self._task = (
+    def __init__(
+        self, board: Board, device: Device, declared: Declared, task: Task, controller: Controller | None
+    ) -> None:
+        self._board, self._device, self._declared, self._task, self._controller = (
             board,
             device,
             declared,
-            controller,
             task,
+            controller,
         )
-        self._reference: Reference = task.reference
-        self._x, self._y = declared.rest, math.nan
-        self._step = declared.rate_limit / task.rate
-        self._seen, self._silent_since, self._state = 0, -1, State.FOLLOWING
+        self._reference, self._y, self._seen = task.reference, math.nan, board.commands
+        self._state = State.RAMPING if controller is None else State.FOLLOWING
+        self._x = declared.rest if controller is not None else float(board.drive[0])
+        self._silent = self._refused = 0
 
-    def drive(self, k: int) -> float:
-        """The reference of sample k, followed as far as limits, rate and state allow."""
-        reference = self._reference.at(k)
-        wanted = self._controller.step(reference, self._y) if self._state is State.FOLLOWING else self._declared.rest
+    def wanted(self, reference: float) -> float:
+        """The drive of a sample: what the compensator wants, or rest, as far as limits and rate allow."""
+        to, step = self._declared.rest, self._declared.rate_limit / self._task.rate
+        if self._controller is not None:
+            wanted = self._controller.step(reference, self._y)
+            to = wanted if self._state is State.FOLLOWING and math.isfinite(wanted) else to
         low, high = self._declared.x_limits
-        self._x = min(
-            max(wanted if math.isfinite(wanted) else self._x, self._x - self._step, low), self._x + self._step, high
-        )
-        return reference
+        return min(max(to, self._x - step, low), self._x + step, high)
 
-    def exchange(self, k: int) -> None:
-        """Write the drive and take what is measured; what fails ends the run."""
-        self._board.drive[0] = self._x  # before the stage has it: whoever goes on from here must not jump
+    def exchange(self, x: float) -> None:
+        """Write the drive and take what is measured; what fails ends the run, and the same drive is written again."""
+        self._board.drive[0] = x  # before the stage has it: whoever goes on from here must not jump
         try:
-            measured = self._device.exchange(self._x)
+            measured = self._device.exchange(x)
             if isinstance(measured, bool) or not hasattr(measured, "__float__"):
                 raise TypeError(f"it returned {measured!r} and no number")
-            self._y = float(measured)
+            self._x, self._y, self._refused = x, float(measured), 0
         except Exception as error:
-            self._y = math.nan
-            self._board.note(unwritten=self._board.unwritten + 1)
+            self._y, self._refused = math.nan, self._refused + 1
             self.end(f"the stage failed: {' '.join(str(error).split()) or type(error).__name__}")
-        if math.isfinite(self._y):
-            self._silent_since = -1
-        elif self._silent_since < 0:
-            self._silent_since = k
-        elif k - self._silent_since > self._declared.timeout_s * self._task.rate:
+        self._silent = 0 if math.isfinite(self._y) else self._silent + 1
+        if self._silent > self._declared.timeout_s * self._task.rate:
             self.end(f"nothing was measured for {self._declared.timeout_s:g} s")
 
     def end(self, why: str) -> None:
@@ -103,7 +100,8 @@ class Loop:
             if command is Command.STOP:
                 self.end("asked to stop")
             elif command is Command.LEARN:
-                self._controller.learning = bool(value)
+                if self._controller is not None:
+                    self._controller.learning = bool(value)
                 self._board.note(learning=int(value))
                 self._board.say("learning" if value else "learning waits")
             elif command is Command.FOLLOW:
@@ -116,16 +114,13 @@ class Loop:
                     self._reference = constant(min(max(at, low), high))
                     self._board.say(f"holds {self._reference.at(0):.6g}")
 
-    def run(self) -> None:
-        """Follow until the end, then ramp to rest."""
-        board, period = self._board, round(1e9 / self._task.rate)
-        clock, last = (
-            time.perf_counter_ns,
-            math.inf if self._task.seconds <= 0.0 else round(self._task.seconds * self._task.rate),
-        )
-        parent, start, k, written = os.getppid(), clock() + LEAD_NS, 0, 0
-        board.note(state=State.FOLLOWING, learning=int(self._controller.learning))
-        while self._state is State.FOLLOWING or self._x != self._declared.rest:
+    def run(self) -> bool:
+        """Follow until the end, then ramp to rest; whether it is there, since a stage that takes no drive any more is given up."""
+        board, rate, clock = self._board, self._task.rate, time.perf_counter_ns
+        period, last = round(1e9 / rate), round(self._task.seconds * rate) or math.inf
+        before = board.read(board.head - 1)[1][-1, 0] + 1.0 / rate if board.head else 0.0
+        parent, start, k, written = os.getppid(), clock() + LEAD_NS, 0, board.head
+        while self._refused <= self._declared.timeout_s * rate:
             if board.stop or k >= last:
                 self.end("the time is over" if k >= last else "asked to stop")
             if written % LOOK_AT_PARENT == 0 and os.getppid() != parent:
@@ -134,18 +129,21 @@ class Loop:
                 self.obey(k)
             due = start + k * period
             wait_until(due, clock, time.sleep)
-            begin = clock()
-            reference = self.drive(k)
-            self.exchange(k)
+            begin, reference = clock(), self._reference.at(k)
+            self.exchange(
+                float(board.drive[0]) if self._refused else self.wanted(reference)
+            )  # it may have been taken after all
             end = clock()
-            board.write(written, (k / self._task.rate, reference, self._x, self._y))
-            written += 1
+            board.write(written, (before + k / rate, reference, self._x, self._y))
+            board.note(beat_ns=end, missed=board.missed + (end - due > period))
             board.service[bin_of(end - begin)] += 1
             board.response[bin_of(end - due)] += 1
-            board.note(beat_ns=end, missed=board.missed + (end - due > period))
-            if self._controller.tell(board):
-                board.note(hand_overs=self._controller.hand_overs)
-            k = max(k + 1, (clock() - start) // period)
+            if self._state is State.RAMPING and self._x == self._declared.rest:
+                return True
+            if self._controller is not None:
+                self._controller.tell(board)
+            written, k = written + 1, max(k + 1, (clock() - start) // period)
+        return False
 
 
 def null_loop(board: Board, rate: float, seconds: float) -> None:
@@ -174,7 +172,7 @@ def main(task: Task, ready: Callable[[str], None]) -> None:
         null_loop(board, task.rate, NULL_S)
         device = task.device.make()
         declared = Declared.of(device, str(task.device))
-        controller = Controller.of(task.plan, declared, 1.0 / task.rate)
+        loop = Loop(board, device, declared, task, Controller.of(task.plan, declared, 1.0 / task.rate))
         try:
             device.open()
         except Exception as error:
@@ -183,30 +181,22 @@ def main(task: Task, ready: Callable[[str], None]) -> None:
         ready("")
         gc.collect()
         gc.disable()
-        try:
-            Loop(board, device, declared, controller, task).run()
-        finally:
-            device.close()
+        board.note(state=State.FOLLOWING, learning=int(task.plan.learn != "off"))
+        at_rest = loop.run()
+        device.close()
+        if at_rest:
             board.note(state=State.ENDED)
 
 
 def rescue(task: Task) -> None:
-    """The process that brings a stage to rest whose loop has died: it opens the stage anew and ramps from where the drive was left."""
+    """The process that brings a stage to rest whose loop could not: it opens the stage anew and ramps from where the drive was left."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     board, device = Board(task.board, task.rate), task.device.make()
     declared = Declared.of(device, str(task.device))
-    step, period, clock = declared.rate_limit / task.rate, round(1e9 / task.rate), time.perf_counter_ns
     device.open()
-    last = board.read(board.head - 1)[1][-1, 0] if board.head else 0.0
-    first, start, x, k = board.head, clock() + LEAD_NS, float(board.drive[0]), 0
-    while True:
-        wait_until(start + k * period, clock, time.sleep)
-        board.drive[0] = x
-        measured = device.exchange(x)
-        board.write(first + k, (last + (k + 1) / task.rate, declared.rest, x, measured))
-        board.note(beat_ns=clock())
-        if x == declared.rest:
-            break
-        x, k = min(max(declared.rest, x - step), x + step), k + 1
+    device.exchange(float(board.drive[0]))  # which the stage may have taken or not
+    at_rest = Loop(board, device, declared, task, None).run()
     device.close()
+    if at_rest:
+        board.note(state=State.ENDED)

@@ -195,18 +195,13 @@ class Session:
                 if not helper.keep():
                     self.board.say(f"the {helper.name} cannot be kept running")
                     self.board.note(stop=1)
-        if self.board.state == State.ENDED:
-            why = next(
-                (event.partition("ramp to rest: ")[2] for event in self.board.said() if "ramp to rest: " in event), ""
-            )
-            self._failed = why.startswith(("the stage failed", "nothing was measured"))
-            lost = self.board.unwritten
-            return [
-                f"The stage is at rest; {why}."
-                if lost < 2
-                else f"The drive was ramped to rest, but the stage did not take {lost} of its values; {why}."
-            ]
-        return [self._rescue("the loop's process died")]
+        why = next(
+            (event.partition("ramp to rest: ")[2] for event in self.board.said() if "ramp to rest: " in event), ""
+        )
+        if self.board.state != State.ENDED:
+            return [self._rescue(why or "the loop's process died")]
+        self._failed = why.startswith(("the stage failed", "nothing was measured"))
+        return [f"The stage is at rest; {why}."]
 
     def _rescue(self, why: str) -> str:
         """Bring the stage to rest from outside; says what became of it."""
@@ -217,7 +212,7 @@ class Session:
         ramp_s = (self.declared.x_limits[1] - self.declared.x_limits[0]) / self.declared.rate_limit
         process = self._start(loop.rescue, self.task)
         process.join(ramp_s + OPENING_S)
-        if process.exitcode == 0:
+        if self.board.state == State.ENDED:
             return f"{why[0].upper()}{why[1:]}; another process has brought the stage to rest."
         process.kill()
         return f"{why[0].upper()}{why[1:]}, and the stage could not be brought to rest: its drive was {left} at last."
