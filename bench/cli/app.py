@@ -130,7 +130,7 @@ def _listed() -> None:
 def _user_errors() -> tuple[type[Exception], ...]:
     """What a user can put right; imported once something has been raised."""
     from bench.export.settings import ExportError
-    from bench.passed.race_error import RaceError
+    from bench.messages.race_error import RaceError
     from bench.problem_files import ProblemFileError
     from bench.problems import ProblemSetError
     from bench.store import RunError

@@ -14,7 +14,7 @@ import typer
 from bench.cli.given_options import refuse
 from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
-from bench.passed.race_error import RaceError
+from bench.messages.race_error import RaceError
 from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
 from bench.processes.forked_child import warm_up
@@ -82,7 +82,7 @@ def with_options_of_kinds(verb: Callable[..., None]) -> Callable[..., None]:
     parameters = inspect.signature(verb).parameters
     shown = [parameter.replace(annotation=annotations[name]) for name, parameter in parameters.items() if name != "own"]
     for name, field in own_options().items():
-        annotations[name] = Annotated[int | None, typer.Option(
+        annotations[name] = Annotated[type(field.default) | None, typer.Option(
             min=field.metadata["least"], help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.")]
         shown.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotations[name]))
     verb.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
@@ -130,7 +130,7 @@ def race_verb(
     out: Annotated[Path, typer.Option(help="Folder of the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of this run; the time by default.")] = None,
     as_json: AsJson = False,
-    **own: int | None,
+    **own: float | None,
 ) -> None:
     """Race solvers: who is right, and how fast.
 

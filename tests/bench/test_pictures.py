@@ -10,7 +10,7 @@ from measured_rows import ladder, measured, row
 from bench.derived import pictures
 from bench.derived.ranking import PACE, PAPER
 from bench.derived.summary import summary
-from bench.passed.task import Row
+from bench.messages.task import Row
 from bench.races.oneshot import charts
 from bench.report import svg
 
