@@ -34,8 +34,8 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.passed import columns
-from bench.passed.task import Row, Task
+from bench.messages import columns
+from bench.messages.task import Row, Task
 from bench.problem_files import npz
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FLOORS = ("solvers", "piezo_model", "bench")
 LEVELS = (
-    {"passed"},                                                         # Task, Request, Outcome, Row
+    {"messages"},                                                       # Task, Request, Outcome, Row
     {"timing"},
     {"processes"},
     {"problem_files"},
@@ -83,7 +83,7 @@ def test_an_import_that_points_up_or_into_another_race_is_found(tmp_path: Path) 
     for name, line in {"solvers/a.py": "import piezo_model.b", "piezo_model/b.py": "from bench import store",
                        "bench/store.py": "from bench.races import kind", "bench/races/kind.py": "def f():\n import bench.races.one.race",
                        "bench/races/one/race.py": "from bench.races.two.race import x", "bench/deploy.py": "import bench.export.fmu",
-                       "bench/races/two/race.py": "from bench.races.kind import Kind\nfrom bench.passed import task"}.items():
+                       "bench/races/two/race.py": "from bench.races.kind import Kind\nfrom bench.messages import task"}.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(line)
     assert climbing(tmp_path) == ["solvers/a.py imports piezo_model.b", "piezo_model/b.py imports bench.store"]

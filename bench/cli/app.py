@@ -131,7 +131,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from bench.export.settings import ExportError
     from bench.live.device import DeviceError
     from bench.live.reference import ReferenceError
-    from bench.passed.race_error import RaceError
+    from bench.messages.race_error import RaceError
     from bench.problem_files import ProblemFileError
     from bench.problems import ProblemSetError
     from bench.store import RunError

@@ -25,8 +25,12 @@ Model = Annotated[Path, typer.Argument(help="Model written by identify.")]
 @reads_a_recording
 def validate_verb(
     context: typer.Context,
-    model: Annotated[str, typer.Argument(help="Model written by identify; for many recordings also the folder of their models.")],
-    recording: Annotated[list[str], typer.Argument(help="A recording in any known format. Many, as paths or URLs, go with --out-dir.")],
+    model: Annotated[
+        str, typer.Argument(help="Model written by identify; for many recordings also the folder of their models.")
+    ],
+    recording: Annotated[
+        list[str], typer.Argument(help="A recording in any known format. Many, as paths or URLs, go with --out-dir.")
+    ],
     reading: Reading,
     out_dir: OutDir = None,
     time: Time = None,
@@ -45,8 +49,15 @@ def validate_verb(
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Validating(absolute(model), opening)
     if out_dir is not None or len(recording) > 1:
-        process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
-                "Validation of a fleet", "were judged", as_json)
+        process(
+            work,
+            recording,
+            out_dir_of(recording, out_dir, page),
+            Workers(workers, backend, scheduler),
+            "Validation of a fleet",
+            "were judged",
+            as_json,
+        )
         return
     if page is not None:
         check_writable(page, "--page")
@@ -84,17 +95,33 @@ def simulate_verb(
     s = loaded.structure
     given = read_reference(drive, time=time, column=input, role="input", **reading)
     if abs(given.sample_time / s.sample_time - 1.0) > 0.01:
-        raise RecordingError(f"{drive}: is sampled every {given.sample_time:g} s and the model every {s.sample_time:g} s")
+        raise RecordingError(
+            f"{drive}: is sampled every {given.sample_time:g} s and the model every {s.sample_time:g} s"
+        )
     if given.unit and s.input_unit and given.unit != s.input_unit:
         raise RecordingError(f"{drive}: is in {given.unit} and the model's input in {s.input_unit}")
     y, began = loaded.simulate(given.values, loaded.initial_state(start)), start if loaded.start is not None else "rest"
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
-    write_table(out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))})
+    write_table(
+        out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
+    )
     if as_json:
-        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit, "start": began, "forced": loaded.warning})
+        print_json(
+            {
+                "output": out,
+                "samples": y.size,
+                "lowest": y.min(),
+                "highest": y.max(),
+                "unit": s.output_unit,
+                "start": began,
+                "forced": loaded.warning,
+            }
+        )
         return
     if loaded.warning:
         console.print(loaded.warning)
     console.print(STARTS[began])
-    console.print(f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}.")
+    console.print(
+        f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}."
+    )
     console.print(f"Output: {out}")

@@ -13,7 +13,7 @@ from bench.cli.given_options import refuse
 from bench.cli.option_groups import grouped
 from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
-from bench.passed.race_error import RaceError
+from bench.messages.race_error import RaceError
 from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
 from bench.processes.forked_child import warm_up
@@ -65,7 +65,7 @@ else:
 def own_options() -> dict[str, Any]:
     """The options that kinds of race declare in their settings, by name."""
     declared = {field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata}
-    return {name: Annotated[int | None, typer.Option(min=field.metadata["least"],
+    return {name: Annotated[type(field.default) | None, typer.Option(min=field.metadata["least"],
                                                      help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.")]
             for name, field in declared.items()}
 

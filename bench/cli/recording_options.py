@@ -10,8 +10,13 @@ import typer
 from bench.cli.option_groups import Verb, grouped
 
 FILE = "A recording in any known format; piezobench inspect shows how it is read."
-Time = Annotated[str | None, typer.Option(help="Time column: a name, a path such as group/channel, or a number counted "
-                                               "from 1; guessed by default; none for no clock.")]
+Time = Annotated[
+    str | None,
+    typer.Option(
+        help="Time column: a name, a path such as group/channel, or a number counted "
+        "from 1; guessed by default; none for no clock."
+    ),
+]
 Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
 Output = Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")]
 READING_OPTIONS: dict[str, Any] = {
@@ -20,14 +25,29 @@ READING_OPTIONS: dict[str, Any] = {
     "header_row": Annotated[int | None, typer.Option(help="Row that names the columns, counted from 1; 0 for none.")],
     "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; found by default.")],
     "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")],
-    "resample": Annotated[float | None, typer.Option(help="Sampling period in s to interpolate to, for times that are not even.")],
-    "input_unit": Annotated[str | None, typer.Option(help="Unit of the input, such as V, where the file does not say it.")],
-    "output_unit": Annotated[str | None, typer.Option(help="Unit of the output, such as um, where the file does not say it.")]}
+    "resample": Annotated[
+        float | None, typer.Option(help="Sampling period in s to interpolate to, for times that are not even.")
+    ],
+    "input_unit": Annotated[
+        str | None, typer.Option(help="Unit of the input, such as V, where the file does not say it.")
+    ],
+    "output_unit": Annotated[
+        str | None, typer.Option(help="Unit of the output, such as um, where the file does not say it.")
+    ],
+}
 
 
-Start = Annotated[Literal["identified", "rest"], typer.Option("--start", help="Begin with the states that identify found before its recording, or at rest at the "
-                                                            "centre of the range.")]
-STARTS = {"identified": "Begins with the states that identify found before its recording.", "rest": "Begins at rest at the centre of the range."}
+Start = Annotated[
+    Literal["identified", "rest"],
+    typer.Option(
+        "--start",
+        help="Begin with the states that identify found before its recording, or at rest at the centre of the range.",
+    ),
+]
+STARTS = {
+    "identified": "Begins with the states that identify found before its recording.",
+    "rest": "Begins at rest at the centre of the range.",
+}
 
 
 class Reading(TypedDict):
@@ -49,6 +69,7 @@ def as_text(**said: Any) -> dict[str, str]:
 
 def reads_a_recording(verb: Verb) -> Verb:
     """Add the options to a verb, which gets them together as its argument ``reading``."""
+
     @grouped("reading", READING_OPTIONS)
     @functools.wraps(verb)
     def wrapped(*, reading: dict[str, Any], **given: Any) -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench.experiment import cycles, loops, staircases
 from bench.experiment.runs import HINDSIGHT, LEARNED, STRAIGHT
-from bench.passed.progress import Progress, silent
+from bench.messages.progress import Progress, silent
 from bench.report.report import Report, Table
 from bench.report.writing import write_report
 from bench.rig import trial

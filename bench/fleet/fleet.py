@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypedDict, runtime_checkable
 
 from bench.fleet.places import absolute, file_here, filesystem, folder_here, names_of
-from bench.passed.progress import Progress
+from bench.messages.progress import Progress
 from bench.processes.engine import Workers, each
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.passed.progress import Progress, silent
+from bench.messages.progress import Progress, silent
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice, check_direction

@@ -14,7 +14,7 @@ from functools import partial
 
 from qpsolvers import Problem
 
-from bench.passed import user_cache
+from bench.messages import user_cache
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
 from solvers.certificate import Certificate, NotCertified
@@ -25,7 +25,7 @@ VERSION = 1
 
 
 @dataclass(frozen=True)
-class Found:
+class CachedProof:
     """What is in a file: the proofs in JSON, or why there is none."""
 
     proofs: list[str]
@@ -50,7 +50,7 @@ def load(key: str) -> list[Certificate] | None:
         For the reason that is kept.
     """
     try:
-        found = json_file.read(user_cache.folder("proofs") / f"{key}.json", Found)
+        found = json_file.read(user_cache.folder("proofs") / f"{key}.json", CachedProof)
         proofs = [Certificate.from_json(text) for text in found.proofs]
     except ValueError:  # not there, or damaged: it is found again
         return None
@@ -61,5 +61,5 @@ def load(key: str) -> list[Certificate] | None:
 
 def save(key: str, proofs: Sequence[Certificate], refusal: str = "") -> None:
     """Keep what was found."""
-    found = json.dumps(asdict(Found([proof.to_json() for proof in proofs], refusal)))
+    found = json.dumps(asdict(CachedProof([proof.to_json() for proof in proofs], refusal)))
     user_cache.keep(user_cache.folder("proofs") / f"{key}.json", partial(write_text, text=found))

@@ -22,7 +22,7 @@ from typing import Any, Protocol, TypeVar
 from joblib import Parallel, delayed, parallel_config
 from joblib.externals.loky import get_reusable_executor
 
-from bench.passed.race_error import RaceError
+from bench.messages.race_error import RaceError
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_pool import SolverPool
 from bench.processes.worker import ChildSettings

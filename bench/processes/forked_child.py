@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 from typing import Any
 
-from bench.passed.race_error import RaceError
+from bench.messages.race_error import RaceError
 from piezo_model.child_process import Child, serve
 from solvers.registry import FAMILIES, Entry
 

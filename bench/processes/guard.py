@@ -21,7 +21,7 @@ MOST = 3
 """Sentences that are kept."""
 
 
-def watched(folders: Sequence[str], modules: Sequence[ModuleType]) -> Callable[[], tuple[str, ...]]:
+def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) -> Callable[[], tuple[str, ...]]:
     """Watch from now on; returns what says what was seen: sentences, none for a solver that does neither."""
     seen: list[str] = []
     places = tuple(os.path.realpath(folder) + os.sep for folder in folders)

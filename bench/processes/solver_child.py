@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from bench.passed.request import Outcome, Request
+from bench.messages.task import Outcome, Request
 from bench.processes import worker
 from bench.processes.forked_child import ForkedChild
 from bench.processes.worker import ChildSettings

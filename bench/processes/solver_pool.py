@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 
-from bench.passed.task import Task
+from bench.messages.task import Task
 from bench.processes.sentinel import Sentinel
 from bench.processes.solver_child import SolverChild
 from bench.processes.worker import ChildSettings

@@ -19,8 +19,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from bench.passed.request import Outcome, Request, attempt
-from bench.processes.guard import watched
+from bench.messages.task import Outcome, Request, attempt
+from bench.processes.guard import install_audit_hook
 from piezo_model import child_process
 from piezo_model.child_process import limit_memory
 from solvers.protocol import Solver
@@ -53,7 +53,7 @@ def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
     for name in settings.preload:
         import_module(name)
     ours = [module for name, module in sys.modules.items() if name.startswith("bench.")]
-    _watch.append(watched(settings.hidden, [*ours, child_process, connection, gc, np, pickle, time]))
+    _watch.append(install_audit_hook(settings.hidden, [*ours, child_process, connection, gc, np, pickle, time]))
     try:
         description = describe(entry)
     except Exception as error:  # whatever a library does while it loads is a reason for its absence

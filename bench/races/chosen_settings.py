@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -20,9 +19,9 @@ from pyarrow import parquet
 
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
-from bench.passed import columns
-from bench.passed.race_error import RaceError
-from bench.passed.task import Setting, settings_of, tightest
+from bench.messages import columns
+from bench.messages.race_error import RaceError
+from bench.messages.task import Setting, settings_of, tightest
 from bench.store import Run
 from piezo_model.atomic_file import replacing
 from solvers import Tier
@@ -37,18 +36,10 @@ ACCURACY = columns.schema((*NAMES, *FIGURES))
 """What is shipped of the rows."""
 DEFAULT, EACH, REFERENCE = "default", "each", "reference"
 UNTESTED, NOT_REACHED = "untested", "not reached"
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A setting with the tiers that it stands for, and for each on what grounds.
-
-    These are the name of the run that says so, or ``default``, what the solver does unasked; ``untested`` and ``not reached``, its
-    tightest setting; ``each``, one of several that all race.
-    """
-
-    setting: Setting
-    basis: Mapping[Tier, str]
+"""On what grounds a setting stands for a tier, where it is not the name of a run that says so: ``default`` is what the solver does unasked,
+``untested`` and ``not reached`` its tightest setting, ``each`` one of several that all race."""
+Choices = Mapping[Setting, Mapping[Tier, str]]
+"""Settings with the tiers that each stands for, and on what grounds."""
 
 
 def table_of(run: str) -> tuple[pd.DataFrame, str]:
@@ -83,8 +74,8 @@ def _of_run(path: Path, written_ns: int) -> pd.DataFrame:
     return tier_settings(rows)
 
 
-def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> list[Choice]:
-    """The settings of a solver for these tiers, each once, by a table of a run of that name."""
+def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> Choices:
+    """The settings of a solver for these tiers, by a table of a run of that name."""
     known = {setting.text: setting for setting in settings_of(solver)}
     of_solver = (table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))
     of_tier = dict(zip(table.tier[of_solver], table.setting[of_solver], strict=True))
@@ -98,7 +89,7 @@ def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name:
         else:
             setting, basis = tightest(solver), NOT_REACHED if text == "" else UNTESTED
         found.setdefault(setting, {})[tier] = basis
-    return [Choice(setting, basis) for setting, basis in found.items()]
+    return found
 
 
 def unasked(solver: Described) -> Setting:

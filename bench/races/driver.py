@@ -16,9 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from bench.passed.progress import Progress
-from bench.passed.request import Outcome, Request
-from bench.passed.task import Row, Task
+from bench.messages.progress import Progress
+from bench.messages.task import Outcome, Request, Row, Task
 from bench.processes import engine, sentinel
 from bench.processes.engine import Workers
 from bench.processes.sentinel import Sentinel
@@ -38,7 +37,7 @@ Tell = Callable[[Task], None]
 
 
 @contextmanager
-def monitored(run: Run, name: str, watcher: Sentinel) -> Iterator[dict[str, Any]]:
+def monitor_machine(run: Run, name: str, watcher: Sentinel) -> Iterator[dict[str, Any]]:
     """Watch what is done inside; the notes of that name, with what is put into the mapping, are written when it is done."""
     more: dict[str, Any] = {}
     watcher.look()
@@ -69,12 +68,13 @@ class Part(ABC):
         if pool.core is None:
             self.work(run, pool, tell)
         else:
-            with monitored(run, self.name, pool.sentinel) as notes:
-                notes |= self.work(run, pool, tell)
+            with monitor_machine(run, self.name, pool.sentinel) as notes:
+                rows = self.work(run, pool, tell)
+                notes |= {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}
 
     @abstractmethod
-    def work(self, run: Run, pool: SolverPool, tell: Tell) -> Mapping[str, Any]:
-        """Do the tasks that are not done; returns what is to be noted of them."""
+    def work(self, run: Run, pool: SolverPool, tell: Tell) -> Sequence[Row]:
+        """Do the tasks that are not done; returns the rows that count calls and preemptions."""
 
 
 class Race(ABC, Generic[S]):
@@ -158,13 +158,13 @@ class _Each(Part):
 
     race: TaskRace[Any]
 
-    def work(self, run: Run, pool: SolverPool, tell: Tell) -> Mapping[str, Any]:
+    def work(self, run: Run, pool: SolverPool, tell: Tell) -> Sequence[Row]:
         for task in self.tasks:
             tell(task)
             if not run.is_done(task):
                 outcome = self.race.measure(task, pool)
                 run.save(task, self.race.rows(task, outcome), outcome.times)
-        return {}
+        return ()
 
 
 def drive(race: Race[Any], workers: Workers) -> None:

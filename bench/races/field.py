@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from bench.passed.race_error import RaceError
+from bench.messages.race_error import RaceError
 from bench.problems import check_options, make
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import entry_of_file

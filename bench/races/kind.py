@@ -12,8 +12,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.passed.progress import Progress
-from bench.passed.race_error import RaceError
+from bench.messages.progress import Progress
+from bench.messages.race_error import RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
 from bench.races.run_report import of_run

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
-from bench.passed import user_cache
-from bench.passed.progress import Progress
+from bench.messages import user_cache
+from bench.messages.progress import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
 from bench.races.settings import RaceSettings
 from bench.store import ModelNote, Run

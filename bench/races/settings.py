@@ -23,8 +23,8 @@ MOST = 10**9
 Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
 
-def option(default: int, text: str, least: int = 1) -> Any:
-    """A whole number that belongs to one kind of race and that the command line asks for."""
+def option(default: float, text: str, least: float = 1) -> Any:
+    """A number that belongs to one kind of race and that the command line asks for, a whole one where its default is."""
     return field(default=default, metadata={"help": text, "least": least})
 
 

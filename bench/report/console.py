@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from bench.passed.progress import Progress as Report
+from bench.messages.progress import Progress as Report
 from bench.rendering import terminal
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import vl_convert
 
-from bench.passed import user_cache
+from bench.messages import user_cache
 from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
 from piezo_model.atomic_file import write_text
 

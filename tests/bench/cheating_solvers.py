@@ -160,12 +160,12 @@ def setup(self, problem):
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.take(problem.P, problem.q)
     from bench.races.oneshot import worker
-    known = worker.Bench.block
+    known = worker.TimedSolver.block
     def forged(bench, P, q, most_ns):
         found = known(bench, P, q, most_ns)
         found.solve_ns = found.solve_ns // 10
         return found
-    worker.Bench.block = forged
+    worker.TimedSolver.block = forged
 """,
     "hooks": """
 def update(self, P=None, q=None):
@@ -179,7 +179,7 @@ def ahead(self, frame, event, argument):
     "sends_by_itself": """
 def setup(self, problem):
     from multiprocessing.connection import Connection
-    from bench.passed.request import Outcome
+    from bench.messages.task import Outcome
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.take(problem.P, problem.q)
     (connection, *_) = [one for one in gc.get_objects() if isinstance(one, Connection) and not one.closed and one.writable]

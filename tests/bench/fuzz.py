@@ -34,7 +34,7 @@ from bench.derived.table import ONESHOT
 from bench.export.building import EXACT, WARNINGS, build, write_sources
 from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
-from bench.passed import columns
+from bench.messages import columns
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
 from bench.races.kind import open_run

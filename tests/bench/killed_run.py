@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from bench.derived.table import ONESHOT
-from bench.passed.task import NO_SETTING, Task
+from bench.messages.task import NO_SETTING, Task
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane
 

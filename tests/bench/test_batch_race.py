@@ -17,7 +17,7 @@ from command_line import CommandLine
 from conftest import killed_and_resumed
 from programs import that_load
 
-from bench.passed.progress import silent
+from bench.messages.progress import silent
 from bench.races.batch import figures
 from bench.races.batch.contestant import Contestant, contestants
 from bench.races.batch.programs import Programs, reserved

@@ -16,7 +16,7 @@ from hostile_files import DEEP, LONG, spoiled, spoiled_documents, spoiled_tables
 from pyarrow import parquet
 
 from bench.derived.table import ONESHOT
-from bench.passed import user_cache
+from bench.messages import user_cache
 from bench.problem_files import ProblemFileError
 from bench.problems import proof_cache
 from bench.problems.protocol import RaceProblem

@@ -12,7 +12,7 @@ from conftest import Race
 from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
-from bench.passed.task import Setting, Task
+from bench.messages.task import Setting, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild

@@ -13,9 +13,9 @@ from measured_rows import ladder, row, table
 
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
-from bench.passed import columns
-from bench.passed.race_error import RaceError
-from bench.passed.task import settings_of, tightest
+from bench.messages import columns
+from bench.messages.race_error import RaceError
+from bench.messages.task import settings_of, tightest
 from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
 from bench.races.kind import kinds
 from bench.store import Run
@@ -39,7 +39,7 @@ def measured(gaps: list[float], **known: object) -> pd.DataFrame:
 
 
 def chosen(found: pd.DataFrame, solver: Described, tiers: tuple[Tier, ...] = TIERS) -> dict[Tier, tuple[int, str]]:
-    return {tier: (choice.setting.rung, basis) for choice in choices(solver, tiers, found, "run") for tier, basis in choice.basis.items()}
+    return {tier: (setting.rung, basis) for setting, its in choices(solver, tiers, found, "run").items() for tier, basis in its.items()}
 
 
 # By a table.
@@ -52,7 +52,7 @@ def test_each_tier_has_the_setting_that_stands_for_it_and_what_is_not_reached_th
 
 def test_a_setting_that_stands_for_several_tiers_is_raced_once_and_each_keeps_its_grounds() -> None:
     found = choices(solver(unasked=RUNGS[2]), TIERS, measured([1e-2, 1e-2, 5e-11]), "run")
-    assert [(choice.setting.rung, choice.basis) for choice in found] == [
+    assert [(setting.rung, basis) for setting, basis in found.items()] == [
         (2, {Tier.DEFAULT: "default", Tier.LOW: "run", Tier.HIGH: "run", Tier.EXACT: "not reached"})]
 
 
@@ -76,9 +76,9 @@ def test_a_tier_that_was_not_judged_is_untested_and_not_called_out_of_reach() ->
 def test_a_file_of_ones_own_has_its_tightest_setting_untested(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text('from solvers.direct.osqp import Osqp as Theirs\n\n\nclass Mine(Theirs):\n    name = "mine"\n')
     mine = describe(from_file(tmp_path / "mine.py"))
-    (choice,) = choices(mine, (Tier.LOW, Tier.HIGH), table_of("")[0], "reference")
-    assert (choice.setting, set(choice.basis.values())) == (tightest(mine), {"untested"})
-    assert choice.setting.text == setting_text({**mine.unasked, **find("osqp", "direct").load().ladder(1.0)[-1]})
+    ((setting, basis),) = choices(mine, (Tier.LOW, Tier.HIGH), table_of("")[0], "reference").items()
+    assert (setting, set(basis.values())) == (tightest(mine), {"untested"})
+    assert setting.text == setting_text({**mine.unasked, **find("osqp", "direct").load().ladder(1.0)[-1]})
 
 
 # By a run.
@@ -89,12 +89,12 @@ def test_the_settings_of_a_run_are_those_that_follow_from_its_rows(clean_race: R
     assert name == "clean"
     pd.testing.assert_frame_equal(found, tier_settings(clean_race.rows))
     osqp = describe(find("osqp", "direct"))
-    (choice,) = choices(osqp, (Tier.HIGH,), found, name)
-    assert choice.basis == {Tier.HIGH: "clean"}
+    ((setting, basis),) = choices(osqp, (Tier.HIGH,), found, name).items()
+    assert basis == {Tier.HIGH: "clean"}
     there = found[(found.solver == "osqp") & (found.tier == "high") & (found.scaling == "scaled")]
-    assert [choice.setting.text] == there.setting.tolist()
-    (other,) = choices(describe(find("piqp", "direct")), (Tier.HIGH,), found, name)
-    assert other.basis == {Tier.HIGH: "untested"}  # which that run did not race
+    assert [setting.text] == there.setting.tolist()
+    (other,) = choices(describe(find("piqp", "direct")), (Tier.HIGH,), found, name).values()
+    assert other == {Tier.HIGH: "untested"}  # which that run did not race
 
 
 def test_a_table_is_made_once_and_again_when_its_run_was_written_again(clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from conftest import Race
 
 from bench.cli.app import VERBS
 from bench.cli.race_verbs import SETTING_OF, own_options
-from bench.passed.progress import silent
+from bench.messages.progress import silent
 from bench.problems import sets
 from bench.races.kind import kinds
 from bench.races.oneshot.settings import OneshotSettings

@@ -10,10 +10,9 @@ import pandas as pd
 import pytest
 from browser import Browser
 
-from bench.passed.progress import silent
-from bench.passed.race_error import RaceError
-from bench.passed.request import Outcome
-from bench.passed.task import NO_SETTING, Setting, Task
+from bench.messages.progress import silent
+from bench.messages.race_error import RaceError
+from bench.messages.task import NO_SETTING, Outcome, Setting, Task
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings

@@ -9,7 +9,7 @@ from command_line import CommandLine
 from conftest import Race
 
 from bench import problems
-from bench.passed.progress import silent
+from bench.messages.progress import silent
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.run_problems import problems_of
 from bench.races.settings import settings_of

@@ -21,7 +21,7 @@ from bench.fleet.fleet import done, parts_of
 from bench.fleet.identifying import Identifying
 from bench.fleet.report import DISTANT
 from bench.fleet.validating import Validating
-from bench.passed.progress import silent
+from bench.messages.progress import silent
 from bench.processes.engine import Workers
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import RecordingError, write_table

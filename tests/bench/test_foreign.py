@@ -20,9 +20,8 @@ from measured_rows import is_right
 from program_files import dense, draw, same, write_mat, write_qps
 from qpsolvers import Problem
 
-from bench.passed import user_cache
-from bench.passed.request import Outcome
-from bench.passed.task import NO_SETTING, Task
+from bench.messages import user_cache
+from bench.messages.task import NO_SETTING, Outcome, Task
 from bench.problem_files import read
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import Prover, Provers

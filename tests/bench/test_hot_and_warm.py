@@ -13,7 +13,7 @@ from conftest import Race, raced
 from qpsolvers import Problem
 
 from bench.derived.tier_settings import tier_settings
-from bench.passed.task import NO_SETTING, Task, settings_of
+from bench.messages.task import NO_SETTING, Task, settings_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild

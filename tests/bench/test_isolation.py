@@ -12,8 +12,8 @@ import pytest
 from command_line import CommandLine, command_lines, wait_until_gone
 from conftest import Race
 
-from bench.passed.race_error import RaceError
-from bench.passed.task import NO_SETTING, Task
+from bench.messages.race_error import RaceError
+from bench.messages.task import NO_SETTING, Task
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import checked
 from bench.races.oneshot.worker import OneShot

@@ -80,7 +80,7 @@ def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> No
 
 def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed_like_any_other(root: Path) -> None:
     run = Run(root / "jumped")
-    words = ("race", "--race", "restart", "--jumps", 3, "--solver", "daqp", "--solver", "osqp", "--lane", "direct", "--repeats", 2,
+    words = ("race", "--race", "restart", "--jumps", 3, "--known-s", 0.25, "--solver", "daqp", "--solver", "osqp", "--lane", "direct", "--repeats", 2,
              "--tier", "default", "--tier", "high", "--out", root, "--name", "jumped")
     with subprocess.Popen([sys.executable, "-m", "bench", *map(str, words)], cwd=root, stdout=subprocess.DEVNULL) as race:
         while race.poll() is None and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 3:
@@ -91,6 +91,7 @@ def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed
     resumed = piezobench(root, "resume", run.path)
     assert resumed.returncode == 0, resumed.stderr
     assert "of 16 solver lanes were right after the jump." in resumed.stdout
+    assert run.settings["settings"]["known_s"] == 0.25
     rows, times = pd.read_parquet(run.path / "restart.parquet"), run.times().set_index("task").ns
     assert len(rows) == 2 * 2 * 2 * 2  # repeats, problems, solvers, tiers
     assert (rows[(rows.solver == "daqp")].status == "ok").all()

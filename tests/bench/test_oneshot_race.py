@@ -12,10 +12,9 @@ from conftest import Race
 from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
-from bench.passed.task import settings_of
+from bench.messages.task import settings_of
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.tasks import EXPONENT, MOST_OF_CVXPY, measured, spread, tasks_of
+from bench.races.oneshot.settings import EXPONENT, MOST_OF_CVXPY, OneshotSettings, measured, spread, tasks_of
 from bench.store import Run
 from solvers import Lane, find
 from solvers.certificate import certify

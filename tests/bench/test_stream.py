@@ -16,9 +16,8 @@ from command_line import CommandLine
 from conftest import killed_and_resumed
 
 import solvers
-from bench.passed.progress import silent
-from bench.passed.request import Outcome
-from bench.passed.task import Setting, Task
+from bench.messages.progress import silent
+from bench.messages.task import Outcome, Setting, Task
 from bench.problems.simulation import Experiment
 from bench.races.kind import kind_of, kinds
 from bench.races.settings import settings_of

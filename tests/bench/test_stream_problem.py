@@ -8,7 +8,7 @@ import pytest
 from qpsolvers import Problem, Solution
 
 import solvers
-from bench.passed.task import NO_SETTING, Task
+from bench.messages.task import NO_SETTING, Task
 from bench.problems.simulation import Experiment
 from bench.races.stream import worker as stream_worker
 from bench.races.stream.staleness import Judge

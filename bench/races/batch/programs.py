@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.passed.progress import Progress
-from bench.passed.race_error import RaceError
+from bench.messages.progress import Progress
+from bench.messages.race_error import RaceError
 from bench.problems.fresh import FreshData
 from bench.problems.paper import DRIVES
 from bench.problems.protocol import CertifiedForm, RaceProblem

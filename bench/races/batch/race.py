@@ -16,11 +16,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.request import Outcome, Request
-from bench.passed.task import NO_SETTING, Row, Task
+from bench.messages.columns import COUNT
+from bench.messages.task import NO_SETTING, Outcome, Request, Row, Task
 from bench.processes.solver_pool import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races.batch.contestant import contestants, of_file
@@ -48,7 +47,7 @@ BATCH = Schema("batch.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "scaling", "settings", "repeat", "status", "message",
     "batch", "threads", "programs", "judged", *SHARES, "worst_gap", "wall_us_p50", "cpu_us_p50", "bytes", "grown_mb"),
     ("d", "lane", "solver", "threads", "batch", "repeat"),
-    types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), pa.int64()))
+    types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), COUNT))
 """One row a contestant, number of threads, batch size and turn. Times are of one program, medians of the groups of calls.
 ``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
 

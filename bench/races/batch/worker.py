@@ -19,8 +19,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bench.passed.request import Outcome, Request
-from bench.passed.said import real
+from bench.messages.solver_info import real
+from bench.messages.task import Outcome, Request
 from bench.races.batch.contestant import Contestant
 from bench.timing.clock import Effort, no_garbage_collection
 from solvers.arrays import Matrix, Nanoseconds

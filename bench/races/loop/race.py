@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.passed.race_error import RaceError
-from bench.passed.request import Request
-from bench.passed.task import Task
+from bench.messages.columns import COUNT, TEXT
+from bench.messages.race_error import RaceError
+from bench.messages.task import Request, Task
 from bench.processes.worker import ChildSettings
-from bench.races.chosen_settings import EACH, Choice, choices, table_of, unasked
+from bench.races.chosen_settings import EACH, choices, table_of, unasked
 from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Decision, Driven, LoopRequest
 from bench.races.settings import TierSettings, fixed
@@ -50,7 +50,7 @@ LOOP = Schema("loop.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "setting", "basis", "scaling", "settings", "repeat", "status", "message", "axis",
     "window", "rms_percent", "max_percent", "rms_um", "max_um", "straight_rms_percent", "hand_overs", "refused",
     "learn_samples", "stale_samples", "cost_gap", "error_old", "error_new", "faults"),
-    ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"))
+    ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"), types={"axis": TEXT, "window": COUNT})
 """One row an axis and window. ``hand_overs`` and ``refused`` until the window's end; what follows them is of the last
 hand-over, and NaN before there is one; errors in percent of the reference's range."""
 
@@ -119,10 +119,12 @@ class LoopRace(TaskRace[LoopSettings]):
         for repeat in range(settings.repeats):
             for problem in (STILL, DRIFTING):
                 for solver in field:
-                    its = [({"steps": steps}, Choice(unasked(solver), {settings.tiers[0]: EACH})) for steps in settings.learn_steps] if (
-                        solver.name == PAPER) else [({}, choice) for choice in choices(solver, settings.tiers, table, run)]
-                    for more, choice in its:
-                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, choice.setting, more, repeat, d=d, basis=choice.basis)
+                    its, phases = choices(solver, settings.tiers, table, run), [dict[str, int]()]
+                    if solver.name == PAPER:
+                        its, phases = {unasked(solver): {settings.tiers[0]: EACH}}, [{"steps": steps} for steps in settings.learn_steps]
+                    for setting, basis in its.items():
+                        for more in phases:
+                            yield Task(KIND, problem, "scaled", solver.name, solver.lane, setting, more, repeat, d=d, basis=basis)
 
     def request(self, task: Task) -> Request:
         """The whole reference."""

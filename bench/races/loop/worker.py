@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from qpsolvers import Problem
 
-from bench.passed.request import Outcome, Request
-from bench.passed.task import Task
+from bench.messages.task import Outcome, Request, Task
 from bench.rig.rig import Rig
-from piezo_model import IdentificationProblem, SelfLearningCompensator
+from piezo_model import IdentificationProblem
 from piezo_model.stage.learning import SelfLearningStage
 from solvers.arrays import Matrix, Vector
 from solvers.protocol import Solver
@@ -79,30 +78,17 @@ def drive(rig: Rig) -> Driven:
     """Follow the whole reference."""
     stage = rig.stage()
     loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
-    watches = [Watch(learner) for learner in loop.learners]
+    found = Driven(found=True, decisions=tuple([] for _ in loop.learners))
     look, parts = max(1, round(LOOK_EVERY_S / rig.sample_time)), []
     for done in range(0, len(rig.y_ref), look):
         parts.append(loop.run(rig.y_ref[done:done + look], stage.run))
-        for watch in watches:
-            watch.look()
-    x, y = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return Driven(found=True, drive=x, platform=y, decisions=tuple(watch.decisions for watch in watches),
-                  faults=sum(watch.faults for watch in watches))
-
-
-class Watch:
-    """Notes what a learner does, from outside: its phase, its memory and its log."""
-
-    def __init__(self, learner: SelfLearningCompensator) -> None:
-        self.learner, self.decisions, self.faults = learner, list[Decision](), 0
-
-    def look(self) -> None:
-        """Look once; to be done at least once a cycle."""
-        learner = self.learner
-        while learner.log:
-            event = learner.log.popleft()
-            if event.what == "sensor":
-                self.faults += 1
-            else:
-                self.decisions.append(Decision(event.sample, event.what == "hand-over", learner.learned_weights,
-                                               learner.problem, event.learning_since, event.error_old, event.error_new, event.message))
+        for learner, decisions in zip(loop.learners, found.decisions, strict=True):
+            while learner.log:
+                event = learner.log.popleft()
+                if event.what == "sensor":
+                    found.faults += 1
+                else:
+                    decisions.append(Decision(event.sample, event.what == "hand-over", learner.learned_weights, learner.problem,
+                                              event.learning_since, event.error_old, event.error_new, event.message))
+    found.drive, found.platform = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return found

@@ -14,13 +14,12 @@ from time import perf_counter_ns
 import numpy as np
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.request import Outcome
-from bench.passed.task import NO_SETTING, Task
+from bench.messages.task import NO_SETTING, Outcome, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.worker import Answered, Block, End, Forget, OneShot
+from bench.races.oneshot.worker import Answered, Block, End, OneShot
 from bench.timing.clock import LONG_NS, Effort
 from solvers import Status, Tier
 from solvers.arrays import Matrix
@@ -101,12 +100,12 @@ def _impossible(block: Answered, compiled: bool) -> str:
     return f"{told / 1e3:.0f} µs are reported, and {block.passed_ns / 1e3:.0f} went by" if told > block.passed_ns else ""
 
 
-def _aside(block: Answered, allowed_ns: float) -> float:
+def cpu_overhead(block: Answered, allowed_ns: float) -> float:
     """How many times what its calls take in the median the process of a block took of the processor, beyond what is allowed."""
     return (block.used_ns - allowed_ns) / (block.calls_ns.size * max(float(np.median(block.calls_ns)), 1.0))
 
 
-def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int, each: float) -> str:
+def hidden_cpu_time(child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int, each: float) -> str:
     """Whether most calls of blocks of n are quick because their work is done elsewhere: before they are timed, after, or in another call.
 
     Calls that take ``each`` nanoseconds in the mean are fewer where those of a block would take longer than LONG_NS.
@@ -124,14 +123,13 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
         first, other, spent = ask(child, task, P, q), ask(child, task, P[order], q[order]), ask(idle, nothing, P, q)
         if not (isinstance(first, Answered) and isinstance(other, Answered) and isinstance(spent, Answered)):
             break
-        more = min(_aside(block, IDLE * spent.used_ns) for block in (first, other))
+        more = min(cpu_overhead(block, IDLE * spent.used_ns) for block in (first, other))
         hard = first.calls_ns[order] > FEW * np.median(first.calls_ns)
         again = hard.any() and np.median(other.calls_ns[hard]) > FEW / 2 * np.median(other.calls_ns)
         if more > FEW and not again:
             found.append(more)
         if len(found) + left < ENOUGH:
             break
-    idle.ask(Forget())
     return f"its process takes {found[0]:.1f} times as much of the processor as most of its calls say" if len(found) >= ENOUGH else ""
 
 
@@ -156,8 +154,8 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
             return block, timings
         timings.take(block)
         n, found = len(block.answers), _impossible(block, compiled)
-        if look_closer and child is not idle and not (found or timings.fault) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
-            found = _works_elsewhere(child, idle, task, form, fresh, n, block.used_ns / n)
+        if look_closer and child is not idle and not (found or timings.fault) and cpu_overhead(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
+            found = hidden_cpu_time(child, idle, task, form, fresh, n, block.used_ns / n)
         timings.fault = timings.fault or ((Status.MISTIMED, found) if found else None)
         each = max(timings.spent_ns / timings.count, 1.0)
         size = max(effort.fewest - timings.count, math.ceil((effort.budget_s * 1e9 - timings.spent_ns) / each), 1)

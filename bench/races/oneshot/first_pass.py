@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import math
 import secrets
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
-from bench.passed.task import Row, Task
+from bench.messages.task import Row, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
@@ -48,21 +46,12 @@ class Pass(Part):
         """The problem in this scaling."""
         return self.problem.forms[self.scaling]
 
-    def work(self, run: Run, pool: SolverPool, tell: Tell) -> Mapping[str, Any]:
-        """Do the tasks that are not done, and count calls and preemptions."""
-        rows = self.timed(run, pool, tell)
-        return {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}
-
-    @abstractmethod
-    def timed(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
-        """The rows of the tasks that this pass times."""
-
 
 @dataclass(frozen=True)
 class FirstPass(Pass):
     """Every setting."""
 
-    def timed(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
+    def work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
         """One ladder after the other."""
         ladders = [list(ladder) for _, ladder in groupby(self.tasks, key=lambda task: (task.solver, task.lane))]
         # Each setting of a solver has data of its own: what was kept of the answers at another one is of no use to it.

@@ -11,14 +11,13 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from bench.derived.table import ONESHOT
-from bench.passed.task import NO_SETTING, Task
+from bench.messages.task import NO_SETTING, Task
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.driver import Part, Race
 from bench.races.oneshot.first_pass import FirstPass
 from bench.races.oneshot.second_pass import second_pass
-from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.tasks import tasks_of
+from bench.races.oneshot.settings import OneshotSettings, tasks_of
 from bench.races.run_problems import keep_proofs, problems_of, watched_folders
 from solvers.registry import Described
 

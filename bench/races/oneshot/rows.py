@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.passed.request import Outcome
-from bench.passed.task import Row, Task
+from bench.messages.task import Outcome, Row, Task
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
 from bench.timing.percentiles import percentile

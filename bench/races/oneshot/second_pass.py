@@ -22,7 +22,7 @@ import pandas as pd
 
 from bench.derived.measurements import at_tiers
 from bench.derived.tier_settings import tier_settings
-from bench.passed.task import Row, Task
+from bench.messages.task import Row, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild
@@ -33,7 +33,7 @@ from bench.races.oneshot.blocks import Timings, ask
 from bench.races.oneshot.first_pass import FirstPass, Pass, measure
 from bench.races.oneshot.rows import with_turns
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.worker import Forget, OneShot
+from bench.races.oneshot.worker import OneShot
 from bench.store import Planned, Run
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
@@ -62,7 +62,7 @@ class SecondPass(Pass):
     calls: int
     """Of those that are measured longer."""
 
-    def timed(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
+    def work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
         """More calls of some, warm starts, and turns."""
         effort = self.settings.effort
         for task in self.tasks:
@@ -85,9 +85,6 @@ class SecondPass(Pass):
             (row,), times = run.task(task)
             turns = {"interleaved_update": np.concatenate(timings.updates), "interleaved_solve": np.concatenate(timings.solves)}
             run.save(task, [with_turns(row, turns["interleaved_solve"])], {**times, **turns})
-        for child in pool.children.values():
-            if child.is_running:
-                child.ask(Forget())
 
 
 def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], SolverChild], form: CertifiedForm, fresh: FreshData,

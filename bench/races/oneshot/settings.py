@@ -1,11 +1,26 @@
-"""What is raced in a one-shot race and how."""
+"""Settings of a one-shot race, and what is measured by them in its first pass.
+
+That is every setting of every solver on every problem in the first scaling, and what it does unasked in the others. A wrapper is measured at
+what it does unasked and at one setting more, that which asks for a cost gap nearest to 1e-8, since it shows what calling a library in
+another way costs; cvxpy on some problems only.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from bench.messages.task import Setting, Task, limited, settings_of
+from bench.problems.protocol import RaceProblem
 from bench.races.settings import RaceSettings, option
 from piezo_model.identification_problem import Scaling
+from solvers import Lane
+from solvers.registry import FAMILIES, Described
+
+EXPONENT = 8.0
+"""Of the setting at which wrappers are compared."""
+MOST_OF_CVXPY = 5
+"""Problems on which cvxpy is measured."""
 
 
 @dataclass(frozen=True)
@@ -26,3 +41,40 @@ class AnytimeSettings(OneshotSettings):
     scalings: tuple[Scaling, ...] = ("scaled",)
     iteration_limits: tuple[int, ...] = (*(step * 10**power for power in range(6) for step in (1, 2, 5)), 10**6)
 
+
+def tasks_of(settings: OneshotSettings, field: Sequence[Described], problems: Sequence[RaceProblem], number: int, scaling: Scaling,
+             repeat: int = 0) -> Iterator[Task]:
+    """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from loose to tight,
+    then by growing limit of iterations."""
+    problem = problems[number]
+    for solver in field:
+        if solver.lane is not Lane.CVXPY or number in spread(len(problems), MOST_OF_CVXPY):
+            for setting in measured(solver) if scaling == settings.scalings[0] else settings_of(solver):
+                if setting.is_default or scaling == settings.scalings[0]:
+                    yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, repeat=repeat, d=problem.d)
+            if solver.iteration_setting and scaling == settings.scalings[0]:
+                rungs = {setting.text for setting in settings_of(solver)}
+                for limit in settings.iteration_limits:
+                    if (setting := limited(solver, limit)).text not in rungs:
+                        more = {solver.iteration_setting: limit}
+                        yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, more, repeat, d=problem.d)
+
+
+def measured(solver: Described) -> Sequence[Setting]:
+    """The settings of a solver that are measured."""
+    every = settings_of(solver)
+    if solver.lane not in FAMILIES or not solver.exponents:
+        return every
+    nearest = min(range(len(solver.exponents)), key=lambda rung: abs(solver.exponents[rung] - EXPONENT))
+    return [setting for setting in every if setting.is_default or setting.rung == nearest]
+
+
+def spread(count: int, most: int) -> set[int]:
+    """At most so many of ``count`` numbers, evenly spread.
+
+    Examples
+    --------
+    >>> sorted(spread(18, 5))
+    [0, 3, 7, 10, 14]
+    """
+    return {i * count // min(count, most) for i in range(min(count, most))} if count else set()

@@ -16,9 +16,8 @@ from typing import Any, Self
 import numpy as np
 from qpsolvers import Problem
 
-from bench.passed.request import Outcome, Request, attempt
-from bench.passed.said import Said, real
-from bench.passed.task import Task
+from bench.messages.solver_info import real, solver_info
+from bench.messages.task import Outcome, Request, Task, attempt
 from bench.problem_files.program import copied, fields_of
 from bench.processes.worker import seen
 from bench.timing.clock import time_block, time_call, time_kernel
@@ -42,7 +41,7 @@ class Answered(Outcome):
 
 @dataclass(frozen=True)
 class OneShot(Request):
-    """Set a solver up, solve one problem, and keep the solver for the blocks that follow."""
+    """Set a solver up, solve one problem, and keep the solver for the blocks that follow, until it is to set up another one."""
 
     task: Task
     fields: Mapping[str, Any]
@@ -62,17 +61,18 @@ class OneShot(Request):
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
-        def another() -> Bench:
-            return Bench(cls, self.task, Problem(**self.fields), self.c, self.warm_start, self.times_itself)
+        def another() -> TimedSolver:
+            return TimedSolver(cls, self.task, Problem(**self.fields), self.c, self.warm_start, self.times_itself)
 
         def work() -> Outcome:
-            bench = _benches[self.task.key] = another()
-            return bench.begin(another)
+            solver = _waiting[self.task.key] = another()
+            return solver.begin(another)
 
+        _waiting.clear()
         if first:
             attempt(work)
         outcome = attempt(work)
-        if outcome.failure and (lost := _benches.pop(self.task.key, None)) is not None:
+        if outcome.failure and (lost := _waiting.pop(self.task.key, None)) is not None:
             outcome.mutated, outcome.asked = lost.were_inputs_changed(), lost.asked
         return outcome
 
@@ -92,7 +92,7 @@ class Block(Request):
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Time them."""
-        return replace(attempt(lambda: _benches[self.key].block(self.P, self.q, self.most_ns)), seen=seen() if self.watch else ())
+        return replace(_waiting[self.key].block(self.P, self.q, self.most_ns), seen=seen() if self.watch else ())
 
 
 @dataclass(frozen=True)
@@ -104,25 +104,14 @@ class End(Request):
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Time some more set-ups, too, within the budget."""
-        bench = _benches.pop(self.key)
-        return replace(attempt(lambda: bench.end(self.budget_s)), seen=seen())
+        return replace(_waiting.pop(self.key).end(self.budget_s), seen=seen())
 
 
-@dataclass(frozen=True)
-class Forget(Request):
-    """Let the solvers go that are kept."""
-
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """There may be none."""
-        _benches.clear()
-        return Outcome(found=True)
+_waiting: dict[str, TimedSolver] = {}
+"""The solver of this process that waits for data, by task."""
 
 
-_benches: dict[str, Bench] = {}
-"""Solvers of this process that wait for data, by task."""
-
-
-class Bench:
+class TimedSolver:
     """A solver that is set up on a problem, with data of its own for updates.
 
     Parameters
@@ -149,19 +138,17 @@ class Bench:
         self._first: Vector = np.zeros(0)
         self._spoiled = False
 
-    def begin(self, another: Callable[[], Bench]) -> Outcome:
+    def begin(self, another: Callable[[], TimedSolver]) -> Outcome:
         """Set up and solve the first problem, untimed but for the set-up."""
         self._another = another
         self._setups = [self.setup()]
         found = self._solve()
         self._first = x = real(found)
-        said = Said.of(self.solver.solution())
+        info = solver_info(self.solver.solution())
         if self._limited and not np.isfinite(x).all() and (stood := self.solver.iterate()) is not None:
             x = real(stood)
-        answered = said.found or (self._limited and bool(np.isfinite(x).all()))
-        return Outcome(found=answered, x=x, y=said.y, z=said.z, z_box=said.z_box, solver_status=said.status,
-                       reported_us=said.time_us, iterations=said.iterations, asked=self.asked,
-                       returned="" if type(found) is np.ndarray else type(found).__name__)
+        info["found"] |= self._limited and bool(np.isfinite(x).all())
+        return Outcome(x=x, asked=self.asked, returned="" if type(found) is np.ndarray else type(found).__name__, **info)
 
     def setup(self) -> int:
         """Nanoseconds of setting the solver up."""

@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.request import Outcome, Request
-from bench.passed.task import NO_SETTING, Row, Task, settings_of
+from bench.messages.columns import FLAG, TEXT
+from bench.messages.task import NO_SETTING, Outcome, Request, Row, Setting, Task, settings_of
 from bench.problem_files.program import fields_of
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.processes.solver_pool import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
-from bench.races.chosen_settings import DEFAULT, EACH, Choice, choices, table_of
+from bench.races.chosen_settings import DEFAULT, EACH, Choices, choices, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.settings import Positive, TierSettings, fixed, option
 from bench.races.stream.staleness import Judge
@@ -41,7 +41,7 @@ from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, runs
 from piezo_model.json_file import decoded
 from solvers import Lane, Status, Tier
-from solvers.registry import Described
+from solvers.registry import Described, Entry
 
 KIND = "stream"
 FLOOR_EVERY = 10
@@ -52,7 +52,8 @@ STREAM = Schema("stream.parquet", (
     "samples", "solves", "stopped", "missed", "stalls", "unanswered", "reused", "gap_mean", "gap_max", "exact_gap_mean",
     "exact_gap_max", "exact_instants", "exact_difference", "own_gap_max", "data_us_p50", "update_us_p50", "solve_us_p50",
     "service_histogram", "response_histogram", "mutates_input"),
-    ("problem", "lane", "solver", "tier", "settings", "repeat"))
+    ("problem", "lane", "solver", "tier", "settings", "repeat"),
+    types={**dict.fromkeys(("stopped", "service_histogram", "response_histogram"), TEXT), "paced": FLAG})
 """One row a process. ``missed`` deadlines, in how many ``stalls``; ``unanswered`` solves; ``reused`` share of samples at
 whose deadline an older answer was in use; gaps of the answers in use, of all samples in doubles and of the proven instants
 exactly; ``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the kernel lane the
@@ -115,21 +116,21 @@ class StreamRace(TaskRace[StreamSettings]):
         """
         table, run = table_of(self.settings.settings_run)
 
-        def task(name: str, lane: Lane, choice: Choice, repeat: int) -> Task:
-            return Task(KIND, self.stream.name, "scaled", name, lane, choice.setting, repeat=repeat, d=self.stream.d, basis=choice.basis)
+        def task(solver: Described | Entry, setting: Setting, basis: Mapping[Tier, str], repeat: int) -> Task:
+            return Task(KIND, self.stream.name, "scaled", solver.name, solver.lane, setting, repeat=repeat, d=self.stream.d, basis=basis)
 
-        def of(solver: Described) -> Sequence[Choice]:
+        def of(solver: Described) -> Choices:
             if "steps" in solver.ladder[0]:
-                return [Choice(setting, {self.settings.tiers[0]: EACH}) for setting in settings_of(solver) if setting.rung >= 0]
+                return {setting: {self.settings.tiers[0]: EACH} for setting in settings_of(solver) if setting.rung >= 0}
             return choices(solver, self.settings.tiers, table, run)
 
         chance, floors = random.Random(self.settings.seed), 0
         for repeat in range(self.settings.repeats):
-            tasks = [task(solver.name, solver.lane, choice, repeat) for solver in field for choice in of(solver)]
+            tasks = [task(solver, setting, basis, repeat) for solver in field for setting, basis in of(solver).items()]
             chance.shuffle(tasks)
             for i, each in enumerate(tasks):
                 if i % FLOOR_EVERY == 0:
-                    yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(NO_SETTING, {Tier.DEFAULT: DEFAULT}), floors)
+                    yield task(null_solver.ENTRY, NO_SETTING, {Tier.DEFAULT: DEFAULT}, floors)
                     floors += 1
                 yield each
 
@@ -183,8 +184,8 @@ def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:
 def _unpaced(outcome: Streamed, wanted: int) -> dict[str, Any]:
     ns = outcome.kernel_ns
     return {"samples": ns.size, "solves": ns.size, "missed": int((ns > PERIOD_NS).sum()), "stalls": runs(ns > PERIOD_NS),
-            "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s", "data_us_p50": NAN,
-            "update_us_p50": NAN, "solve_us_p50": float(np.median(ns)) / 1e3,
+            "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s",
+            "solve_us_p50": float(np.median(ns)) / 1e3,
             "service_histogram": latency_histogram.recorded(ns),
             "response_histogram": latency_histogram.recorded(ns, PERIOD_NS)}
 
@@ -193,8 +194,7 @@ def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
     """Gaps of the answers in use and of the solver's own."""
     answers, t = outcome.answers, outcome.timeline
     if answers.shape[1:] != (judge.stream.d,):
-        return {**dict.fromkeys(("gap_mean", "gap_max", "exact_gap_mean", "exact_gap_max", "exact_difference", "own_gap_max",
-                                 "reused"), NAN), "exact_instants": 0, "unanswered": len(answers)}
+        return {"exact_instants": 0, "unanswered": len(answers)}
     usable: NDArray[np.bool_] = np.asarray(np.isfinite(answers).all(axis=1))
     solved = np.arange(len(answers)) if t is None else t.solved
     used = np.where(usable, solved, -1) if t is None else t.in_use(usable)

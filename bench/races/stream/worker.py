@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from qpsolvers import Problem
 
-from bench.passed.request import Outcome, Request
-from bench.passed.task import Task
+from bench.messages.task import Outcome, Request, Task
 from bench.problem_files.program import copied
 from bench.timing.clock import no_garbage_collection
 from bench.timing.schedule import PERIOD_NS, Timeline, follow

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from bench.races.restart.worker import Restart, Restarted
 
-from bench.passed.request import Request
-from bench.passed.task import Task
+from bench.messages.columns import COUNT
+from bench.messages.task import Request, Task
 from bench.problem_files.program import fields_of
 from bench.problems.simulation import Experiment
 from bench.races.chosen_settings import choices, table_of
@@ -34,7 +33,7 @@ JUMPS = {"stiffer": ("dense_prandtl_ishlinskii", "relay_preisach"), "softer": ("
 
 RESTART = Schema("restart.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "basis", "setting", "scaling", "settings", "repeat", "status", "message", "answers",
-    "worst_gap", "first_us_p50"), ("problem", "solver", "lane", "tier", "repeat"), types={"answers": pa.int64()})
+    "worst_gap", "first_us_p50"), ("problem", "solver", "lane", "tier", "repeat"), types={"answers": COUNT})
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,7 @@ class RestartSettings(TierSettings):
 
     effort: Effort = fixed(Effort())
     jumps: int = option(20, "Jumps of the data that each solver is put through.")
+    known_s: float = option(0.5, "Seconds of data on either side of a jump.", least=0.1)
 
 
 class RestartRace(TaskRace[RestartSettings]):
@@ -57,16 +57,17 @@ class RestartRace(TaskRace[RestartSettings]):
                 path = self.run.problem_path("restart", f"{name}-{when}")
                 if not path.is_file():
                     self.progress(f"{plant}, {when} the jump", 0, 1)
-                    Experiment(plant, "multi_sine", n=2, m=1, build_s=0.5, seed=self.settings.seed).problem("restart", f"{name}-{when}").save(path)
+                    Experiment(plant, "multi_sine", n=2, m=1, build_s=self.settings.known_s, seed=self.settings.seed).problem(
+                        "restart", f"{name}-{when}").save(path)
         self.forms = {(name, when): self.run.problem("restart", f"{name}-{when}").forms["scaled"]
                       for name in JUMPS for when in ("before", "after")}
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         table, run = table_of(self.settings.settings_run)
         yield [self.part(f"{name}-{repeat}", *(
-                   Task("restart", name, "scaled", solver.name, solver.lane, choice.setting, repeat=repeat, basis=choice.basis,
+                   Task("restart", name, "scaled", solver.name, solver.lane, setting, repeat=repeat, basis=basis,
                         d=self.forms[name, "after"].qp.q.size)
-                   for solver in field for choice in choices(solver, self.settings.tiers, table, run)))
+                   for solver in field for setting, basis in choices(solver, self.settings.tiers, table, run).items()))
                for repeat in range(self.settings.repeats) for name in JUMPS]
 
     def request(self, task: Task) -> Request:

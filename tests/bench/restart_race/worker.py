@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from qpsolvers import Problem
 
-from bench.passed.request import Outcome, Request
-from bench.passed.said import real
-from bench.passed.task import Task
+from bench.messages.solver_info import real
+from bench.messages.task import Outcome, Request, Task
 from bench.timing.clock import time_call
 from solvers.arrays import Vector
 from solvers.protocol import Nanoseconds, Solver

@@ -7,7 +7,6 @@ nothing said. Numbers of an answer and its duals are real, or the adapter has fa
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,33 +20,17 @@ LONGEST = 500
 """Characters of a status."""
 
 
-@dataclass(frozen=True)
-class Said:
-    """What a solver says of its last answer."""
+def solver_info(solution: Solution) -> dict[str, Any]:
+    """What a solver says of its last answer, with its duals, by the names that an outcome has for it.
 
-    found: bool
-    status: str
-    """In its own words, on one line."""
-    iterations: int
-    """``UNSAID`` for none."""
-    time_us: float
-    """NaN for none."""
-    y: Vector | None
-    z: Vector | None
-    z_box: Vector | None
-    """Duals in qpsolvers' conventions."""
-
-    @classmethod
-    def of(cls, solution: Solution) -> Said:
-        """Take it from a solution and its extras.
-
-        ValueError where duals are no real numbers.
-        """
-        extras = solution.extras or {}
-        count, time_us = _number(extras.get("iterations", extras.get("steps"))), _number(extras.get("reported_us"))
-        return cls(bool(solution.found), " ".join(str(extras.get("status", "")).split())[:LONGEST],
-                   int(count) if count <= MOST and count.is_integer() else UNSAID, time_us,
-                   *(None if dual is None else real(dual) for dual in (solution.y, solution.z, solution.z_box)))
+    ValueError where duals are not real numbers.
+    """
+    extras = solution.extras or {}
+    count, time_us = _number(extras.get("iterations", extras.get("steps"))), _number(extras.get("reported_us"))
+    duals = {name: getattr(solution, name) for name in ("y", "z", "z_box")}
+    return {"found": bool(solution.found), "solver_status": " ".join(str(extras.get("status", "")).split())[:LONGEST],
+            "iterations": int(count) if count <= MOST and count.is_integer() else UNSAID, "reported_us": time_us,
+            **{name: None if dual is None else real(dual) for name, dual in duals.items()}}
 
 
 def real(values: Any) -> Vector:

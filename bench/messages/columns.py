@@ -18,12 +18,12 @@ from pyarrow import parquet
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane, Tier
 
-TEXTS = ("task", "problem_set", "problem", "solver", "lane", "tier", "setting", "scaling", "start", "settings", "status", "message",
-         "iteration_setting", "basis", "stopped", "service_histogram", "response_histogram", "axis", "what", "host")
-COUNTS = ("d", "rung", "repeat", "repeats", "samples", "iterations", "preemptions", "limit", "window", "core")
-FLAGS = ("is_default", "mutates_input", "repeatable", "found", "paced")
-SHARED = {**dict.fromkeys(TEXTS, pa.large_string()), **dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys(FLAGS, pa.bool_()),
-          "ns": pa.list_(pa.int64())}
+TEXT, COUNT, FLAG = pa.large_string(), pa.int64(), pa.bool_()
+SHARED = {**dict.fromkeys(("task", "problem_set", "problem", "solver", "lane", "tier", "setting", "scaling", "start", "settings", "status",
+                           "message", "basis", "what", "host"), TEXT),
+          **dict.fromkeys(("d", "rung", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
+          **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG), "ns": pa.list_(pa.int64())}
+"""Of columns that several tables have; a kind of race says itself of what type others of its table are."""
 CHOICES = {"lane": tuple(Lane), "tier": tuple(Tier), "scaling": ("scaled", "raw"), "start": ("cold", "warm")}
 
 
@@ -73,7 +73,7 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
         values = values.cast(wanted)
     except pa.ArrowException:
         raise TableError(f"column {column!r} holds {given} and not {wanted}") from None
-    least = -1 if column in COUNTS else 0 if {"us", "ns"} & set(column.split("_")) else None
+    least = -1 if wanted.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
     found = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
     if found is not None and found < least:
         raise TableError(f"column {column!r} holds {found:g}, and nothing below {least} can be there")
