@@ -150,6 +150,10 @@ HIGHS = Backend("primal active set", "MIT", "highspy",
                 {"primal_feasibility_tolerance": between(1e-10, 1e-7, share), "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
                  "qp_regularization_value": share}, (7, 9, 11, 13),
                 always={"time_limit": 10.0})
+# Its least multiplier, 1e-16, times the number in place of an infinite bound is more complementarity than the rungs from 10⁻¹⁰ allow.
+HPIPM = Backend("interior point", "BSD-2-Clause", "casadi",
+                {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual}, INTERIOR_POINT,
+                more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30})
 # Counted in steps and not in seconds, so that a run can be repeated.
 OSQP = Backend("ADMM", "Apache-2.0", "osqp", EPS, (4, 6, 8, 10, 12, 14), (14,), {"polishing": True},
                {"max_iter": 200_000}, {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50})
