@@ -115,6 +115,19 @@ class LibrarySolver(Solver):
         """Take P (d, d) and q (d,) into the program."""
         self.program.take(P, q)
 
+    def choose(self, target: Any, **unasked: Any) -> None:
+        """Write our settings, and those of every use, into the library's own object.
+
+        Raises
+        ------
+        ValueError
+            The library has no such setting.
+        """
+        for name, value in {**unasked, **self.settings}.items():
+            if not hasattr(target, name):
+                raise ValueError(f"{self.name} has no setting {name}")
+            setattr(target, name, value)
+
     def refuse(self, flag: int) -> None:
         """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
         if flag < 0:
