@@ -115,6 +115,19 @@ class LibrarySolver(Solver):
         """Take P (d, d) and q (d,) into the program."""
         self.program.take(P, q)
 
+    def choose(self, target: Any, **unasked: Any) -> None:
+        """Write our settings, and those of every use, into the library's own object.
+
+        Raises
+        ------
+        ValueError
+            The library has no such setting.
+        """
+        for name, value in {**unasked, **self.settings}.items():
+            if not hasattr(target, name):
+                raise ValueError(f"{self.name} has no setting {name}")
+            setattr(target, name, value)
+
     def refuse(self, flag: int) -> None:
         """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
         if flag < 0:
@@ -150,6 +163,10 @@ HIGHS = Backend("primal active set", "MIT", "highspy",
                 {"primal_feasibility_tolerance": between(1e-10, 1e-7, share), "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
                  "qp_regularization_value": share}, (7, 9, 11, 13),
                 always={"time_limit": 10.0})
+# Its least multiplier, 1e-16, times the number in place of an infinite bound is more complementarity than the rungs from 10⁻¹⁰ allow.
+HPIPM = Backend("interior point", "BSD-2-Clause", "casadi",
+                {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual}, INTERIOR_POINT,
+                more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30})
 # Counted in steps and not in seconds, so that a run can be repeated.
 OSQP = Backend("ADMM", "Apache-2.0", "osqp", EPS, (4, 6, 8, 10, 12, 14), (14,), {"polishing": True},
                {"max_iter": 200_000}, {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50})

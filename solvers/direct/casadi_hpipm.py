@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.backend import INTERIOR_POINT, Backend, absolute, residual, unscaled
+from solvers import backend as known
 from solvers.direct._casadi import Conic
 from solvers.protocol import Vector
 
@@ -27,9 +27,7 @@ class CasadiHpipm(Conic):
     """``casadi.conic`` with the plugin hpipm."""
 
     name = "casadi_hpipm"
-    library = Backend("interior point", "BSD-2-Clause", "casadi",
-                      {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual}, INTERIOR_POINT,
-                      more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30})
+    library = known.HPIPM
     plugin = "hpipm"
 
     def options(self, d: int, m: int) -> dict[str, Any]:  # noqa: D102

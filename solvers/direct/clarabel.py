@@ -37,8 +37,7 @@ class Clarabel(LibrarySolver):
         # The library reads the upper triangle; it takes a lower one without a word and answers wrong.
         self._triangle = Triangle(p.d, upper=True)
         settings = clarabel.DefaultSettings()
-        for setting, value in {"verbose": False, "presolve_enable": False, **self.settings}.items():
-            setattr(settings, setting, value)
+        self.choose(settings, verbose=False, presolve_enable=False)
         cones = [clarabel.ZeroConeT(rows.equal), clarabel.NonnegativeConeT(rows.unequal)]
         self._solver = clarabel.DefaultSolver(self._triangle.matrix(p.P), p.q, csc_matrix(rows.R), rows.r, cones,
                                               settings)

@@ -31,9 +31,7 @@ class Piqp(LibrarySolver):
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
         self._solver = piqp.DenseSolver()
-        self._solver.settings.compute_timings = True
-        for setting, value in self.settings.items():
-            setattr(self._solver.settings, setting, value)
+        self.choose(self._solver.settings, compute_timings=True)
         A, G = np.asfortranarray(p.R[p.equalities]), np.asfortranarray(p.R[p.inequalities])
         self._A = A if len(A) else None
         equalities = (A, p.u[p.equalities]) if len(A) else (None, None)

@@ -31,8 +31,7 @@ class Pyqpmad(LibrarySolver):
         self.program = p = Program(problem)
         rows = p.l.size - p.d
         self._parameters = pyqpmad.SolverParameters()
-        for setting, value in self.settings.items():
-            setattr(self._parameters, setting, value)
+        self.choose(self._parameters)
         self._solver = pyqpmad.Solver()
         self._solver.reserve(p.d, p.d, rows)
         self._x = np.zeros(p.d)

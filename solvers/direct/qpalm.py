@@ -42,9 +42,7 @@ class Qpalm(LibrarySolver):
         data.Q, data.q = self._triangle.matrix(p.P), p.q
         data.A, data.bmin, data.bmax = self._R, rows.l, rows.u
         settings = qpalm.Settings()
-        settings.verbose = False
-        for setting, value in self.settings.items():
-            setattr(settings, setting, value)
+        self.choose(settings, verbose=False)
         self._solver = qpalm.Solver(data, settings)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102

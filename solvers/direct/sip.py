@@ -48,8 +48,7 @@ class Sip(LibrarySolver):
         self._linear.permute_kkt_system, self._linear.kkt_pinv = True, order
         for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
             setattr(self._options.logging, f"print_{log}", False)
-        for setting, value in self.settings.items():
-            setattr(self._options.termination, setting, value)
+        self.choose(self._options.termination)
         self.update()
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102

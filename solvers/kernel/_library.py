@@ -95,13 +95,6 @@ class CompiledLibrary(LibrarySolver):
     def read(self) -> None:
         """Read what the library says of its last solve; whether it was found stands in ``found``."""
 
-    def choose(self, settings: ctypes.Structure) -> None:
-        """Write our settings into the library's."""
-        if unknown := self.settings.keys() - {field[0] for field in settings._fields_}:
-            raise ValueError(f"{self.name} has no setting {', '.join(sorted(unknown))}")
-        for name, value in self.settings.items():
-            setattr(settings, name, value)
-
     def bind(self, *values: Any) -> None:
         """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays, functions and pointers."""
         p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")

@@ -71,8 +71,7 @@ class Osqp(CompiledLibrary, direct.Osqp):
         self._rows = rows = Intervals(p)
         settings, solver = Settings(), ctypes.POINTER(Solver)()
         OSQP.osqp_set_default_settings(ctypes.byref(settings))
-        settings.verbose = 0
-        self.choose(settings)
+        self.choose(settings, verbose=0)
         P, R = Triangle(p.d).matrix(p.P), csc_matrix(rows.R)
         low, high = np.maximum(rows.l, -INFINITY), np.minimum(rows.u, INFINITY)
         self.refuse(-OSQP.osqp_setup(ctypes.byref(solver), ctypes.byref(compressed(P)), address(p.q), ctypes.byref(compressed(R)),

@@ -20,14 +20,16 @@ from solvers.forgetting import absorb
 from solvers.protocol import Matrix
 from solvers.registry import describe
 
-NAMES = ("daqp", "highspy", "mujoco", "osqp", "piqp", "quadprog")
+NAMES = ("casadi_hpipm", "daqp", "highspy", "mujoco", "osqp", "piqp", "quadprog")
+DISTRIBUTIONS = {"casadi_hpipm": "casadi", "mujoco": "mujoco-core", "piqp": "casadi"}
 ANY_FORM = ("boxes", "one-sided", "mixed", "rows")
 FORMS = {**dict.fromkeys(NAMES, ANY_FORM), "mujoco": ("boxes", "one-sided")}
-OF_ANOTHER_VERSION = {"piqp": 1e-6}
-"""How far apart answers may be, relatively, where the lanes have the library in two versions; all others agree to the last bit."""
+APART = {"casadi_hpipm": 5e-5, "piqp": 1e-6}
+"""How far apart answers may be, relatively, where the lanes have a library in two versions or hand it two forms of the program; all others
+agree to the last bit."""
 
 
-LIMITED: dict[str, dict[str, Any]] = {"daqp": {"iter_limit": 2}, "piqp": {"max_iter": 6},
+LIMITED: dict[str, dict[str, Any]] = {"daqp": {"iter_limit": 2}, "piqp": {"max_iter": 6}, "casadi_hpipm": {"iter_max": 3},
                                       "osqp": {"max_iter": 25, "eps_abs": 1e-9, "eps_rel": 0.0}}
 """Too few iterations for a program with active bounds; the others are given a P that is not positive definite."""
 
@@ -45,13 +47,13 @@ def both(name: str, **settings: Any) -> tuple[Solver, Solver]:
 def reachable(name: str) -> dict[str, Any]:
     """The tightest rung that the library reaches on the programs of this file, whose costs are about 100."""
     ladder = solvers.find(name, Lane.DIRECT).load().ladder(1.0)
-    return dict(ladder[{"osqp": 1, "piqp": 2}.get(name, -1)])
+    return dict(ladder[{"casadi_hpipm": 2, "osqp": 1, "piqp": 2}.get(name, -1)])
 
 
 def agree(name: str, one: Any, other: Any) -> None:
     """Answers or multipliers of the two lanes are the same."""
-    if name in OF_ANOTHER_VERSION:
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=OF_ANOTHER_VERSION[name] * max(1.0, np.abs(other).max(initial=0.0)))
+    if name in APART:
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=APART[name] * max(1.0, np.abs(other).max(initial=0.0)))
     else:
         np.testing.assert_array_equal(one, other)
 
@@ -88,12 +90,13 @@ def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str,
     assert compiled_says.found
     for part in ("x", "y", "z", "z_box"):
         agree(name, getattr(compiled_says, part), getattr(direct_says, part))
-    assert compiled_says.extras["status"] == direct_says.extras["status"]
-    if name not in OF_ANOTHER_VERSION:
-        assert compiled_says.extras["iterations"] == direct_says.extras["iterations"]
+    assert compiled_says.extras["status"]
+    if name not in APART:
+        for part in ("status", "iterations"):
+            assert compiled_says.extras[part] == direct_says.extras[part]
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in OF_ANOTHER_VERSION])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
 def test_on_the_problems_of_the_paper_every_rung_answers_as_in_the_direct_lane(name: str) -> None:
     for problem in find("paper")().problems():
         for form in problem.forms.values():
@@ -136,7 +139,7 @@ def test_a_library_has_the_ladder_and_the_description_of_its_direct_lane(name: s
     assert compiled.ladder(0.2) == direct.ladder(0.2)
     for part in ("name", "algorithm", "licence", "warm_startable", "always", "iteration_setting"):
         assert getattr(compiled, part) == getattr(direct, part)
-    assert compiled.distribution == {"piqp": "casadi"}.get(name, direct.distribution)
+    assert compiled.distribution == DISTRIBUTIONS.get(name, name)
 
 
 def structure(name: str, function: str) -> dict[str, Any]:
@@ -176,7 +179,7 @@ def test_data_without_an_answer_leave_nan_in_their_row_alone(name: str) -> None:
         P[1] *= -1.0
     *_, answers = compiled.time_kernel(P, q)
     assert np.isnan(answers[1]).all()
-    assert (np.abs(answers[[0, 2]]) <= (1e-7 if name == "piqp" else 0.0)).all()  # an interior point method comes close
+    assert (np.abs(answers[[0, 2]]) <= (1e-7 if name in APART else 0.0)).all()  # an interior point method comes close
     assert compiled.solution().found
     *_, answers = compiled.time_kernel(P[:2], q[:2])
     assert not compiled.solution().found
@@ -214,7 +217,7 @@ def test_data_that_daqp_refuses_are_refused_in_the_loop_and_others_are_taken_aft
 @pytest.mark.parametrize("name", NAMES)
 def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
     compiled, problem = both(name)[0], Problem(np.eye(2), np.ones(2), lb=np.ones(2), ub=np.zeros(2))
-    if name in ("daqp", "mujoco", "osqp"):
+    if name in ("casadi_hpipm", "daqp", "mujoco", "osqp"):
         with pytest.raises(Unsupported, match=f"{name} refuses"):
             compiled.setup(problem)
     else:
@@ -247,7 +250,7 @@ def test_a_library_that_is_named_without_a_lane_is_that_of_its_own_interface(nam
     assert solvers.find("box_active_set").lane is Lane.KERNEL
 
 
-@pytest.mark.parametrize(("name", "distribution"), [(name, {"mujoco": "mujoco-core", "piqp": "casadi"}.get(name, name)) for name in NAMES])
+@pytest.mark.parametrize(("name", "distribution"), [(name, DISTRIBUTIONS.get(name, name)) for name in NAMES])
 def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(name: str, distribution: str,
                                                                                monkeypatch: pytest.MonkeyPatch) -> None:
     both(name)

@@ -1,0 +1,98 @@
+"""HPIPM by its C functions for dense programs: interior point method.
+
+    minimise ½ vᵀH v + gᵀv   subject to   A v = b,  lb ≤ v_i ≤ ub for i in idxb,  C v ≤ ug;   H = P, g = q
+
+The direct lane, see :mod:`solvers.direct.casadi_hpipm`, reaches the same library as a control problem of one stage. The settings have the
+names of that lane, and infinite bounds of bounded variables are numbers as there: with a mask for them this version ends the process.
+
+Timed inside compiled code: ``update`` packs P and q into the library's panels; ``solve`` is ``d_dense_qp_ipm_solve``, always cold, and the
+copy of its answer. The BLASFEO below it is that of the target GENERIC, without kernels of its own for a processor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from qpsolvers import Problem, Solution
+
+from solvers import backend as known
+from solvers.arrays import Vector, address
+from solvers.core import block
+from solvers.direct._box import refuse_crossing
+from solvers.kernel._library import CompiledLibrary, folder, opened
+from solvers.rows import Program
+
+IN_LOOP = ("d_dense_qp_set_H", "d_dense_qp_set_g", "d_dense_qp_ipm_solve", "d_dense_qp_ipm_get_status", "d_dense_qp_sol_get_v")
+PARTS = ("", "_sol", "_ipm_arg", "_ipm_ws")
+HPIPM = opened("casadi", "3.8.2", folder("casadi") / "libhpipm.so", (
+    "d_dense_qp_dim_set_all", "d_dense_qp_set", "d_dense_qp_ipm_arg_set_default", "d_dense_qp_ipm_arg_set", "d_dense_qp_ipm_get_iter",
+    "d_dense_qp_sol_get", *IN_LOOP,
+    *(f"d_dense_qp{part}_{what}" for part in ("_dim", *PARTS) for what in ("strsize", "memsize", "create"))))
+BALANCE = 2
+SETTINGS = {"res_g_max": "tol_stat", "res_b_max": "tol_eq", "res_d_max": "tol_ineq", "res_m_max": "tol_comp", "iter_max": "iter_max",
+            "lam_min": "lam_min", "t_min": "t_min"}
+"""The names of the direct lane, and the library's own."""
+SAID = ("success", "maximum iterations reached", "minimum step length reached", "NaN in the solution", "inconsistent equalities")
+
+
+class CasadiHpipm(CompiledLibrary):
+    """The library's dense programs."""
+
+    name = "casadi_hpipm"
+    library = known.HPIPM
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        self.program = p = Program(problem)
+        refuse_crossing(p, self.name)
+        infinity = 1e6 if self.settings else 1e8
+        low, high = p.l[p.bounds], p.u[p.bounds]
+        # A fixed variable as a box would leave an interior point method no interior.
+        fixed = low == high
+        self._boxed = at = np.flatnonzero((np.isfinite(low) | np.isfinite(high)) & ~fixed)
+        self._equal = np.concatenate([np.flatnonzero(fixed), np.arange(p.u.size)[p.equalities]])
+        A, C = p.R[self._equal], p.R[p.inequalities]
+        self._memory: list[np.ndarray] = []
+        size = self._made("_dim")
+        HPIPM.d_dense_qp_dim_set_all(p.d, len(A), at.size, len(C), 0, address(size))
+        qp, answer, arguments = (self._made(part, size) for part in PARTS[:3])
+        HPIPM.d_dense_qp_ipm_arg_set_default(BALANCE, address(arguments))
+        for setting, value in self.settings.items():
+            if setting not in SETTINGS:
+                raise ValueError(f"{self.name} has no setting {setting}")
+            number = np.array([value], dtype=np.intc if setting == "iter_max" else np.float64)
+            HPIPM.d_dense_qp_ipm_arg_set(SETTINGS[setting].encode(), address(number), address(arguments))
+        self._workspace, self._answer = self._made(PARTS[3], size, arguments), answer
+        for field, array in {"H": p.P, "g": p.q, "A": A.T, "b": p.u[self._equal], "idxb": at.astype(np.intc), "C": C.T,
+                             "lg": np.full(len(C), -infinity), "ug": p.u[p.inequalities], "lb": np.maximum(low[at], -infinity),
+                             "ub": np.minimum(high[at], infinity)}.items():
+            if array.size:
+                data = np.ascontiguousarray(array)
+                HPIPM.d_dense_qp_set(field.encode(), address(data), address(qp))
+        self.bind(qp, answer, arguments, self._workspace, *(HPIPM[name] for name in IN_LOOP))
+
+    def _made(self, part: str, *of: np.ndarray) -> np.ndarray:
+        """One of the library's objects, in memory of ours."""
+        functions = (HPIPM[f"d_dense_qp{part}_{what}"] for what in ("strsize", "memsize", "create"))
+        before = [address(each) for each in of]
+        strsize, memsize, create = functions
+        made, memory = block(strsize()), block(memsize(*before))
+        self._memory += [*of, made, memory]
+        create(*before, address(made), address(memory))
+        return made
+
+    def _number(self, what: str, size: int) -> Vector:
+        found = np.zeros(size)
+        HPIPM.d_dense_qp_sol_get(what.encode(), address(self._answer), address(found))
+        return found
+
+    def read(self) -> None:  # noqa: D102
+        numbers = np.zeros(2, dtype=np.intc)
+        HPIPM.d_dense_qp_ipm_get_status(address(self._workspace), address(numbers))
+        HPIPM.d_dense_qp_ipm_get_iter(address(self._workspace), address(numbers[1:]))
+        self._status, self._iterations = SAID[numbers[0]], int(numbers[1])
+
+    def solution(self) -> Solution:  # noqa: D102
+        p, w = self.program, np.zeros(self.program.u.size)
+        w[self._boxed] = self._number("lam_ub", self._boxed.size) - self._number("lam_lb", self._boxed.size)
+        w[self._equal] = -self._number("pi", self._equal.size)
+        w[p.inequalities] = self._number("lam_ug", len(p.R[p.inequalities]))
+        return p.solution(self.x, w, self.found, status=self._status, reported_us=None, iterations=self._iterations)
