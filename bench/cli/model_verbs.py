@@ -91,7 +91,8 @@ def simulate_verb(
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     write_table(out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))})
     if as_json:
-        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit, "start": began, "forced": loaded.warning})
+        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(),
+                    "unit": s.output_unit, "start": began, "forced": loaded.warning})
         return
     if loaded.warning:
         console.print(loaded.warning)

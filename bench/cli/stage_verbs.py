@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
-from bench.cli.given_options import refuse
 from bench.cli.recording_options import (
     FILE,
     STARTS,
@@ -33,6 +31,9 @@ from bench.report.console import AsJson, check_writable, console, print_json, pr
 from piezo_model.identification.fit_review import review
 from piezo_model.units import quantity
 
+SHOWN = 8
+"""Rows of the table of what cross-validation tried; the page has all."""
+
 
 class LagOption(StrEnum):
     """What to do about a lag of the sensor."""
@@ -52,17 +53,16 @@ def identify_verb(
     time: Time = None,
     input: Input = None,
     output: Output = None,
-    n: Annotated[int, typer.Option(min=0, help="Order of hysteresis and creep.")] = 5,
-    m: Annotated[int, typer.Option(min=0, help="Order of the superposition on each side.")] = 3,
-    creep_rates: Annotated[str | None, typer.Option(help="Comma-separated rates in 1/s, or none; chosen from the "
-                                                         "recording by default.")] = None,
+    n: Annotated[int | None, typer.Option(min=0, help="Order of hysteresis and creep; by cross-validation by default.")] = None,
+    m: Annotated[int | None, typer.Option(min=0, help="Order of the superposition on each side; by cross-validation by default.")] = None,
+    creep_rates: Annotated[str | None, typer.Option("--rates", "--creep-rates", help="Creep rates in 1/s, separated by commas, or none; by "
+                                                                                      "cross-validation by default.")] = None,
     skip: Annotated[int | None, typer.Option(min=0, help="Samples at the start not to count; a transient's by "
                                                         "default.")] = None,
     lag: Annotated[LagOption, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
                                                 "ignored.")] = LagOption.estimate,
     solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
     force: Annotated[bool, typer.Option("--force", help="Write a model even of data that it does not describe.")] = False,
-    select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
@@ -74,10 +74,8 @@ def identify_verb(
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
     check_solver(solver)
-    if select:
-        refuse(context, ("n", "m"), "is what --select-order chooses")
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag.value, solver, force, select)
+    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag.value, solver, force)
     if out is None:
         process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
                 "Identification of a fleet", "gave a model", as_json)
@@ -90,22 +88,20 @@ def identify_verb(
     if not as_json:
         console.print(opened.describe())
     with progress_bar() as progress:
-        model, orders = work.of(opened, progress)
+        model = work.of(opened, progress)
     model.save(out)
     if page is not None:
         with progress_bar() as progress:
             progress("writing the page", 0, 1)
-            recording_page.write(page, file.name, review(opened, model), orders)
+            recording_page.write(page, file.name, review(opened, model))
     if as_json:
-        print_json({"model": out, "page": page, "report": dict(model.report),
-                    "orders": None if orders is None else [asdict(order) for order in orders.orders],
-                    "chosen": None if orders is None else asdict(orders.chosen)})
+        print_json({"model": out, "page": page, "report": dict(model.report)})
         return
-    if orders is not None:
-        print_table(("n", "m", "unknowns", "error on data left out, % of range", "standard error"),
-                    [(str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}")
-                     for o in orders.orders], left=0)
-        console.print(orders.sentence)
+    if selection := model.report.get("selection"):
+        print_table(("n", "m", "creep rates, 1/s", "unknowns", "error of the drive, % of range", "standard error", ""),
+                    [(str(c["n"]), str(c["m"]), ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]), str(c["d"]), f"{c['error_percent']:.3g}",
+                      f"{c['standard_error']:.2g}", c["standing"]) for c in selection["table"][:SHOWN]], left=0)
+        console.print(selection["sentence"])
     for sentence in (model.report["headline"], *model.report["findings"], *model.report["advice"]):
         console.print(sentence)
     console.print(f"Model: {out}")
@@ -169,4 +165,4 @@ def _rates(text: str | None) -> tuple[float, ...] | None:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise typer.BadParameter(f"{text!r} is not a list of numbers separated by commas",
-                                 param_hint="--creep-rates") from None
+                                 param_hint="--rates") from None

@@ -12,14 +12,13 @@ from bench.report import charts
 from bench.report.page import save
 from bench.report.report import Figure, Table
 from piezo_model.identification.fit_review import Review
-from piezo_model.identification.order_selection import OrderSelection
 
 POINTS = 2_500
 """Most points of a line."""
 BLUE, RED = charts.PALETTE[:2]
 
 
-def write(path: Path, name: str, review: Review, orders: OrderSelection | None = None) -> Path:
+def write(path: Path, name: str, review: Review) -> Path:
     """Write the page and ``<page>-figures/*.csv`` beside it; returns its path."""
     s = review.model.structure
     units = tuple(unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
@@ -27,7 +26,7 @@ def write(path: Path, name: str, review: Review, orders: OrderSelection | None =
         Figure("loops", "Loops, measured and modelled", "Output against input over the counted part of the recording.",
                *_loops(review, *units)),
         Figure("error", "Error over time", "Measured minus modelled output, lowest and highest of each stretch of time. A "
-               "grey part at the start is not counted, and cut off where it is larger than twice the largest error that is.",
+               "grey part at the start is not counted; the axis ends at twice the largest counted error.",
                *_error(review, units[1])),
         Figure("weights", "Weights", "In unit amplitudes with w_H0 = 1. Bars are 95 % intervals, corrected for the memory of the "
                "residual; a weight without one stands at its bound or was never reached. Excitation is the RMS of the operator's "
@@ -35,14 +34,13 @@ def write(path: Path, name: str, review: Review, orders: OrderSelection | None =
         Figure("spectrum", "What is left over", "Amplitude density of the error by Welch's method. Level: noise; rising to the "
                "left: something slow that the model misses; a peak: a resonance or a hum.", *_spectrum(review, units[1]))]
     grids = []
-    if orders is not None:
-        chosen = {(orders.chosen.n, orders.chosen.m): "chosen", (orders.best.n, orders.best.m): "smallest error"}
-        rows = [[str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}", chosen.get((o.n, o.m), "")]
-                for o in orders.orders]
-        headings = ("n", "m", "unknowns", "error on data left out, % of range", "standard error", "")
-        grids.append(Table("Orders by cross-validation", headings, rows, 0))
+    if (selection := review.model.report.get("selection")) and review.fitted:
+        rows = [[str(c["n"]), str(c["m"]), ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]), str(c["d"]), f"{c['error_percent']:.4f}",
+                 f"{c['standard_error']:.4f}", c["standing"]] for c in selection["table"]]
+        headings = ("n", "m", "creep rates, 1/s", "unknowns", "error of the drive on data left out, % of range", "standard error", "")
+        grids.append(Table("Orders and creep rates by cross-validation", headings, rows, 0, note=selection["sentence"]))
     return save(path, "recording.html.jinja", figures, f"{path.stem}-figures", title=f"Recording {name}",
-                advice=list(review.advice(orders)), sentences=list(review.sentences), grids=grids)
+                advice=list(review.advice()), sentences=list(review.sentences), grids=grids)
 
 
 def _thinned(size: int) -> np.ndarray:

@@ -187,7 +187,7 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
     found = model.validate(Recording.from_arrays(u[4700:], y[4700:] + 0.4, SAMPLE_TIME, output_unit="um"))
     assert found.shift == pytest.approx(0.4, abs=0.01)
     assert found.fit.rms_percent < 2.0 * model.report["fit"]["rms_percent"]
-    assert any(f"stands {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence for sentence in found.sentences())
+    assert any(f"offset has changed by {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence for sentence in found.sentences())
 
 
 @pytest.mark.parametrize(("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")])
