@@ -48,7 +48,7 @@ def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: in
         gram += columns.T @ columns
     counted, gram = recording.length - skipped, gram / gram[0, 0]
     shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
-    rms = math.sqrt(max(squares - 2.0 * shift * total, 0.0) / counted + shift**2) if shift else math.sqrt(squares / counted)
+    rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
     worst = max(high - shift, shift - low)
     (line, coefficients), (cubic, _) = (_polynomial(gram, degree) for degree in (1, 3))
     unit = 100.0 * abs(s.y_scale) / span

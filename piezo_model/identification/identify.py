@@ -148,10 +148,15 @@ def _selected(recording: Recording, model: HysteresisCreepModel, fitted: Callabl
                    progress=progress)
     if found is None:
         return model
+    other = model
     if found.chosen != found.unchosen:
         progress("identifying", 0, 1)
-        with suppress(InadequateError):  # the first model stays then
-            model = fitted(n=found.chosen.n, m=found.chosen.m, creep_rates=found.chosen.creep_rates)
+        with suppress(InadequateError):
+            other = fitted(n=found.chosen.n, m=found.chosen.m, creep_rates=found.chosen.creep_rates)
+    if other is model or other.report["baseline"]["model_percent"] > model.report["baseline"]["model_percent"]:
+        found = replace(found, chosen=found.unchosen)  # which errs less at the output, on data left out
+    else:
+        model = other
     return replace(model, report={**model.report, "selection": found.to_dict(), "sentences": [*model.report["sentences"], found.sentence]})
 
 

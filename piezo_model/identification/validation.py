@@ -17,6 +17,8 @@ from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
 from piezo_model.identification.lag_identification import without_lag
+from piezo_model.identification.judgement import outlier_sentence
+from piezo_model.identification.rivals import outlier
 from piezo_model.identification.start import find_start
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -24,6 +26,8 @@ from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
 
+LOOKED_AT = 1_000_000
+"""Samples among which an outlier is looked for."""
 SAME = 1.001
 """Share of the reported error up to which the start that the identification found explains a recording."""
 
@@ -46,6 +50,8 @@ class Validation:
     """Of the output."""
     warning: str
     """What speaks against the model where it was forced."""
+    outlier: str
+    """The sample of the output that stands alone, as a clause; "" for none."""
 
     def to_dict(self) -> dict[str, Any]:
         """Figures and sentences as JSON can hold them."""
@@ -56,6 +62,8 @@ class Validation:
         if self.warning:
             yield self.warning
         yield self.fit.headline(self.unit, "on this recording")
+        if self.outlier:
+            yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
             yield (f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up to "
                    f"{percent(self.fit.skipped_max_percent)}.")
@@ -68,6 +76,12 @@ class Validation:
         if self.beyond_percent > 1.0:
             yield (f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, where the model "
                    f"extrapolates; an offset of the sensor is looked for within that range alone.")
+
+
+def _outlier(recording: Recording, unit: str) -> str:
+    y = recording.head(LOOKED_AT).arrays()[1]
+    at = outlier(y)
+    return "" if at is None else outlier_sentence(y, at, 0, unit)
 
 
 def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState:
@@ -125,4 +139,4 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
-    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning)
+    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning, _outlier(recording, s.output_unit))
