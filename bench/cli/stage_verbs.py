@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
-from bench.cli.given_options import refuse
 from bench.cli.recording_options import (
     FILE,
     STARTS,
@@ -32,6 +30,9 @@ from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice
 from piezo_model.units import quantity
 
+SHOWN = 8
+"""Rows of the table of what cross-validation tried; the page has all."""
+
 
 @reads_a_recording
 def identify_verb(
@@ -43,17 +44,30 @@ def identify_verb(
     time: Time = None,
     input: Input = None,
     output: Output = None,
-    n: Annotated[int, typer.Option(min=0, help="Order of hysteresis and creep.")] = 5,
-    m: Annotated[int, typer.Option(min=0, help="Order of the superposition on each side.")] = 3,
-    creep_rates: Annotated[str | None, typer.Option(help="Comma-separated rates in 1/s, or none; chosen from the "
-                                                         "recording by default.")] = None,
-    skip: Annotated[int | None, typer.Option(min=0, help="Samples at the start not to count; a transient's by "
-                                                        "default.")] = None,
-    lag: Annotated[LagChoice, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
-                                                "ignored.")] = "estimate",
+    n: Annotated[
+        int | None, typer.Option(min=0, help="Order of hysteresis and creep; by cross-validation by default.")
+    ] = None,
+    m: Annotated[
+        int | None, typer.Option(min=0, help="Order of the superposition on each side; by cross-validation by default.")
+    ] = None,
+    creep_rates: Annotated[
+        str | None,
+        typer.Option(
+            "--rates",
+            "--creep-rates",
+            help="Creep rates in 1/s, separated by commas, or none; by cross-validation by default.",
+        ),
+    ] = None,
+    skip: Annotated[
+        int | None, typer.Option(min=0, help="Samples at the start not to count; a transient's by default.")
+    ] = None,
+    lag: Annotated[
+        LagChoice, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or ignored.")
+    ] = "estimate",
     solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
-    force: Annotated[bool, typer.Option("--force", help="Write a model even of data that it does not describe.")] = False,
-    select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write a model even of data that it does not describe.")
+    ] = False,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
@@ -65,13 +79,18 @@ def identify_verb(
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
     check_solver(solver)
-    if select:
-        refuse(context, ("n", "m"), "is what --select-order chooses")
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force, select)
+    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force)
     if out is None:
-        process(work, recording, out_dir_of(recording, out_dir, page), Workers(workers, backend, scheduler),
-                "Identification of a fleet", "gave a model", as_json)
+        process(
+            work,
+            recording,
+            out_dir_of(recording, out_dir, page),
+            Workers(workers, backend, scheduler),
+            "Identification of a fleet",
+            "gave a model",
+            as_json,
+        )
         return
     file = Path(only(context, recording, out_dir))
     check_writable(out)
@@ -81,22 +100,33 @@ def identify_verb(
     if not as_json:
         console.print(opened.describe())
     with progress_bar() as progress:
-        model, orders = work.of(opened, progress)
+        model = work.of(opened, progress)
     model.save(out)
     if page is not None:
         with progress_bar() as progress:
             progress("writing the page", 0, 1)
-            recording_page.write(page, file.name, review(opened, model), orders)
+            recording_page.write(page, file.name, review(opened, model))
     if as_json:
-        print_json({"model": out, "page": page, "report": dict(model.report),
-                    "orders": None if orders is None else [asdict(order) for order in orders.orders],
-                    "chosen": None if orders is None else asdict(orders.chosen)})
+        print_json({"model": out, "page": page, "report": dict(model.report)})
         return
-    if orders is not None:
-        print_table(("n", "m", "unknowns", "error on data left out, % of range", "standard error"),
-                    [(str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}")
-                     for o in orders.orders], left=0)
-        console.print(orders.sentence)
+    if selection := model.report.get("selection"):
+        print_table(
+            ("n", "m", "creep rates, 1/s", "unknowns", "error of the drive, % of range", "standard error", ""),
+            [
+                (
+                    str(c["n"]),
+                    str(c["m"]),
+                    ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
+                    str(c["d"]),
+                    f"{c['error_percent']:.3g}",
+                    f"{c['standard_error']:.2g}",
+                    c["standing"],
+                )
+                for c in selection["table"][:SHOWN]
+            ],
+            left=0,
+        )
+        console.print(selection["sentence"])
     for sentence in (model.report["headline"], *model.report["findings"], *model.report["advice"]):
         console.print(sentence)
     console.print(f"Model: {out}")
@@ -107,11 +137,20 @@ def identify_verb(
 @reads_a_recording
 def compensate_verb(
     context: typer.Context,
-    model: Annotated[str, typer.Argument(help="Model written by identify; for many references also the folder of their models.")],
-    reference: Annotated[list[str], typer.Argument(help="A file with a reference column, in any format of recordings. Many, as paths or "
-                                                        "URLs, go with --out-dir.")],
+    model: Annotated[
+        str, typer.Argument(help="Model written by identify; for many references also the folder of their models.")
+    ],
+    reference: Annotated[
+        list[str],
+        typer.Argument(
+            help="A file with a reference column, in any format of "
+            "recordings. Many, as paths or URLs, go with --out-dir."
+        ),
+    ],
     reading: Reading,
-    out: Annotated[Path | None, typer.Option(help="Where the drive of one reference is written, CSV or Parquet.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Where the drive of one reference is written, CSV or Parquet.")
+    ] = None,
     out_dir: OutDir = None,
     time: Time = None,
     column: Annotated[str | None, typer.Option("--reference", help="Reference column.")] = None,
@@ -129,25 +168,59 @@ def compensate_verb(
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start)
     if out is None:
-        process(work, reference, out_dir_of(reference, out_dir), Workers(workers, backend, scheduler), "Compensation of a fleet", "gave a drive",
-                as_json)
+        process(
+            work,
+            reference,
+            out_dir_of(reference, out_dir),
+            Workers(workers, backend, scheduler),
+            "Compensation of a fleet",
+            "gave a drive",
+            as_json,
+        )
         return
     file = Path(only(context, reference, out_dir))
     check_writable(out)
     found = work.do(file, [Path(model)], out)
     if as_json:
-        print_json({"drive": out, **{name: found[name] for name in (
-            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit", "start", "forced")}})
+        print_json(
+            {
+                "drive": out,
+                **{
+                    name: found[name]
+                    for name in (
+                        "samples",
+                        "lowest",
+                        "highest",
+                        "unit",
+                        "share_at_limits",
+                        "share_followed",
+                        "largest_error",
+                        "output_unit",
+                        "start",
+                        "forced",
+                    )
+                },
+            }
+        )
         return
-    console.print(f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere "
-                  f"it misses by up to {quantity(found['largest_error'], found['output_unit'], 3)}." if found["share_followed"] < 1.0 else
-                  f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
+    console.print(
+        f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to "
+        f"{100.0 * FOLLOWED:g} % of its range; elsewhere it misses by up to "
+        f"{quantity(found['largest_error'], found['output_unit'], 3)}."
+        if found["share_followed"] < 1.0
+        else f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range."
+    )
     for sentence in filter(None, (STARTS[found["start"]], found["forced"])):
         console.print(sentence)
-    console.print(f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
-                  f"{quantity(found['highest'], found['unit'])}; "
-                  + (f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
-                     if found["share_at_limits"] else "the limits are never reached."))
+    console.print(
+        f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
+        f"{quantity(found['highest'], found['unit'])}; "
+        + (
+            f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
+            if found["share_at_limits"]
+            else "the limits are never reached."
+        )
+    )
     console.print(f"Drive: {out}")
 
 
@@ -159,5 +232,6 @@ def _rates(text: str | None) -> tuple[float, ...] | None:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a list of numbers separated by commas",
-                                 param_hint="--creep-rates") from None
+        raise typer.BadParameter(
+            f"{text!r} is not a list of numbers separated by commas", param_hint="--rates"
+        ) from None

@@ -11,22 +11,20 @@ from bench.messages.progress import Progress, silent
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice, check_direction
-from piezo_model.identification.order_selection import OrderSelection, select_order
 
 
 @dataclass(frozen=True)
 class Identifying:
-    """Settings of `identify`; ``select`` chooses the orders by cross-validation, and ``opening`` are keywords of ``Recording.open``."""
+    """Settings of `identify`, and keywords of ``Recording.open``; what is None of orders and rates is chosen from the recording."""
 
     opening: Mapping[str, Any] = field(default_factory=dict)
-    n: int = 5
-    m: int = 3
+    n: int | None = None
+    m: int | None = None
     creep_rates: tuple[float, ...] | None = None
     skip: int | None = None
     lag: LagChoice = "estimate"
     solver: str = "box_active_set"
     force: bool = False
-    select: bool = False
     made = "{}.json"
 
     def reads(self, name: str) -> Sequence[str]:
@@ -35,7 +33,7 @@ class Identifying:
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the model; returns figures of the fit, and the weights in unit amplitudes."""
-        model, _ = self.of(self.opened(recording))
+        model = self.of(self.opened(recording))
         model.save(target)
         s, fit = model.structure, model.report["fit"]
         figures = {name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")}
@@ -52,14 +50,7 @@ class Identifying:
         """The recording; which column is the input is settled by a fit where their names do not say it."""
         return check_direction(Recording.open(recording, **self.opening))
 
-    def of(self, recording: Recording, progress: Progress = silent) -> tuple[HysteresisCreepModel, OrderSelection | None]:
-        """The model of a recording, and what chose its orders."""
-        def fitted(n: int, m: int) -> HysteresisCreepModel:
-            progress(f"identifying with n = {n}, m = {m}", 0, 1 + self.select)
-            return identify(recording, n=n, m=m, creep_rates=self.creep_rates, skip=self.skip, lag=self.lag, solver=self.solver, force=self.force)
-
-        model = fitted(self.n, self.m)
-        if not self.select:
-            return model, None
-        orders = select_order(recording, model, self.solver, progress=progress)
-        return fitted(orders.chosen.n, orders.chosen.m), orders
+    def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
+        """The model of a recording."""
+        return identify(recording, n=self.n, m=self.m, creep_rates=self.creep_rates, skip=self.skip, lag=self.lag, solver=self.solver,
+                        force=self.force, progress=progress)

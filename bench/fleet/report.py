@@ -1,11 +1,12 @@
 """What a fleet says and shows: one table, outliers first, and one page.
 
 With v a measure of a recording (the logarithm of its error, or a weight of its model), med and MAD the median over the fleet and
-the median absolute deviation from it, the distance is the largest over the measures of
+the median absolute deviation from it, a measure's distance is
 
     |v − med v| / max(1.4826 MAD v, LEAST),
 
-which is in standard deviations for the normal law, and which many outliers do not hide. Source: P. J. Rousseeuw and C. Croux,
+which is in standard deviations for the normal law, and which many outliers do not hide. That of a recording is the larger of the error's and of
+the median over the weights: single weights that the data hardly determine differ in any fleet. Source: P. J. Rousseeuw and C. Croux,
 J. Amer. Statist. Assoc. 88 (1993) 1273 to 1283.
 """
 
@@ -46,12 +47,12 @@ def table_of(rows: Sequence[Row]) -> pd.DataFrame:
     known = table.refused == ""
     if known.any():
         error = table.rms_percent.clip(lower=LEAST_PERCENT).map(math.log10)
-        scores = pd.DataFrame(
-            {
-                "error": _score(error, LEAST["log10 error"]),
-                **{name: _score(table[name], LEAST["weight"]) for name in weights_in(table)},
-            }
-        )[known]
+        weights = pd.DataFrame(
+            {name: _score(table[name], LEAST["weight"]) for name in weights_in(table)}, index=table.index
+        )
+        scores = pd.DataFrame({"error": _score(error, LEAST["log10 error"]), "weights": weights.median(axis=1)})[
+            known
+        ].fillna(0.0)
         table.loc[known, "distance"] = scores.max(axis=1)
         table.loc[known, "unlike"] = scores.idxmax(axis=1)
     return table.sort_values("distance", ascending=False, na_position="first", kind="stable", ignore_index=True)

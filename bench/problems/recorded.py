@@ -5,7 +5,8 @@ on, from the states and with the sign that `piezo_model.identification.counting`
 transient or the start of the window, whichever is later. A recording has an unknown constant, so every model has an offset, a
 variable without bounds.
 
-Beside the problems stands the model that `identify` makes of the fitted part. Its error, and that of any other model, is what
+Beside the problems stands the model that `identify` makes of the fitted part, of the orders and rates of the first problem, so that the
+times of the race are those of its size. Its error, and that of any other model, is what
 ``HysteresisCreepModel.validate`` finds on the part that is kept back.
 """
 
@@ -64,7 +65,7 @@ class Recorded(ProblemSet):
     def model(self) -> tuple[HysteresisCreepModel, float]:
         """The model of the fitted part, and its error on the rest."""
         fitted, unseen = self._parts
-        model = identify(fitted)
+        model = identify(fitted, n=ORDERS[0][0], m=ORDERS[0][1], creep_rates=choose_creep_rates(fitted.sample_time, fitted.duration_s))
         return model, unseen_error(model, unseen)
 
     def problems(self) -> Iterator[RaceProblem]:

@@ -11,7 +11,6 @@ from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
 from bench.report.writing import write_page
 from piezo_model.identification.fit_review import Review
-from piezo_model.identification.order_selection import OrderSelection
 
 POINTS = 2_500
 """Most points of a line."""
@@ -19,21 +18,21 @@ BLUE, RED, GREEN = PALETTE[:3]
 STANDING = {"free": BLUE, "at its bound": "#e69f00", "never reached": RED}
 
 
-def write(path: Path, name: str, review: Review, orders: OrderSelection | None = None) -> Path:
+def write(path: Path, name: str, review: Review) -> Path:
     """Write the page and ``<page>-figures/*.csv`` beside it; returns its path."""
-    return write_page(report(name, review, orders), path, f"{path.stem}-figures")
+    return write_page(report(name, review), path, f"{path.stem}-figures")
 
 
-def report(name: str, review: Review, orders: OrderSelection | None = None) -> Report:
+def report(name: str, review: Review) -> Report:
     """Everything that is said and shown."""
     s = review.model.structure
     input_unit, output_unit = (unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
     first, *more = review.sentences
     return Report(
-        [first, *review.advice(orders)],
+        [first, *review.advice()],
         notes=more,
         title=f"Recording {name}",
-        tables=[_orders(orders)] if orders is not None else [],
+        tables=_tried(review),
         figures=[
             _loops(review, input_unit, output_unit),
             _error(review, output_unit),
@@ -43,18 +42,33 @@ def report(name: str, review: Review, orders: OrderSelection | None = None) -> R
     )
 
 
-def _orders(orders: OrderSelection) -> Table:
-    chosen = {(orders.chosen.n, orders.chosen.m): "chosen", (orders.best.n, orders.best.m): "smallest error"}
+def _tried(review: Review) -> list[Table]:
+    """What cross-validation tried, where it chose."""
+    selection = review.model.report.get("selection")
+    if not (selection and review.fitted):
+        return []
     rows = [
-        [str(o.n), str(o.m), str(o.d), f"{o.error_percent:.4f}", f"{o.standard_error:.4f}", chosen.get((o.n, o.m), "")]
-        for o in orders.orders
+        [
+            str(c["n"]),
+            str(c["m"]),
+            ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
+            str(c["d"]),
+            f"{c['error_percent']:.4f}",
+            f"{c['standard_error']:.4f}",
+            c["standing"],
+        ]
+        for c in selection["table"]
     ]
-    return Table(
-        "Orders by cross-validation",
-        ("n", "m", "unknowns", "error on data left out, % of range", "standard error", ""),
-        rows,
-        0,
+    headings = (
+        "n",
+        "m",
+        "creep rates, 1/s",
+        "unknowns",
+        "error of the drive on data left out, % of range",
+        "standard error",
+        "",
     )
+    return [Table("Orders and creep rates by cross-validation", headings, rows, 0, note=selection["sentence"])]
 
 
 def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
@@ -104,7 +118,7 @@ def _error(review: Review, unit: str) -> Figure:
         "error",
         "Error over time",
         "Measured minus modelled output, lowest and highest of each stretch of time. A grey part at the start is not "
-        "counted, and is drawn up to twice the largest error that is.",
+        "counted; the axis ends at twice the largest counted error.",
         table,
         [
             Plot(

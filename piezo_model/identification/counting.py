@@ -122,20 +122,18 @@ def count(recording: Recording, s: ModelStructure, solver: str, proximal: float,
         """First samples that the model of the whole does not describe, or is spoiled by, and that of the rest does not describe either."""
         state, settled = found(s, 0, refine=False)[0], ranged(s, look)
         whole = errors(s, 0, state)
-        if not _stands_out(whole, look):
+        if not transient_end(whole, look):
             rest = errors(settled, look, state)
             ratio = abs(s.y_scale / settled.y_scale)  # of the ranges that both are shares of
             if ratio * float(np.max(whole[look:])) <= SPOILED * float(np.max(rest[look:])):
                 return 0
-        rest = errors(settled, look, found(settled, look)[0])
-        return int(np.flatnonzero(rest[:look] > np.max(rest[look:]))[-1]) + 1 if _stands_out(rest, look) else 0
+        return transient_end(errors(settled, look, found(settled, look)[0]), look)
 
     s = ranged(s, skip or 0)
     rest = OperatorState.at_rest(s, float(s.unit_input(next(head.chunks(1))[0])[0]))
     s = min((s, s.turned()), key=lambda each: cost(each, skip or 0, rest))
     if skip is None:
-        look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
-        look = look if moving_from(head, look) < head.length else 0
+        look = longest_transient(head, s)
         skip = transient(look) if look else 0
         s = ranged(s, skip)
     return Counted(s, skip, *found(s, skip))
@@ -150,6 +148,15 @@ def require(recording: Recording, s: ModelStructure, skip: int) -> None:
         raise IdentificationError(f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped")
 
 
-def _stands_out(error: Vector, look: int) -> bool:
-    """Whether an error, as a share of the range, is far larger before the sample ``look`` than anywhere after it."""
-    return bool(np.max(error[:look]) > max(FAR_MORE * float(np.max(error[look:])), NOTABLE))
+def longest_transient(head: Recording, s: ModelStructure) -> int:
+    """Samples at the start within which a transient may lie; 0 where the drive does not move after them."""
+    look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
+    return look if look and moving_from(head, look) < head.length else 0
+
+
+def transient_end(error: Vector, look: int) -> int:
+    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after them; 0 for none."""
+    later = float(np.max(error[look:]))
+    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
+        return 0
+    return int(np.flatnonzero(error[:look] > later)[-1]) + 1

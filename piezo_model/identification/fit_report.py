@@ -24,7 +24,9 @@ FAR_MORE = 3.0
 
 def percent(value: float) -> str:
     """A share in words, to two digits."""
-    return "over 100 %" if value > 100.0 else f"{value:.2g} %" if abs(value) >= 1e-4 else "less than 0.0001 %"
+    if abs(value) > 100.0:
+        return "over 100 %" if value > 0.0 else "under −100 %"
+    return f"{value:.2g} %" if abs(value) >= 1e-4 else "less than 0.0001 %"
 
 
 @dataclass(frozen=True)
@@ -179,18 +181,20 @@ class FitReport:
         if self.one_way or self.fit.samples < self.fit.skipped:
             yield "Record a few whole loops more."
         if self.lag is not None and self.lag.removed:
-            yield "A controller has to live with the lag of the sensor that was removed."
+            yield "The model is without the lag of the sensor; a loop that the sensor closes has it."
+        elif self.lag is not None and self.lag.pays and self.lag.at_edge:
+            yield f"Align input and output first: the lag may be longer than the {self.lag.samples:.0f} samples that are tried."
         elif self.lag is not None and self.lag.pays:
             yield "Remove the lag of the sensor with the option --lag remove."
 
 
 def _offset_sentence(offset: Offset, unit: str) -> str:
-    return (f"The sensor has an offset of {quantity(offset.value, unit, 3)}, seen at the input; a model without it would err there by "
-            f"{percent(offset.error_without_offset_percent)} RMS instead of {percent(offset.error_percent)}.")
+    return (f"The sensor has an offset, {quantity(offset.value, unit, 3)} of the input; without it the RMS error of the drive is "
+            f"{percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}.")
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
-    more = " or more" if lag.at_edge else ""
-    how = (f"The sensor lags by {lag.samples:.2f} samples{more} ({quantity(lag.samples * sample_time, 's', 3)}): the error at the "
-           f"input is {lag.error_percent:.3f} % RMS with the lag and {lag.error_without_lag_percent:.3f} % without")
+    samples = f"at least {lag.samples:.0f} samples, the longest lag that is tried," if lag.at_edge else f"{lag.samples:.2f} samples"
+    how = (f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the drive is "
+           f"{lag.error_percent:.3f} % with the lag and {lag.error_without_lag_percent:.3f} % without")
     return how + ("; it was removed before the fit." if lag.removed else ".")

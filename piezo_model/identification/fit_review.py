@@ -19,7 +19,6 @@ from scipy.signal import welch
 
 from piezo_model.identification.fitting import accumulate
 from piezo_model.identification.lag_identification import without_lag
-from piezo_model.identification.order_selection import OrderSelection
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -60,6 +59,8 @@ class Review:
     weights: tuple[Weight, ...]
     sentences: tuple[str, ...]
     """What the identification, or the validation, says."""
+    fitted: bool
+    """Whether the weights come from this recording; they have no intervals otherwise."""
 
     @property
     def error(self) -> Vector:
@@ -72,19 +73,16 @@ class Review:
         f, power = welch(e - e.mean(), 1.0 / self.model.structure.sample_time, nperseg=min(4096, e.size))
         return f[1:], np.sqrt(power[1:])
 
-    def advice(self, orders: OrderSelection | None = None) -> Iterator[str]:
+    def advice(self) -> Iterator[str]:
         """What to do about it, one sentence each."""
         report = self.model.report
-        yield from report["advice"]
-        for names in report["excitation"]["undetermined"]:
-            yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from each other."
-        unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
-        if unsure:
-            yield f"Cannot be distinguished from zero: {', '.join(unsure)}; a longer recording or a lower order would settle it."
-        if orders is not None:
-            yield orders.sentence
-        else:
-            yield "--select-order finds by cross-validation which order is worth having."
+        if self.fitted:
+            yield from report["advice"]
+            for names in report["excitation"]["undetermined"]:
+                yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from each other."
+            unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
+            if unsure:
+                yield f"Cannot be distinguished from zero: {', '.join(unsure)}; a longer recording or a lower order would settle it."
         f, density = self.spectrum()
         share = float(np.sum(density[f <= f[-1] / 20.0]**2) / np.sum(density**2)) if np.any(density) else 0.0
         if share > 0.8:
@@ -99,7 +97,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
     s, report = model.structure, model.report
     part, shift = recording.head(LONGEST), 0.0
     if validation is not None:
-        state, skip, shift, sentences = validation.start, 0, validation.shift, tuple(validation.sentences())
+        state, skip, shift, sentences = validation.start, validation.fit.skipped, validation.shift, tuple(validation.sentences())
     else:
         assert model.start is not None  # as every identification leaves it
         state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
@@ -108,10 +106,11 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
     x, y = part.arrays()
     y_model, y = model.simulate(x, state.copy()), y - shift
     problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)
-    return Review(model, x, y, y_model, skip, tuple(_weights(problem, model, (y - y_model)[skip:])), sentences)
+    return Review(model, x, y, y_model, skip, tuple(_weights(problem, model, (y - y_model)[skip:], validation is None)), sentences,
+                  validation is None)
 
 
-def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector) -> Iterator[Weight]:
+def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector, fitted: bool) -> Iterator[Weight]:
     s, w = model.structure, model.weights
     T = s.slope_map
     v, lb = s.inverse_slope_map @ w, s.lower_bounds(problem.min_slope)
@@ -128,5 +127,5 @@ def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error:
     deviation = np.sqrt(np.maximum(np.diag(T @ covariance @ T.T), 0.0))
     excitation = np.sqrt(np.maximum(np.diag(problem.P), 0.0))
     for i, name in enumerate(s.weight_names):
-        yield Weight(name, float(w[i]), TWO_SIDED * float(deviation[i]) if free[i] else float("nan"), float(excitation[i]),
+        yield Weight(name, float(w[i]), TWO_SIDED * float(deviation[i]) if free[i] and fitted else float("nan"), float(excitation[i]),
                      bool(problem.reached[i]), bool(at_bound[i]))

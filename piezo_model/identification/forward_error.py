@@ -17,13 +17,19 @@ from piezo_model.recordings import Recording
 
 ENOUGH = 1_000_000
 """Samples that a line and a cubic are fitted to, of a longer recording spread over all of it."""
+WITHIN, FEWEST_INSIDE = 1.01, 0.2
+"""Unit amplitudes of a drive within the model's range, and the share of such samples from which on they tell an offset."""
 
 
 def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: int, state: OperatorState, span: float,
                   free_shift: bool = False) -> tuple[Fit, float]:
-    """Figures over the samples after ``skipped``, per cent of ``span``, and the mean error, which ``free_shift`` removes."""
+    """Figures over the samples after ``skipped``, per cent of ``span``, and the constant that ``free_shift`` removes.
+
+    That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation errs, too.
+    """
     s, state, seen = model.structure, state.copy(), 0
     skipped_worst, low, high, total, squares = 0.0, math.inf, -math.inf, 0.0, 0.0
+    inside, inside_total = 0, 0.0
     gram, stride = np.zeros((5, 5)), max(1, recording.length // ENOUGH)
     for x, y in recording.chunks():
         error = y - model.simulate(x, state)
@@ -35,12 +41,14 @@ def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: in
         x, y, error = x[head:], y[head:], error[head:]
         low, high = min(low, float(np.min(error))), max(high, float(np.max(error)))
         total += float(np.sum(error))
+        known = np.abs(s.unit_input(x)) <= WITHIN
+        inside, inside_total = inside + int(np.count_nonzero(known)), inside_total + float(np.sum(error[known]))
         squares += float(np.sum(np.square(error)))
         columns = np.column_stack([chebvander(s.unit_input(x[::stride]), 3), s.unit_output(y[::stride])])
         gram += columns.T @ columns
     counted, gram = recording.length - skipped, gram / gram[0, 0]
-    shift = total / counted if free_shift else 0.0
-    rms = math.sqrt(max(squares / counted - shift**2, 0.0)) if free_shift else math.sqrt(squares / counted)
+    shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
+    rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
     worst = max(high - shift, shift - low)
     (line, coefficients), (cubic, _) = (_polynomial(gram, degree) for degree in (1, 3))
     unit = 100.0 * abs(s.y_scale) / span

@@ -8,19 +8,27 @@ the model class does not describe are refused (`judgement`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from numpy.typing import ArrayLike
 
-from piezo_model.identification.counting import count, require, y_range
+from piezo_model.identification.counting import count, moving_from, require, y_range
 from piezo_model.identification.direction import directed
 from piezo_model.identification.fit_report import Fit, FitReport, Offset
 from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
 from piezo_model.identification.forward_error import forward_error
 from piezo_model.identification.judgement import judge
 from piezo_model.identification.lag_identification import estimate_lag, without_lag
+from piezo_model.identification.model_selection import (
+    HYSTERESIS_ORDERS,
+    SAMPLES,
+    SUPERPOSITION_ORDERS,
+    Progress,
+    select,
+)
 from piezo_model.identification.remedies import remedy
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -31,6 +39,8 @@ from solvers.arrays import Vector
 
 LagChoice = Literal["estimate", "remove", "ignore"]
 
+USUAL = 5, 3
+"""Orders n and m where nothing chooses them."""
 IN_MEMORY = 5_000_000
 """Samples up to which a file is read once and kept instead of once for each pass."""
 
@@ -53,9 +63,9 @@ def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ..
 
 
 def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: ModelStructure | None = None, *,
-             solver: str = "box_active_set", n: int = 5, m: int = 3, creep_rates: Sequence[float] | None = None,
-             skip: int | None = None, lag: LagChoice = "estimate", state: OperatorState | None = None,
-             proximal: float = 1e-10, force: bool = False) -> HysteresisCreepModel:
+             solver: str = "box_active_set", n: int | None = None, m: int | None = None, creep_rates: Sequence[float] | None = None,
+             skip: int | None = None, lag: LagChoice = "estimate", state: OperatorState | None = None, proximal: float = 1e-10,
+             force: bool = False, progress: Progress = lambda what, done, total: None) -> HysteresisCreepModel:
     """Identify a model from input and output.
 
     Parameters
@@ -65,8 +75,12 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     y : array (N,)
         Measured output; not with a recording.
     structure : ModelStructure, optional
-        Needed for arrays; for a recording one is made of the orders ``n`` and ``m``, the ranges found, a free offset
-        and ``creep_rates`` (chosen from its length by default).
+        Needed for arrays; for a recording one is made of the ranges found, a free offset, ``n``, ``m`` and ``creep_rates``.
+    n, m : int, optional
+        Orders of hysteresis and creep, and of the superposition on each side.
+    creep_rates : sequence of float, optional
+        In 1/s; empty for a model without creep. What is not given of orders and rates is chosen by cross-validation (`model_selection`) where
+        the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate a decade (`choose_creep_rates`).
     solver : str
         Any registered solver.
     skip : int, optional
@@ -79,6 +93,7 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
         As of ``IdentificationProblem``.
     force : bool
         Whether to give a model, and say why not in its report, where it is no better than a straight line.
+    progress : function of (what, done, total), optional
 
     Returns
     -------
@@ -106,21 +121,49 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     if skip is not None and skip < 0:
         raise IdentificationError(f"skip must not be negative, not {skip}")
     recording = check_direction(_recording_of(x, y, structure))
-    given: dict[str, Any] = {"structure": structure, "n": n, "m": m, "creep_rates": creep_rates, "skip": skip}
+    given: dict[str, Any] = {"structure": structure, "n": USUAL[0] if n is None else n, "m": USUAL[1] if m is None else m,
+                             "creep_rates": creep_rates, "skip": skip}
 
-    def fitted(**changes: int) -> HysteresisCreepModel:
+    def fitted(**changes: Any) -> HysteresisCreepModel:
         return _fitted(recording, **{**given, **changes}, solver=solver, lag=lag, state=state, proximal=proximal, force=force)
 
+    progress("identifying", 0, 1)
     try:
-        return fitted()
+        model = fitted()
     except InadequateError as refusal:
-        raise IdentificationError(f"{refusal}{remedy(fitted, recording, skip, m if structure is None else None)}") from None
+        raise IdentificationError(f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None)}") from None
+    if structure is not None or None not in (n, m, creep_rates) or not model.report["hysteresis"] or model.report["refusal"] is not None:
+        return model
+    return _selected(recording, model, fitted, n, m, creep_rates, solver, progress)
+
+
+def _selected(recording: Recording, model: HysteresisCreepModel, fitted: Callable[..., HysteresisCreepModel], n: int | None, m: int | None,
+              creep_rates: Sequence[float] | None, solver: str, progress: Progress) -> HysteresisCreepModel:
+    """The model of the orders and rates that cross-validation takes, the given ones kept, with the choice in its report."""
+    assert model.start is not None  # as every fit leaves it
+    first = int(model.report["fit"]["skipped"])
+    s, (x, y) = model.structure, recording.head(moving_from(recording, first) + SAMPLES).arrays()
+    found = select(x, y, s, model.start, first, solver, ns=HYSTERESIS_ORDERS if n is None else (s.n,),
+                   ms=SUPERPOSITION_ORDERS if m is None else (s.dead_zones // 2,), rates=None if creep_rates is None else s.creep_rates,
+                   progress=progress)
+    if found is None:
+        return model
+    other = model
+    if found.chosen != found.unchosen:
+        progress("identifying", 0, 1)
+        with suppress(InadequateError):
+            other = fitted(n=found.chosen.n, m=found.chosen.m, creep_rates=found.chosen.creep_rates)
+    if other is model or other.report["baseline"]["model_percent"] > model.report["baseline"]["model_percent"]:
+        found = replace(found, chosen=found.unchosen)  # which errs less at the output, on data left out
+    else:
+        model = other
+    return replace(model, report={**model.report, "selection": found.to_dict(), "sentences": [*model.report["sentences"], found.sentence]})
 
 
 def check_direction(recording: Recording) -> Recording:
     """The recording with input and output as a fit both ways round tells them, where nothing but their values does; see `direction`."""
     def fit(part: Recording) -> HysteresisCreepModel:
-        return _fitted(part, None, 5, 3, None, None, solver="box_active_set", lag="ignore", state=None, proximal=1e-10, force=True)
+        return _fitted(part, None, *USUAL, None, None, solver="box_active_set", lag="ignore", state=None, proximal=1e-10, force=True)
 
     return directed(recording, fit)
 

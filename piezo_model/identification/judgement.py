@@ -84,8 +84,10 @@ def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: O
     curve, monotone = rivals.rms(residual), abs(rivals.rise(u[::stride], v[::stride])) > 0.8
     noise = curve < EXACT or rivals.noise(u[look], rivals.left_over(rivals.hats(u[look]), v[look]), WHITE)
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
-    refusal = None
-    if on_curve and curve > NOISY and (resonant := rivals.resonance(u[look], v[look])).error < MUCH_BETTER * curve:
+    refusal, at = None, rivals.outlier(y)
+    if at is not None and rivals.outlier(x) != at:
+        on_curve, refusal = False, outlier_sentence(y, at, skip, s.output_unit)
+    elif on_curve and curve > NOISY and (resonant := rivals.resonance(u[look], v[look])).error < MUCH_BETTER * curve:
         on_curve, refusal = False, _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range")
     elif not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
         refusal = _refusal(u, v, own, look, s, error, line)
@@ -132,6 +134,13 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
                 "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}, {left}",
                 "resonance": _of_resonance(best, s, left.replace("which", "it"))}[name]
     return f"the model class does not describe these data: {compared}" if no_better else None
+
+
+def outlier_sentence(y: Vector, at: int, skip: int, unit: str) -> str:
+    """What a sample is that stands alone; without a full stop."""
+    others = np.delete(y, at)
+    return (f"the output is {quantity(float(y[at]), unit)} in sample {at + skip}, and from {quantity(float(others.min()), unit)} to "
+            f"{quantity(float(others.max()), unit)} in all others: an outlier")
 
 
 def _of_resonance(found: rivals.Rival, s: ModelStructure, why: str) -> str:

@@ -24,6 +24,7 @@ PURE = 0.9
 """Share of the drive's power in one tone from which on delay, resonance and hysteresis look the same."""
 APART = 0.5
 """Share of the error of one cubic for all below which two cubics are two channels."""
+OUTLYING = 10.0
 ROUNDING = 1e-12
 """Of the range; what is smaller says nothing."""
 DAMPING = (0.003, 0.7)
@@ -94,6 +95,13 @@ def noise(u: Vector, error: Vector, white: float) -> bool:
     now, before = u[1:] - u.mean(), u[:-1] - u.mean()
     columns = np.column_stack([np.ones_like(now), now, before, now * before, before**2])
     return abs(correlation(error)) < white and rms(left_over(columns, error[1:])) > (1.0 - 0.5 * white) * rms(error)
+
+
+def outlier(v: Vector) -> int | None:
+    """The one sample that lies OUTLYING times as far from the median as any other; None where there is none."""
+    away = np.abs(v - np.median(v))
+    at = int(np.argmax(away))
+    return at if away[at] > OUTLYING * np.max(np.delete(away, at), initial=0.0) else None
 
 
 def drift(v: Vector) -> Rival:

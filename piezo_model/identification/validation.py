@@ -12,17 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.identification.counting import head_of
+from piezo_model.identification.counting import head_of, longest_transient, transient_end, y_range
 from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
+from piezo_model.identification.judgement import outlier_sentence
 from piezo_model.identification.lag_identification import without_lag
+from piezo_model.identification.rivals import outlier
 from piezo_model.identification.start import find_start
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
+from solvers.arrays import Vector
 
+LOOKED_AT = 1_000_000
+"""Samples among which an outlier is looked for."""
 SAME = 1.001
 """Share of the reported error up to which the start that the identification found explains a recording."""
 
@@ -45,6 +50,8 @@ class Validation:
     """Of the output."""
     warning: str
     """What speaks against the model where it was forced."""
+    outlier: str
+    """The sample of the output that stands alone, as a clause; "" for none."""
 
     def to_dict(self) -> dict[str, Any]:
         """Figures and sentences as JSON can hold them."""
@@ -55,15 +62,27 @@ class Validation:
         if self.warning:
             yield self.warning
         yield self.fit.headline(self.unit, "on this recording")
+        if self.outlier:
+            yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
+        if self.fit.skipped:
+            yield (f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up "
+                   f"to {percent(self.fit.skipped_max_percent)}.")
         if abs(self.shift) > 0.1 * self.fit.rms:
-            yield (f"The sensor stands {quantity(self.shift, self.unit, 3)} ({percent(100.0 * self.shift / self.fit.span)} of the "
-                   f"range) from where it stood in the identification; that offset is removed.")
+            yield (f"The sensor's offset has changed by {quantity(self.shift, self.unit, 3)} "
+                   f"({percent(100.0 * abs(self.shift) / self.fit.span)} of the range) since the identification; that "
+                   "is removed.")
         if self.fitted_rms_percent is not None and self.fit.rms_percent > 2.0 * self.fitted_rms_percent:
-            yield (f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the {percent(self.fitted_rms_percent)} "
-                   f"of the recording that it was identified from.")
+            yield (f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the "
+                   f"{percent(self.fitted_rms_percent)} of the recording that it was identified from.")
         if self.beyond_percent > 1.0:
-            yield (f"The drive goes {percent(self.beyond_percent)} of its range beyond what the model was identified over, where "
-                   f"the model is a guess.")
+            yield (f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
+                   "where the model extrapolates; an offset of the sensor is looked for within that range alone.")
+
+
+def _outlier(recording: Recording, unit: str) -> str:
+    y = recording.head(LOOKED_AT).arrays()[1]
+    at = outlier(y)
+    return "" if at is None else outlier_sentence(y, at, 0, unit)
 
 
 def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState:
@@ -74,22 +93,37 @@ def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState
     IdentificationError
         The sampling period is another one than the model's.
     """
+    return _start_and_transient(model, recording)[0]
+
+
+def _start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
+    """The states before the first sample, and the first samples that hold a transient, as the identification finds them."""
     s = model.structure
     if abs(recording.sample_time / s.sample_time - 1.0) > 1e-3:
         raise IdentificationError(f"{recording.name}: is sampled every {recording.sample_time:g} s and the model every "
                                   f"{s.sample_time:g} s")
     head = head_of(recording, s)
-    x, y = head.arrays()
+    (x, y), look = head.arrays(), longest_transient(head, s)
 
-    def cost(state: OperatorState) -> float:
-        return float(np.var((model.simulate(x, state.copy()) - y) / s.y_scale))
+    def error(state: OperatorState, skip: int) -> Vector:
+        found: Vector = ((model.simulate(x, state.copy()) - y) / (2.0 * s.y_scale))[skip:]
+        return found
+
+    def transient(state: OperatorState, skip: int) -> int:
+        centred = np.abs(error(state, 0) - np.median(error(state, skip)))
+        return transient_end(centred, look) if look else 0
 
     fit = model.report.get("fit")
     if model.start is not None and fit is not None:
-        error = (model.simulate(x, model.start.copy()) - y)[fit["skipped"]:]
-        if error.size and np.sqrt(np.mean(error**2)) <= SAME * fit["rms"]:
-            return model.start.copy()
-    return find_start(head, s, cost)[0]
+        own = error(model.start, fit["skipped"])
+        if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.mean(own**2)) <= SAME * fit["rms"]:
+            return model.start.copy(), transient(model.start, fit["skipped"])
+    state = find_start(head, s, lambda state: float(np.var(error(state, 0))))[0]
+    if look and np.max(np.abs(error(state, 0)[:look])) > np.max(np.abs(error(state, look))):
+        settled = find_start(head, s, lambda state: float(np.var(error(state, look))))[0]
+        if skip := transient(settled, look):
+            return settled, skip
+    return state, 0
 
 
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
@@ -98,11 +132,12 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     for what, own, other in (("input", recording.input_unit, s.input_unit), ("output", recording.output_unit, s.output_unit)):
         if own and other and own != other:
             raise IdentificationError(f"{recording.name}: its {what} is in {own} and that of the model in {other}")
-    state, lag = start_in(model, recording), model.report.get("lag")
-    start, span = state.copy(), recording.y_range[1] - recording.y_range[0]
+    (state, skip), lag = _start_and_transient(model, recording), model.report.get("lag")
+    (low, high), start = y_range(recording, skip), state.copy()
+    span = high - low
     if lag is not None and lag["removed"]:
-        recording, _, state = without_lag(recording, s, lag["samples"], 0, state)
-    fit, shift = forward_error(model, recording, 0, state, span, free_shift=True)
+        recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)
+    fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
-    low, high = np.abs(s.unit_input(np.array(recording.x_range)))
-    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (float(max(low, high)) - 1.0)), s.output_unit, model.warning)
+    farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
+    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning, _outlier(recording, s.output_unit))

@@ -193,13 +193,12 @@ def test_an_option_that_goes_with_another_is_refused_without_it(piezobench: Comm
     (["--time", "seconds"], ["stage.csv", "seconds", "time_s"]),
     (["--output", "voltage_V", "--input", "voltage_V"], ["stage.csv", "voltage_V"]),
     (["--solver", "best"], ["no solver 'best'", "box_active_set"]),
-    (["--creep-rates", "1,fast"], ["'1,fast'", "--creep-rates"]),
+    (["--rates", "1,fast"], ["'1,fast'", "--rates"]),
     (["--n", "-1"], ["--n"]),
     (["--n", "many"], ["--n"]),
     (["--skip", "8000"], ["skip"]),
     (["--sheet", "Messung 1"], ["stage.csv", "plain text", "sheet"]),
     (["--time", "time_s", "--sample-time", "0.001"], ["stage.csv", "time_s", "give one of the two"]),
-    (["--select-order", "--n", "4"], ["--n", "is what --select-order chooses"]),
     (["--lag", "later"], ["--lag"]),
 ])
 def test_identify_refuses_an_option_that_the_recording_cannot_meet(piezobench: CommandLine, desk: Path, options: list[str],
@@ -428,7 +427,7 @@ def test_validate_and_simulate_take_a_model_to_other_data(piezobench: CommandLin
     call = piezobench("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
     assert (call.status, call.stderr) == (0, "")
     assert "with this model on this recording" in call.stdout
-    assert "that offset is removed" in call.stdout
+    assert "since the identification; that is removed" in call.stdout
     assert (tmp_path / "other.html").is_file()
     call = piezobench("simulate", desk / "model.json", "other.csv", "--out", "output.csv", folder=tmp_path)
     assert (call.status, call.stderr) == (0, "")

@@ -19,7 +19,7 @@ from bench.cli.fleet import process
 from bench.fleet.compensating import Compensating
 from bench.fleet.fleet import done, parts_of
 from bench.fleet.identifying import Identifying
-from bench.fleet.report import DISTANT
+from bench.fleet.report import DISTANT, table_of
 from bench.fleet.validating import Validating
 from bench.messages.progress import silent
 from bench.processes.engine import Workers
@@ -263,3 +263,23 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
 def test_what_cannot_be_meant_is_refused_before_the_work(piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:
     assert said in piezobench("identify", *words, folder=tmp_path).refusal
     assert not list(tmp_path.iterdir())
+
+
+def test_a_fleet_of_stages_that_all_differ_a_little_has_no_outliers_but_the_one_that_is(recordings: list[Path]) -> None:
+    """Twenty weights a model, half of them at their bound in most models and anywhere in the others."""
+    chance = np.random.default_rng(1)
+    rows = [{"recording": f"{i}.csv", "name": f"{i}", "refused": "", "rms_percent": 0.3 * 10.0 ** chance.normal(0.0, 0.1) * (20.0 if i == 9 else 1.0),
+             **{f"w_H{k}": chance.uniform(0.05, 0.15) * (3.0 if i == 4 else 1.0) for k in range(10)},
+             **{f"w_K{k}": max(chance.normal(-0.02, 0.03), 0.0) for k in range(10)}} for i in range(28)]
+    table = table_of(rows)
+    assert set(table.name[table.distance > DISTANT]) == {"4", "9"}
+    assert dict(zip(table.name[:2], table.unlike[:2], strict=True)) == {"9": "error", "4": "weights"}
+
+
+def test_asked_again_the_page_shows_the_refused_rows_again(piezobench: CommandLine, recordings: list[Path], tmp_path: Path) -> None:
+    words = ("identify", recordings[0], recordings[3], "--out-dir", tmp_path / "out", "--n", 1, "--m", 0, "--rates", "none")
+    pages = []
+    for _ in range(2):
+        assert "1 of 2 recordings are refused" in piezobench(*words).refusal
+        pages.append((tmp_path / "out" / "fleet.html").read_text())
+    assert all("Refused" in page and BAD in page for page in pages)

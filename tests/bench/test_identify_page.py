@@ -1,6 +1,7 @@
 """The page of a recording, the advice on it, and orders by cross-validation."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ from browser import Browser
 from command_line import CommandLine
 
 from bench.report import recording_page
-from piezo_model import HysteresisCreepModel, IdentificationError, ModelStructure, Recording, identify, plants
+from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, Recording, identify, plants
+from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fit_review import review
-from piezo_model.identification.order_selection import select_order
+from piezo_model.identification.fitting import optimum
+from piezo_model.identification.model_selection import excursions, select
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
 
@@ -37,7 +40,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def said(piezobench: CommandLine, desk: Path) -> str:
     """What identify says; page and model are on the desk afterwards."""
     call = piezobench("identify", "<u>stage.csv", "--time", COLUMNS[0], "--input", COLUMNS[1], "--output", COLUMNS[2], "--out",
-                      "model.json", "--page", "stage page.html", "--select-order", folder=desk)
+                      "model.json", "--page", "stage page.html", folder=desk)
     assert (call.status, call.stderr) == (0, "")
     return call.stdout
 
@@ -78,9 +81,10 @@ def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(
     assert 0.3 < share < 1.0
 
 
-def test_the_order_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:
+def test_the_structure_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:
     structure = HysteresisCreepModel.load(desk / "model.json").structure
-    assert f"takes n = {structure.n}, m = {structure.dead_zones // 2} " in said
+    assert f"takes n = {structure.n}, m = {structure.dead_zones // 2} and " in " ".join(said.split())
+    assert sum(line.rstrip().endswith(("chosen", "without a choice", "smallest error")) for line in said.splitlines()) >= 2
     assert said.rstrip().endswith("Page: stage page.html")
 
 
@@ -89,7 +93,7 @@ def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_p
                       "--out", tmp_path / "m.json", "--n", 2, "--m", 1, "--json")
     found = json.loads(call.stdout)
     assert found["report"] == json.loads((tmp_path / "m.json").read_text())["report"]
-    assert found["orders"] is None
+    assert found["report"]["selection"]["table"][0]["n"] == 2
 
 
 @pytest.mark.usefixtures("said")
@@ -140,21 +144,64 @@ def test_intervals_of_weights_hold_the_truth_when_the_model_is_true() -> None:
     assert held >= 0.75 * counted
 
 
-def test_cross_validation_finds_the_order_that_the_data_were_made_with() -> None:
-    structure = ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), (), SAMPLE_TIME)
-    truth = HysteresisCreepModel.from_weights(structure, [0.5, 0.4, 1.0])
-    x = multi_sine(duration_s=8.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
-    y = truth.simulate(x) + np.random.default_rng(0).normal(0.0, 0.02, x.size)
-    first = identify(recording(x, y), structure=structure)
-    chosen = select_order(recording(x, y), first, ns=(1, 2, 3, 5), ms=(0, 1)).chosen
-    assert (chosen.n, chosen.m) == (2, 0)
+def creeping(rates: tuple[float, ...], w_K: tuple[float, ...], noise: float = 0.01) -> tuple[ModelStructure, np.ndarray, np.ndarray]:
+    """A structure of the usual orders and rates, and drive and output of a true model of n = 2, m = 0 and other rates."""
+    truth = HysteresisCreepModel.from_weights(
+        ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), rates, SAMPLE_TIME), [0.5, 0.4, 1.0, *w_K])
+    x = multi_sine(duration_s=16.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=5.0)
+    y = truth.simulate(x) + np.random.default_rng(0).normal(0.0, noise, x.size)
+    usual = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), SAMPLE_TIME, offset=True)
+    return usual, x, y
 
 
-def test_a_recording_that_is_too_short_for_cross_validation_is_refused() -> None:
-    x, y = signals()
-    model = identify(recording(x, y))
-    with pytest.raises(IdentificationError, match="too few for cross-validation"):
-        select_order(recording(x[:20], y[:20]), model)
+@pytest.mark.parametrize("rates", [(31.6228,), (10.0, 0.316228)])
+def test_cross_validation_finds_the_orders_and_creep_rates_that_the_data_were_made_with(rates: tuple[float, ...]) -> None:
+    usual, x, y = creeping(rates, (0.05, 0.03, 0.02))
+    found = select(x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set")
+    assert found is not None
+    assert (found.chosen.n, found.chosen.m, found.chosen.creep_rates) == (2, 0, rates)
+    assert found.best.error_percent <= found.chosen.error_percent < 0.95 * found.unchosen.error_percent
+    assert len(found.candidates) > 100
+
+
+def test_what_is_known_of_orders_and_rates_is_kept() -> None:
+    _, x, y = creeping((10.0, 0.3), (0.05, 0.03, 0.02))
+    for given in ({"n": 3}, {"m": 1}, {"creep_rates": (20.0, 0.2)}, {"n": 4, "m": 0}):
+        s = identify(recording(x, y), lag="ignore", **given).structure
+        found = {"n": s.n, "m": s.dead_zones // 2, "creep_rates": s.creep_rates}
+        assert {name: found[name] for name in given} == given
+    assert "selection" not in identify(recording(x, y), n=3, m=1, creep_rates=(1.0,), lag="ignore").report
+
+
+def test_errors_of_candidates_are_those_of_fits_to_the_samples_themselves() -> None:
+    usual, x, y = creeping((10.0, 0.3), (0.05, 0.03, 0.02))
+    found = select(x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set", ns=(5,), ms=(3,), rates=usual.creep_rates)
+    assert found is not None
+    (only,) = found.candidates
+    bottoms = excursions(x)
+    edges = [0, *(int(bottoms[np.argmin(np.abs(bottoms - at))]) for at in np.linspace(0, x.size, 6)[1:-1]), x.size]
+    errors = []
+    for out in range(5):
+        fitted, judged = DataBasis(usual, OperatorState.at_rest(usual)), DataBasis(usual, OperatorState.at_rest(usual))
+        for fold, (begin, end) in enumerate(pairwise(edges)):
+            fitted.update(x[begin:end], y[begin:end], count=fold != out)
+            judged.update(x[begin:end], y[begin:end], count=fold == out)
+        w = optimum(fitted.problem(), "box_active_set")
+        errors.append(100.0 * np.sqrt(2.0 * judged.problem().cost(w)) * usual.x_scale / np.ptp(x))
+    np.testing.assert_allclose(only.fold_errors, errors, rtol=1e-6)
+
+
+def test_excursions_begin_where_the_drive_turns_at_the_bottom() -> None:
+    t = np.arange(10_000) / 1000.0
+    x = np.sin(2.0 * np.pi * t) + 0.05 * np.sin(2.0 * np.pi * 13.0 * t)  # ripples are no excursions
+    np.testing.assert_allclose(excursions(x) / 1000.0, np.arange(9) + 0.75, atol=0.04)
+
+
+def test_a_recording_of_few_excursions_keeps_the_usual_structure() -> None:
+    x = 75.0 - 75.0 * np.cos(2.0 * np.pi * np.arange(6000) / 1500.0)
+    model = identify(recording(x, plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(x)))
+    assert (model.structure.n, model.structure.dead_zones) == (5, 7)
+    assert "selection" not in model.report
 
 
 def test_a_page_cannot_be_written_where_there_is_no_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ SHARED_MEMORY = Path("/dev/shm")
 FEW = ("--solver", "daqp", "--lane", "direct", "--out", "results", "--name", "run")
 KINDS = {"race": ("race", "--set", "paper", "--repeats", 9, *FEW), "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
          "batch": ("race", "--race", "batch", "--limit", 2, *FEW),
-         "fleet": ("identify", "stage.csv", "another.csv", "--select-order", "--out-dir", "models", "--workers", 2),
+         "fleet": ("identify", "stage.csv", "another.csv", "--out-dir", "models", "--workers", 2),
          "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000, "--no-cost")}
 CARRIES_ON = "Interrupted; what is done is kept, and {} carries on."
 SAYS = {"fleet": CARRIES_ON.format("the same command"), "realtime": ""}

@@ -57,7 +57,7 @@ def test_the_offset_is_found_and_said() -> None:
     assert model.offset == pytest.approx(0.25, abs=1e-5)
     assert model.report["offset"]["value"] == pytest.approx(0.25 * s.x_scale, abs=1e-3)
     assert model.report["offset"]["error_without_offset_percent"] > 100 * model.report["offset"]["error_percent"]
-    assert sentences(model, "The sensor has an offset of 12.5 V")
+    assert sentences(model, "The sensor has an offset, 12.5 V of the input")
 
 
 @pytest.mark.parametrize("tenths", [10, 30, 24, 7])
@@ -99,7 +99,7 @@ def test_removing_a_lag_keeps_what_is_known_of_the_states_at_the_start() -> None
 def test_a_lag_longer_than_looked_for_is_said_to_be_perhaps_longer() -> None:
     s, x = structure(creep_rates=()), a_drive()
     model = identify(x[20:], true_model(s).simulate(x)[5:-15], s, force=True)  # refused as a delay otherwise
-    assert sentences(model, "lags by 10.00 samples or more")
+    assert sentences(model, "lags by at least 10 samples, the longest lag that is tried")
 
 
 def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at() -> None:
@@ -145,7 +145,7 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
     assert fit["rms_percent"] <= 0.289
     assert fit["max_percent"] <= 1.03
     assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
-    for words in ("hold a transient", "The sensor has an offset of", "The sensor lags by"):
+    for words in ("hold a transient", "The sensor has an offset, ", "The sensor lags by"):
         assert len(sentences(model, words)) == 1
     # The error (5) is smallest at 3.57 samples and less than 1 % larger from 3.3 to 4.1, so whole numbers on both sides are as near as
     # the data tell: counted from sample 2000 on it is smallest at 3.58, and from 5000 on, of 8027, at 4.3.

@@ -187,7 +187,7 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
     found = model.validate(Recording.from_arrays(u[4700:], y[4700:] + 0.4, SAMPLE_TIME, output_unit="um"))
     assert found.shift == pytest.approx(0.4, abs=0.01)
     assert found.fit.rms_percent < 2.0 * model.report["fit"]["rms_percent"]
-    assert any(f"stands {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence for sentence in found.sentences())
+    assert any(f"offset has changed by {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence for sentence in found.sentences())
 
 
 @pytest.mark.parametrize(("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")])
@@ -258,3 +258,43 @@ def test_a_butterfly_is_named_be_its_switching_soft_or_sharp(sharpness: float) -
     strain = noisy(rng, 0.6 * polarisation * field + 0.4 * polarisation**2)
     with pytest.raises(IdentificationError, match="as the butterfly of a strain over a field"):
         identify(Recording.from_arrays(75.0 * field, strain, SAMPLE_TIME))
+
+
+def test_validation_leaves_out_the_transient_that_identification_leaves_out() -> None:
+    made = switched_on(470.0, 3.0, 20)
+    model = identify(made)
+    found = model.validate(made)
+    assert found.fit.skipped == model.report["fit"]["skipped"] > 0
+    assert found.fit.max_percent == pytest.approx(model.report["fit"]["max_percent"], rel=0.05)
+    assert any("hold a transient" in sentence for sentence in found.sentences())
+
+
+def test_a_transient_of_another_session_is_left_out_of_its_validation() -> None:
+    clean, disturbed = switched_on(470.0, 0.0, 20), switched_on(470.0, 3.0, 20)
+    found = identify(clean).validate(disturbed)
+    assert 10 <= found.fit.skipped <= 200
+    assert found.fit.max_percent < 2.0
+
+
+def test_an_extrapolation_is_not_taken_for_an_offset_of_the_sensor() -> None:
+    rng, k = np.random.default_rng(2), np.arange(9000)
+    u = np.sin(k / 200) * (0.4 + 0.6 * k / k.size)
+    y = noisy(rng, np.tanh(1.5 * loops(rng, u, 0.15)), 0.001)
+    model = identify(Recording.from_arrays(u[:4000], y[:4000], SAMPLE_TIME), n=5, m=3)
+    wider = model.validate(Recording.from_arrays(u[4000:] + 0.5, y[4000:], SAMPLE_TIME))
+    assert wider.beyond_percent > 20.0
+    inside = np.abs(model.structure.unit_input(u[4000:] + 0.5)) <= 1.0
+    state = wider.start.copy()
+    error = y[4000:] - model.simulate(u[4000:] + 0.5, state)
+    assert wider.shift == pytest.approx(float(error[inside].mean()), abs=0.01 * np.ptp(y))
+    assert any("extrapolates" in sentence for sentence in wider.sentences())
+
+
+def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
+    x, y = recording(DESCRIBABLE["hysteresis"], 3).arrays()
+    model = identify(Recording.from_arrays(x, y, SAMPLE_TIME, output_unit="um"), n=3, m=1)
+    y[4711] = 1e6
+    spoiled = Recording.from_arrays(x, y, SAMPLE_TIME, output_unit="um")
+    with pytest.raises(IdentificationError, match=r"the output is 1 m in sample 4711, and from .* in all others: an outlier"):
+        identify(spoiled, n=3, m=1)
+    assert any("in sample 4711" in sentence for sentence in model.validate(spoiled).sentences())

@@ -1,0 +1,299 @@
+"""Creep rates and the orders n and m, chosen by cross-validation on whole excursions of the drive.
+
+The creep part is K = Σ w_Ki Σ_a z_i(a), one state for each rate a, and every operator is fixed beforehand, so that the cost (6) of any set of
+rates, thresholds and dead zones is made of sums of the columns
+
+    x,  H_r [x] for all thresholds r,  −S_r' [y] for all dead zones r',  z_r(a) for all thresholds and rates,  1.
+
+One pass gives the Gram matrix of these columns for each fold; programs of all candidates follow from it without the samples. The recording is
+cut where the drive turns at the bottom of its excursions, excursions are gathered in FOLDS stretches of about equal length, weights come from
+all stretches but one and are judged by the error of the drive (5) on that one. Of all candidates that err at most PAYS times as much as the
+structure without a choice, and whose mean square error is within one standard error of the smallest (of the difference, fold by fold), the one
+with the fewest unknowns is taken.
+
+Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd edition 2009, section 7.10.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.identification.fitting import optimum
+from piezo_model.identification_problem import Excitation, IdentificationProblem
+from piezo_model.operator_state import OperatorState
+from piezo_model.regressors import regressor_rows
+from piezo_model.structure import ModelStructure
+from solvers.arrays import Matrix, Vector
+
+FOLDS = 5
+EXCURSIONS = 2 * FOLDS
+"""Fewest excursions of the drive with which a choice is made."""
+DEPTH = 0.25
+"""Share of its range that the drive goes down and up again in an excursion."""
+MOST_RATES, BEAM = 4, 4
+"""Most creep rates of a set, and sets of one size from which larger ones are made."""
+PAYS = 0.95
+"""Share of the error without a choice up to which another structure is worth taking."""
+PER_DECADE = 2
+HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12)
+SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5)
+STILL = 1e-14
+"""Variance in unit amplitudes below which an operator has not moved."""
+SAMPLES, CHUNK = 100_000, 8192
+"""Samples that are looked at, and at once."""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A structure with its cross-validated error."""
+
+    n: int
+    m: int
+    creep_rates: tuple[float, ...]
+    d: int
+    """Number of unknowns."""
+    error_percent: float
+    standard_error: float
+    """RMS error of the drive on data left out, per cent of its range, and its standard error over the folds."""
+    fold_errors: tuple[float, ...]
+    """The RMS error of each fold, per cent of the range."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """All candidates that were tried, and the one to take."""
+
+    candidates: tuple[Candidate, ...]
+    best: Candidate
+    """With the smallest error."""
+    chosen: Candidate
+    """The simplest within one standard error of it."""
+    unchosen: Candidate
+    """What is taken without a choice."""
+
+    @property
+    def sentence(self) -> str:
+        """The choice in words."""
+        c, b = self.chosen, self.best
+        before = "" if c == self.unchosen else f", {self.unchosen.error_percent:.3g} % without the choice"
+        smallest = "" if c == b else f", {b.error_percent:.3g} % at best"
+        return (f"Cross-validation over {len(self.candidates)} structures takes n = {c.n}, m = {c.m} and {_said(c)}: an RMS error of the drive of "
+                f"{c.error_percent:.3g} % of its range on excursions left out{before}{smallest}.")
+
+    @property
+    def table(self) -> tuple[Candidate, ...]:
+        """The chosen one, and of the others the best of each number of rates and of each pair of orders, by their error."""
+        kept: dict[object, Candidate] = {}
+        for each in sorted(self.candidates, key=_error):
+            kept.setdefault(len(each.creep_rates), each)
+            kept.setdefault((each.n, each.m), each)
+        return tuple(dict.fromkeys((self.chosen, self.unchosen, *sorted(kept.values(), key=_error))))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The sentence, and the table with the standing of each row, as JSON can hold them."""
+        standing = {self.best: "smallest error", self.unchosen: "without a choice", self.chosen: "chosen"}
+        rows = [{"n": c.n, "m": c.m, "creep_rates": list(c.creep_rates), "d": c.d, "error_percent": c.error_percent,
+                 "standard_error": c.standard_error, "standing": standing.get(c, "")} for c in self.table]
+        return {"sentence": self.sentence, "tried": len(self.candidates), "table": rows}
+
+
+def _said(candidate: Candidate) -> str:
+    rates = ", ".join(f"{rate:.3g}" for rate in candidate.creep_rates)
+    return f"creep rates {rates} per second" if rates else "no creep"
+
+
+def excursions(x: Vector) -> NDArray[np.int64]:
+    """Samples at which the drive turns at the bottom, after it went down and before it goes up by DEPTH of its range."""
+    depth, bottoms = DEPTH * float(np.ptp(x)), []
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1
+    high, low, at, falling = x[0], x[0], 0, False
+    for k in turns.tolist():
+        value = x[k]
+        if falling:
+            if value < low:
+                low, at = value, k
+            elif value > low + depth:
+                bottoms.append(at)
+                high, falling = value, False
+        elif value > high:
+            high = value
+        elif value < high - depth:
+            low, at, falling = value, k, True
+    return np.array(bottoms, dtype=np.int64)
+
+
+def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
+    """Rates in 1/s on a logarithmic grid from the length of the recording to ten sampling periods, fastest first.
+
+    Examples
+    --------
+    >>> candidate_rates(1e-2, 1.0)
+    (10.0, 3.16228, 1.0)
+    """
+    slowest = math.ceil(PER_DECADE * math.log10(1.0 / duration_s) - 1e-9)
+    fastest = math.floor(PER_DECADE * math.log10(0.1 / sample_time) + 1e-9)
+    return tuple(float(f"{10.0 ** (k / PER_DECADE):.6g}") for k in range(fastest, slowest - 1, -1))
+
+
+def select(x: Vector, y: Vector, structure: ModelStructure, start: OperatorState, skip: int, solver: str, *, ns: Sequence[int] = HYSTERESIS_ORDERS,
+           ms: Sequence[int] = SUPERPOSITION_ORDERS, rates: Sequence[float] | None = None,
+           progress: Progress = lambda what, done, total: None) -> Selection | None:
+    """Cross-validate creep rates and orders; None where the drive makes too few excursions to tell.
+
+    Parameters
+    ----------
+    x, y : array (N,)
+        Input and output from the first sample on; SAMPLES of them are enough.
+    structure : ModelStructure
+        Of a first fit: ranges, sign and offset are kept, and its orders and rates are those without a choice.
+    start : OperatorState
+        States before the first sample, of that structure.
+    skip : int
+        Samples at the start that are not counted.
+    solver : str
+    ns, ms : sequence of int
+        Orders to try, those of ``structure`` among them.
+    rates : sequence of float, optional
+        Those of ``structure`` where they are known; sets of up to MOST_RATES of ``candidate_rates`` are tried otherwise.
+    """
+    bottoms = excursions(x[skip:]) + skip
+    edges = _edges(bottoms, skip, x.size)
+    if bottoms.size < EXCURSIONS or len(edges) <= FOLDS:
+        return None
+    usual = structure.n, structure.dead_zones // 2
+    grid = candidate_rates(structure.sample_time, (x.size - skip) * structure.sample_time) if rates is None else tuple(rates)
+    grams = _Grams(structure, ns, ms, tuple(dict.fromkeys((*grid, *structure.creep_rates))), solver)
+    grams.accumulate(x, y, start, skip, edges, progress)
+    unchosen = grams.judged(*usual, structure.creep_rates)
+    best_rates = structure.creep_rates if rates is not None else _search(grams, grid, *usual, progress)
+    for done, (n, m) in enumerate(product(ns, ms)):
+        progress(f"n = {n}, m = {m}", done, len(ns) * len(ms))
+        grams.judged(n, m, best_rates)
+    best = min(grams.found.values(), key=_error)
+    if rates is None and (best.n, best.m) != usual:
+        _search(grams, grid, best.n, best.m, progress)
+        best = min(grams.found.values(), key=_error)
+    good = [c for c in grams.found.values() if _error(c) <= PAYS * _error(unchosen) and _as_good(c, best)]
+    return Selection(tuple(grams.found.values()), best, min(good, key=lambda c: (c.d, len(c.creep_rates), _error(c)), default=unchosen), unchosen)
+
+
+def _error(candidate: Candidate) -> float:
+    return candidate.error_percent
+
+
+def _as_good(one: Candidate, best: Candidate) -> bool:
+    """Whether the mean square error of a candidate is larger by no more than the standard error of the difference."""
+    more = np.square(one.fold_errors) - np.square(best.fold_errors)
+    return bool(np.mean(more) <= np.std(more, ddof=1) / math.sqrt(more.size))
+
+
+def _search(grams: _Grams, grid: Sequence[float], n: int, m: int, progress: Progress) -> tuple[float, ...]:
+    """The best set of rates for orders: all of one and two, and larger ones from the best of one less."""
+    sets: list[tuple[float, ...]] = [(), *((rate,) for rate in grid), *combinations(grid, 2)]
+    judged = [grams.judged(n, m, each) for each in sets]
+    progress("creep rates", 2, MOST_RATES)
+    best = [c for c in sorted(judged, key=_error) if len(c.creep_rates) == 2][:BEAM]
+    for size in range(3, MOST_RATES + 1):
+        larger = {tuple(sorted({*c.creep_rates, rate}, reverse=True)) for c in best for rate in grid if rate not in c.creep_rates}
+        found = sorted((grams.judged(n, m, each) for each in sorted(larger)), key=_error)
+        judged, best = [*judged, *found], found[:BEAM]
+        progress("creep rates", size, MOST_RATES)
+    return min(judged, key=_error).creep_rates
+
+
+def _edges(bottoms: NDArray[np.int64], skip: int, size: int) -> list[int]:
+    """Where folds begin and end: at the bottoms nearest to stretches of equal length."""
+    wanted = np.linspace(skip, size, FOLDS + 1)[1:-1]
+    inner = sorted({int(bottoms[np.argmin(np.abs(bottoms - at))]) for at in wanted}) if bottoms.size else []
+    return [skip, *(at for at in inner if skip < at < size), size]
+
+
+class _Grams:
+    """Gram matrices of all columns, one a fold, and the candidates that were judged by them."""
+
+    def __init__(self, structure: ModelStructure, ns: Sequence[int], ms: Sequence[int], rates: tuple[float, ...], solver: str) -> None:
+        self.structure, self.rates, self.solver = structure, rates, solver
+        self.plays = tuple(sorted({r for n in ns for r in _orders(structure, n, 0).play_thresholds}))
+        self.zones = tuple(sorted({r for m in ms for r in _orders(structure, 0, m).dead_zone_thresholds}))
+        self.found: dict[tuple[int, int, tuple[float, ...]], Candidate] = {}
+        self.folds: list[Matrix] = []
+        self.counts: list[int] = []
+
+    def accumulate(self, x: Vector, y: Vector, start: OperatorState, skip: int, edges: Sequence[int], progress: Progress) -> None:
+        """Run all operators once over the samples and sum the products of their columns, fold by fold."""
+        s = replace(self.structure, play_thresholds=self.plays, dead_zone_thresholds=self.zones, creep_rates=(), offset=True)
+        r, own = np.array((0.0, *self.plays)), np.array((0.0, *self.structure.play_thresholds))
+        play = np.interp(r, own, start.play[:own.size])
+        rested = np.interp(r, own, start.creep[:own.size]) if start.creep.size else play  # creep starts alike for all rates
+        structures = [replace(s, creep_rates=(rate,)) for rate in self.rates] or [s]
+        states = [OperatorState.of(play, [rested] * len(each.creep_rates), each) for each in structures]
+        self.span = float(np.ptp(s.unit_input(x[skip:])))
+
+        def columns(part: slice) -> Matrix:
+            rows = [regressor_rows(each, state, x[part], y[part]) for each, state in zip(structures, states, strict=True)]
+            fixed = 1 + len(self.plays) + len(self.zones)
+            return np.hstack([rows[0][:, :fixed], *(each[:, fixed:-1] for each in rows), rows[0][:, -1:]])
+
+        for begin in range(0, skip, CHUNK):
+            columns(slice(begin, min(begin + CHUNK, skip)))
+        width = 1 + len(self.plays) + len(self.zones) + len(self.rates) * r.size + 1
+        for fold, (begin, end) in enumerate(pairwise(edges)):
+            gram = np.zeros((width, width))
+            for at in range(begin, end, CHUNK):
+                part = columns(slice(at, min(at + CHUNK, end)))
+                gram += part.T @ part
+            self.folds.append(gram)
+            self.counts.append(end - begin)
+            progress("running the operators", fold + 1, len(edges) - 1)
+
+    def judged(self, n: int, m: int, rates: Sequence[float]) -> Candidate:
+        """The candidate of these orders and rates, cross-validated once."""
+        key = n, m, tuple(rates)
+        if key not in self.found:
+            s = replace(_orders(self.structure, n, m), creep_rates=tuple(rates))
+            members, first = self._members(s)
+            folds = [np.add.reduceat(np.add.reduceat(gram[np.ix_(members, members)], first, axis=0), first, axis=1) for gram in self.folds]
+            total = np.sum(folds, axis=0)
+            squares = []
+            for gram, count in zip(folds, self.counts, strict=True):
+                problem = self._problem(s, total - gram, sum(self.counts) - count)
+                w = np.concatenate([[1.0], optimum(problem, self.solver)])
+                squares.append(max(float(w @ gram @ w), 0.0) / count)
+            errors = 100.0 * np.sqrt(squares) / self.span
+            self.found[key] = Candidate(n, m, tuple(rates), s.d, float(np.sqrt(np.mean(np.square(errors)))),
+                                        float(np.std(errors, ddof=1)) / math.sqrt(errors.size), tuple(errors.tolist()))
+        return self.found[key]
+
+    def _members(self, s: ModelStructure) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The columns whose sums are those of a structure, x first, one after the other, and where each sum begins."""
+        r, zones, creep = (0.0, *self.plays), 1 + len(self.plays), 1 + len(self.plays) + len(self.zones)
+        sums = [[0], *([r.index(threshold)] for threshold in s.play_thresholds),
+                *([zones + self.zones.index(threshold)] for threshold in s.dead_zone_thresholds)]
+        if s.creep_rates:
+            blocks = [creep + self.rates.index(rate) * len(r) for rate in s.creep_rates]
+            sums += [[block + r.index(threshold) for block in blocks] for threshold in (0.0, *s.play_thresholds)]
+        if s.offset:
+            sums.append([creep + len(self.rates) * len(r)])
+        return np.concatenate(sums), np.cumsum([0, *(len(each) for each in sums[:-1])])
+
+    def _problem(self, s: ModelStructure, gram: Matrix, count: float) -> IdentificationProblem:
+        """The program of a Gram matrix of so many samples; an operator of small variance has not moved."""
+        gram, first = gram / count, 1 + s.n + s.dead_zones
+        moved = np.diag(gram) - gram[-1] ** 2 > STILL if s.offset else np.diag(gram) > STILL
+        excitation = Excitation(-1.0, 1.0, -1.0, 1.0, tuple(moved[1:1 + s.n].tolist()), tuple(moved[first:first + s.creep_weights].tolist()))
+        return IdentificationProblem(s, gram[1:, 1:], gram[0, 1:], 0.5 * float(gram[0, 0]), excitation)
+
+
+def _orders(s: ModelStructure, n: int, m: int) -> ModelStructure:
+    """The structure with other orders, thresholds equidistant."""
+    other = ModelStructure.equidistant(n, m, (-1.0, 1.0), (-1.0, 1.0), (), s.sample_time)
+    return replace(s, play_thresholds=other.play_thresholds, dead_zone_thresholds=other.dead_zone_thresholds)
