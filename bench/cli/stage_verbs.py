@@ -11,7 +11,7 @@ import typer
 from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.given_options import refuse
 from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
-from bench.cli.solver_option import check_solver
+from bench.cli.solver_option import SolverName
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
 from bench.fleet.identifying import Identifying
@@ -43,7 +43,7 @@ def identify_verb(
                                                         "default.")] = None,
     lag: Annotated[LagChoice, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or "
                                                 "ignored.")] = "estimate",
-    solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
+    solver: SolverName = "box_active_set",
     force: Annotated[bool, typer.Option("--force", help="Write a model even of data that it does not describe.")] = False,
     select: Annotated[bool, typer.Option("--select-order", help="Choose n and m by cross-validation.")] = False,
     page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
@@ -56,7 +56,6 @@ def identify_verb(
 
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
-    check_solver(solver)
     if select:
         refuse(context, ("n", "m"), "is what --select-order chooses")
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}

@@ -46,11 +46,8 @@ def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
     """
     settings = settings or ExportSettings()
     data = {**known(model, settings, title), **(more or {})}
-    try:
-        return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
-                for name, template in files.items()}
-    except numbers.Unfit as error:
-        raise ExportError(str(error)) from None
+    return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
+            for name, template in files.items()}
 
 
 def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
