@@ -27,7 +27,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict, cast
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -35,8 +35,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from bench.passed import columns
-from bench.passed.row import Row
-from bench.passed.task import Task
+from bench.passed.task import Row, Task
 from bench.problem_files import npz
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
@@ -251,15 +250,15 @@ class Run:
     def _task_path(self, task: Task) -> Path:
         return self.path / "tasks" / f"{task.key}.npz"
 
-    def save(self, task: Task, row: Mapping[str, Any] | Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
-        """Put one finished task on disk, with its row or its rows and its raw times by what was timed."""
+    def save(self, task: Task, rows: Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
+        """Put one finished task on disk, with its rows and its raw times by what was timed."""
         with replacing(self._task_path(task), durable=False) as temporary, temporary.open("wb") as file:
-            np.savez(file, row=np.array(json.dumps(packed(row))), **times)
+            np.savez(file, rows=np.array(json.dumps(packed(rows))), **times)
 
     def task(self, task: Task) -> tuple[list[Row], dict[str, Any]]:
         """Rows and raw times of a task that is done."""
         with _opened(self._task_path(task)) as data:
-            return _rows(data), {what: data[what] for what in data.files if what != "row"}
+            return _rows(data), {what: data[what] for what in data.files if what != "rows"}
 
     def rows_so_far(self) -> list[Row]:
         """The rows of all tasks of a race that is not finished."""
@@ -294,7 +293,7 @@ class Run:
                 some = _rows(data)
                 rows += some
                 of = {"task": some[0]["task"], "repeat": some[0].get("repeat", 0)}
-                times += [{**of, "what": what, "ns": data[what]} for what in data.files if what != "row"]
+                times += [{**of, "what": what, "ns": data[what]} for what in data.files if what != "rows"]
         table = pa.Table.from_pylist(rows, schema.arrow).sort_by([(name, "ascending") for name in schema.order])
         for file, whole in (("times.parquet", pa.Table.from_pylist(times, TIMES)), (schema.file, table)):
             with replacing(self.path / file) as temporary:
@@ -334,6 +333,6 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _rows(data: Mapping[str, Any]) -> list[Row]:
-    """The rows of a task's file, which holds one or several."""
-    found = unpacked(decoded(str(data["row"]), cast(Any, Row | list[Row])))
-    return found if isinstance(found, list) else [found]
+    """The rows of a task's file."""
+    found: list[Row] = unpacked(decoded(str(data["rows"]), list[Row]))
+    return found

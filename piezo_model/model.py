@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeGuard, get_args
 
 import msgspec
 import numpy as np
@@ -34,6 +34,8 @@ from solvers.arrays import Vector
 if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
     from piezo_model.recordings import Recording
+
+StartChoice = Literal["identified", "rest"]
 
 
 class ModelError(ValueError):
@@ -230,6 +232,21 @@ class HysteresisCreepModel:
         y = np.empty_like(unit_x)
         face.model_simulate(self._core.block, state.play, state.creep, unit_x, y)
         return s.y_centre + s.y_scale * y
+
+    @property
+    def warning(self) -> str:
+        """What speaks against a model that was forced, in one sentence; "" for any other."""
+        refusal = self.report.get("refusal")
+        return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
+
+    def initial_state(self, start: StartChoice = "identified") -> OperatorState:
+        """States to begin a signal with: those before the recording of the identification, or at rest at the centre of the range.
+
+        Where no identification left a start, the actuator is at rest in either case.
+        """
+        if start not in get_args(StartChoice):
+            raise ValueError(f"start must be one of {', '.join(get_args(StartChoice))}, not {start!r}")
+        return self.start.copy() if self.start is not None and start == "identified" else OperatorState.at_rest(self.structure)
 
     def validate(self, recording: Recording) -> Validation:
         """Judge the model on a recording that its identification has not seen.

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from solvers.protocol import Lane, Matrix, Solver, Vector
+from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 from solvers.rows import Program
 
 Tolerance = Callable[[float, float], float]
@@ -114,6 +114,11 @@ class LibrarySolver(Solver):
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Take P (d, d) and q (d,) into the program."""
         self.program.take(P, q)
+
+    def refuse(self, flag: int) -> None:
+        """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
+        if flag < 0:
+            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}")
 
 
 def between(low: float, high: float, tolerance: Tolerance) -> Tolerance:

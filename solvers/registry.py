@@ -1,9 +1,9 @@
 """The folder is the registry: ``solvers/<lane>/<name>.py`` holds the solver <name> in the lane <lane>.
 
 Nothing else is touched to add one. Modules are imported only when asked for, since some solver libraries cannot
-live in one process, and one whose library is not installed is reported as absent with the reason. A file of a
-lane that serves many solvers at once (qpsolvers, cvxpy) offers ``names()`` and ``make(name)`` in
-``solvers/<lane>_lane.py`` instead.
+live in one process, and one whose library is not installed is reported as absent with the reason. A file that
+serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers, cvxpy) it is ``solvers/<lane>_lane.py`` and
+offers ``names()``, too; in a folder, ``<family>.py`` serves each of the ``<family>_<solver>.c`` beside it.
 
 Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the solver
 and whose value is its class; what is not in a lane is in the lane direct:
@@ -67,8 +67,10 @@ class Entry:
         """Import the solver's class; raises ImportError where its library is not installed."""
         if self.of_package:
             return _class_of_package(self)
-        module = import_file(self.path) if self.path else importlib.import_module(self.module)
-        if self.lane in FAMILIES and self.path is None:
+        if self.path:
+            return only_class(import_file(self.path), self.base)
+        module = importlib.import_module(self.module)
+        if hasattr(module, "make"):
             made: type[Solver] = module.make(self.name)
             return made
         return only_class(module, self.base)
@@ -169,7 +171,8 @@ def _own_entries() -> Iterator[Entry]:
     for lane in Lane:
         if lane in FOLDERS:
             for file in sorted((here / lane).glob("[a-z]*.py")):
-                yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
+                family = sorted((here / lane).glob(f"{file.stem}_*.c"))
+                yield from (Entry(each.stem, lane, f"solvers.{lane}.{file.stem}") for each in family or [file])
                 if lane is Lane.KERNEL and file.stem in OURS:  # ours is called from Python, too, at the price of the call
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
         elif importlib.util.find_spec(lane.value) is not None:

@@ -14,7 +14,7 @@ from bench.deploy.actuator_model import model_for
 from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
-from bench.races.registry import open_run
+from bench.races.kind import open_run
 from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_report, progress_bar
 from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel
@@ -102,7 +102,7 @@ def deploy_verb(
     made.save(target)
     if as_json:
         print_json({"file": target, "solver": made.solver, "lane": made.lane, "tier": made.tier,
-                    "settings": dict(made.settings), "mode": made.mode, "model_from": found.source,
+                    "settings": dict(made.settings), "mode": made.mode, "model_from": found.source, "forced": found.model.warning,
                     "unseen_error_percent": found.error_percent, "rule": rule.sentence,
                     "why": decision.sentences(), "figures": decision.chosen.figures(),
                     "runners_up": [each.figures() for each in decision.runners_up],
@@ -112,4 +112,6 @@ def deploy_verb(
         console.print(sentence)
     for each, why in decision.refused[:NEAREST]:
         console.print(f"Not qualified: {each.name} {why}.")
+    if found.model.warning:
+        console.print(found.model.warning)
     console.print(f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}\n{OURS_NOTE}\nCompensator: {target}")

@@ -165,6 +165,8 @@ def _opened(path: Path, low: float | None, high: float | None, rate_limit: float
             chosen = _of_ours(deployed, path)
     else:
         model = HysteresisCreepModel.load(path)
+    if model.warning:
+        errors.print(model.warning, soft_wrap=True)
     s = model.structure
     lowest, highest = limits or (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
     limits = (lowest if low is None else low, highest if high is None else high)

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
-from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from bench.cli.recording_options import STARTS, Input, Output, Reading, Start, Time, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.places import absolute
 from bench.fleet.validating import Validating
@@ -75,9 +75,10 @@ def simulate_verb(
     reading: Reading,
     time: Time = None,
     input: Input = None,
+    start: Start = "identified",
     as_json: AsJson = False,
 ) -> None:
-    """Compute what the model makes of a drive, from rest in the middle of its range."""
+    """Compute what the model makes of a drive."""
     check_writable(out)
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
@@ -86,11 +87,15 @@ def simulate_verb(
         raise RecordingError(f"{drive}: is sampled every {given.sample_time:g} s and the model every {s.sample_time:g} s")
     if given.unit and s.input_unit and given.unit != s.input_unit:
         raise RecordingError(f"{drive}: is in {given.unit} and the model's input in {s.input_unit}")
-    y = loaded.simulate(given.values)
+    y, began = loaded.simulate(given.values, loaded.initial_state(start)), start if loaded.start is not None else "rest"
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     write_table(out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))})
     if as_json:
-        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit})
+        print_json({"output": out, "samples": y.size, "lowest": y.min(), "highest": y.max(), "unit": s.output_unit, "start": began,
+                    "forced": loaded.warning})
         return
+    if loaded.warning:
+        console.print(loaded.warning)
+    console.print(STARTS[began])
     console.print(f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}.")
     console.print(f"Output: {out}")

@@ -18,7 +18,7 @@ from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild
-from bench.races.registry import DEFAULT, kind_of, kinds, open_run
+from bench.races.kind import DEFAULT, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
 from bench.report.console import (
     AsJson,

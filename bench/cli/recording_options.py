@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any, Literal, TypedDict
 
 import typer
 
@@ -11,7 +11,7 @@ from bench.cli.option_groups import Verb, grouped
 
 FILE = "A recording in any known format; piezobench inspect shows how it is read."
 Time = Annotated[str | None, typer.Option(help="Time column: a name, a path such as group/channel, or a number counted "
-                                               "from 1; guessed by default.")]
+                                               "from 1; guessed by default; none for no clock.")]
 Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
 Output = Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")]
 READING_OPTIONS: dict[str, Any] = {
@@ -19,7 +19,15 @@ READING_OPTIONS: dict[str, Any] = {
     "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, in place of --sample-time.")],
     "header_row": Annotated[int | None, typer.Option(help="Row that names the columns, counted from 1; 0 for none.")],
     "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; found by default.")],
-    "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")]}
+    "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")],
+    "resample": Annotated[float | None, typer.Option(help="Sampling period in s to interpolate to, for times that are not even.")],
+    "input_unit": Annotated[str | None, typer.Option(help="Unit of the input, such as V, where the file does not say it.")],
+    "output_unit": Annotated[str | None, typer.Option(help="Unit of the output, such as um, where the file does not say it.")]}
+
+
+Start = Annotated[Literal["identified", "rest"], typer.Option("--start", help="Begin with the states that identify found before its "
+                                                              "recording, or at rest at the centre of the range.")]
+STARTS = {"identified": "Begins with the states that identify found before its recording.", "rest": "Begins at rest at the centre of the range."}
 
 
 class Reading(TypedDict):
@@ -29,6 +37,9 @@ class Reading(TypedDict):
     header_row: int | None
     decimal: str | None
     sheet: str | None
+    resample: float | None
+    input_unit: str | None
+    output_unit: str | None
 
 
 def as_text(**said: Any) -> dict[str, str]:

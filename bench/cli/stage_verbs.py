@@ -10,7 +10,16 @@ import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.given_options import refuse
-from bench.cli.recording_options import FILE, Input, Output, Reading, Time, reads_a_recording
+from bench.cli.recording_options import (
+    FILE,
+    STARTS,
+    Input,
+    Output,
+    Reading,
+    Start,
+    Time,
+    reads_a_recording,
+)
 from bench.cli.solver_option import SolverName
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
@@ -19,7 +28,6 @@ from bench.fleet.places import absolute
 from bench.processes.engine import Backend, Workers
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
-from piezo_model import Recording
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice
 from piezo_model.units import quantity
@@ -66,7 +74,7 @@ def identify_verb(
         return
     file = Path(only(context, recording, out_dir))
     check_writable(out)
-    opened = Recording.open(file, **opening)
+    opened = work.opened(file)
     if page is not None:
         check_writable(page, "--page")
     if not as_json:
@@ -109,6 +117,7 @@ def compensate_verb(
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
     rate_limit: Annotated[float | None, typer.Option(help="Fastest change of the drive, per second.")] = None,
+    start: Start = "identified",
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
@@ -117,7 +126,7 @@ def compensate_verb(
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
     if rate_limit is not None and not rate_limit > 0.0:
         raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
-    work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit)
+    work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start)
     if out is None:
         process(work, reference, out_dir_of(reference, out_dir), Workers(workers, backend, scheduler), "Compensation of a fleet", "gave a drive",
                 as_json)
@@ -127,11 +136,13 @@ def compensate_verb(
     found = work.do(file, [Path(model)], out)
     if as_json:
         print_json({"drive": out, **{name: found[name] for name in (
-            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit")}})
+            "samples", "lowest", "highest", "unit", "share_at_limits", "share_followed", "largest_error", "output_unit", "start", "forced")}})
         return
     console.print(f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to {100.0 * FOLLOWED:g} % of its range; elsewhere "
                   f"it misses by up to {quantity(found['largest_error'], found['output_unit'], 3)}." if found["share_followed"] < 1.0 else
                   f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range.")
+    for sentence in filter(None, (STARTS[found["start"]], found["forced"])):
+        console.print(sentence)
     console.print(f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
                   f"{quantity(found['highest'], found['unit'])}; "
                   + (f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."

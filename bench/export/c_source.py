@@ -101,7 +101,8 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
     outer = RegressorArrays.of(s, "slope").outer
     kind = SOLVERS.index(settings.solver) if settings.learning else 0
     return {
-        "title": title, "model": model, "s": s, "settings": settings.numbers(s), "precision": precision,
+        "title": f"{title}. {model.warning}" if model.warning else title, "model": model, "s": s,
+        "settings": settings.numbers(s), "precision": precision,
         "learning": settings.learning, "cyclic": settings.cyclic, "learning_kind": kind + 1 if settings.learning else 0,
         "what_learns": LEARNS[kind], "solver": settings.solver,
         "number": partial(numbers.literal, precision=precision), "double": numbers.literal,

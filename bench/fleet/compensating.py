@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.fleet.places import model_of
 from piezo_model import Compensator, HysteresisCreepModel
+from piezo_model.model import StartChoice
 from piezo_model.recordings import RecordingError, read_reference, write_table
 
 FOLLOWED = 1e-3
@@ -19,13 +20,15 @@ FOLLOWED = 1e-3
 
 @dataclass(frozen=True)
 class Compensating:
-    """Limits of the drive, the model's range by default, and keywords of ``read_reference``; ``model`` as in `Validating`."""
+    """Limits of the drive, the model's range by default, the states to begin with, and keywords of ``read_reference``; ``model`` as in
+    `Validating`."""
 
     model: str
     opening: Mapping[str, Any] = field(default_factory=dict)
     low: float | None = None
     high: float | None = None
     rate_limit: float | None = None
+    start: StartChoice = "identified"
     made = "{}-drive.csv"
 
     def reads(self, name: str) -> Sequence[str]:
@@ -46,10 +49,12 @@ class Compensating:
         limits = (s.x_centre - s.x_scale if self.low is None else self.low, s.x_centre + s.x_scale if self.high is None else self.high)
         if not limits[0] < limits[1]:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
-        x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit).run(wanted.values)
+        state = model.initial_state(self.start)
+        x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(wanted.values)
         write_table(target, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive_{s.input_unit}".rstrip("_"): x})
-        error, span = np.abs(model.simulate(x) - wanted.values), 2.0 * abs(s.y_scale)
-        return {"samples": x.size, "lowest": float(x.min()), "highest": float(x.max()), "unit": s.input_unit,
+        error, span = np.abs(model.simulate(x, state) - wanted.values), 2.0 * abs(s.y_scale)
+        return {"forced": model.warning, "start": self.start if model.start is not None else "rest", "samples": x.size,
+                "lowest": float(x.min()), "highest": float(x.max()), "unit": s.input_unit,
                 "share_at_limits": float(np.mean((x <= limits[0]) | (x >= limits[1]))), "share_followed": float(np.mean(error <= FOLLOWED * span)),
                 "largest_error": float(error.max()), "output_unit": s.output_unit,
                 "rms_percent": 100.0 * float(np.sqrt(np.mean(error**2))) / span, "max_percent": 100.0 * float(error.max()) / span}

@@ -10,7 +10,7 @@ from typing import Any
 from bench.passed.progress import Progress, silent
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification.fit_review import review
-from piezo_model.identification.identify import LagChoice
+from piezo_model.identification.identify import LagChoice, check_direction
 from piezo_model.identification.order_selection import OrderSelection, select_order
 
 
@@ -35,18 +35,22 @@ class Identifying:
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the model; returns figures of the fit, and the weights in unit amplitudes."""
-        model, _ = self.of(Recording.open(recording, **self.opening))
+        model, _ = self.of(self.opened(recording))
         model.save(target)
         s, fit = model.structure, model.report["fit"]
         figures = {name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")}
-        return {**figures, "output_unit": s.output_unit, "sample_time_s": s.sample_time, "n": s.n, "m": s.dead_zones // 2,
+        return {**figures, "forced": model.warning, "output_unit": s.output_unit, "sample_time_s": s.sample_time, "n": s.n, "m": s.dead_zones // 2,
                 **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)}}
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
         """Write the page that identify writes of one recording."""
         from bench.report import recording_page  # plots take a second to import, and most workers draw none
 
-        recording_page.write(page, recording.name, review(Recording.open(recording, **self.opening), HysteresisCreepModel.load(made)))
+        recording_page.write(page, recording.name, review(self.opened(recording), HysteresisCreepModel.load(made)))
+
+    def opened(self, recording: Path) -> Recording:
+        """The recording; which column is the input is settled by a fit where their names do not say it."""
+        return check_direction(Recording.open(recording, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> tuple[HysteresisCreepModel, OrderSelection | None]:
         """The model of a recording, and what chose its orders."""

@@ -10,6 +10,7 @@ from typing import Any
 from bench.fleet.places import model_of
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.identification.fit_review import review
+from piezo_model.identification.identify import check_direction
 from piezo_model.identification.validation import Validation
 
 
@@ -27,10 +28,10 @@ class Validating:
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Figures of the fit, and the offset of the sensor against the session of the identification."""
-        _, _, found = self.judged(recording, further[0])
+        _, model, found = self.judged(recording, further[0])
         fit = asdict(found.fit)
         return {**{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
-                "shift": found.shift, "beyond_percent": found.beyond_percent, "output_unit": found.unit}
+                "forced": model.warning, "shift": found.shift, "beyond_percent": found.beyond_percent, "output_unit": found.unit}
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
         """Write the page that validate writes of one recording."""
@@ -40,5 +41,5 @@ class Validating:
 
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and what it is worth there."""
-        loaded, opened = HysteresisCreepModel.load(model), Recording.open(recording, **self.opening)
+        loaded, opened = HysteresisCreepModel.load(model), check_direction(Recording.open(recording, **self.opening))
         return opened, loaded, loaded.validate(opened)

@@ -15,18 +15,22 @@ process may open the stage after the first has died (True), which is what brings
 from __future__ import annotations
 
 import inspect
-import math
 import runpy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
-from piezo_model import plants
+import msgspec
+
+from piezo_model import json_file, plants
 
 METHODS = ("open", "exchange", "close")
 TIMEOUT_S = 0.5
-SLOWEST_S = 1.0
-"""Of a ramp over the whole range of a simulated stage."""
+LARGEST = 1e300
+Finite = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
+RAMP_S = 0.01
+"""Of the fastest ramp over the whole range of a simulated stage."""
 
 
 class DeviceError(ValueError):
@@ -46,52 +50,29 @@ class Device(Protocol):
         """Let go of the hardware."""
 
 
-@dataclass(frozen=True)
-class Declared:
+class Declared(msgspec.Struct, frozen=True):
     """What a stage says of itself."""
 
     input_unit: str
     output_unit: str
-    x_limits: tuple[float, float]
-    y_range: tuple[float, float]
-    rate_limit: float
-    rest: float
-    timeout_s: float
-    reopens: bool
+    x_limits: tuple[Finite, Finite]
+    y_range: tuple[Finite, Finite]
+    rate_limit: Positive
+    rest: Finite
+    timeout_s: Positive = TIMEOUT_S
+    reopens: bool = True
 
     @classmethod
     def of(cls, device: Any, name: str) -> Declared:
         """Check what a stage declares; DeviceError names what is missing or wrong."""
-
-        def number(attribute: str, value: Any) -> float:
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise DeviceError(f"{name}: {attribute} must be a finite number, not {value!r}")
-            return float(value)
-
-        def pair(attribute: str) -> tuple[float, float]:
-            value = getattr(device, attribute)
-            if not isinstance(value, list | tuple) or len(value) != 2:
-                raise DeviceError(f"{name}: {attribute} must be two numbers, not {value!r}")
-            low, high = (number(attribute, end) for end in value)
+        said = {field: getattr(device, field) for field in cls.__struct_fields__ if hasattr(device, field)}
+        try:
+            found = json_file.convert(said, cls)
+        except ValueError as error:
+            raise DeviceError(f"{name}: the class {type(device).__name__}: {json_file.brief(error)}") from None
+        for what, (low, high) in (("x_limits", found.x_limits), ("y_range", found.y_range)):
             if not low < high:
-                raise DeviceError(f"{name}: {attribute} must be in ascending order, not {value!r}")
-            return low, high
-
-        for attribute in ("input_unit", "output_unit", "x_limits", "y_range", "rate_limit", "rest"):
-            if not hasattr(device, attribute):
-                raise DeviceError(f"{name}: the class {type(device).__name__} does not say its {attribute}")
-        found = cls(
-            str(device.input_unit),
-            str(device.output_unit),
-            pair("x_limits"),
-            pair("y_range"),
-            number("rate_limit", device.rate_limit),
-            number("rest", device.rest),
-            number("timeout_s", getattr(device, "timeout_s", TIMEOUT_S)),
-            bool(getattr(device, "reopens", True)),
-        )
-        if not found.rate_limit > 0.0 or not found.timeout_s > 0.0:
-            raise DeviceError(f"{name}: rate_limit and timeout_s must be positive")
+                raise DeviceError(f"{name}: {what} must be in ascending order, not {(low, high)}")
         if not found.x_limits[0] <= found.rest <= found.x_limits[1]:
             raise DeviceError(f"{name}: rest {found.rest:g} is outside of x_limits {found.x_limits}")
         return found
@@ -165,7 +146,7 @@ class SimulatedStage:
         self._plant = plant
         self.x_limits, self.y_range = plant.x_range, plant.y_range
         self.rest = self.x_limits[0]
-        self.rate_limit = 100.0 * (self.x_limits[1] - self.x_limits[0]) / SLOWEST_S
+        self.rate_limit = (self.x_limits[1] - self.x_limits[0]) / RAMP_S
 
     def open(self) -> None:
         """Nothing to open."""

@@ -1,13 +1,12 @@
 """The page of a live run: what the loop has written on the board, drawn by Bokeh's server, and buttons that write commands on it.
 
-It only reads and asks; whatever becomes of it, the loop goes on. The server is bound to this machine unless told otherwise, answers nobody
-without the token of the run, and serves its own scripts, so nothing leaves the machine.
+It only reads and asks; whatever becomes of it, the loop goes on. The server is bound to this machine unless told otherwise, answers only
+at a path that nobody can guess, and serves its own scripts, so nothing leaves the machine.
 """
 
 from __future__ import annotations
 
 import os
-import secrets
 import signal
 from collections.abc import Callable
 from html import escape
@@ -20,9 +19,7 @@ from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, NumericInput, Span
 from bokeh.plotting import figure
-from bokeh.server.auth_provider import AuthProvider
 from bokeh.server.server import Server
-from tornado.web import RequestHandler
 
 from bench.live.board import Board, Command, State, edges_us
 from bench.live.device import Declared
@@ -35,7 +32,6 @@ from solvers.arrays import Matrix, Vector
 EVERY_MS = 200
 WINDOW_S, MOST_POINTS = 5.0, 1_200
 BLUE, RED, GREEN = PALETTE[:3]
-COOKIE = "piezobench-live"
 STATES = {
     State.STARTING: "starting",
     State.FOLLOWING: "following",
@@ -232,73 +228,19 @@ def document(view: View, doc: Document) -> None:
     doc.add_periodic_callback(update, EVERY_MS)
 
 
-class Token(AuthProvider):
-    """Lets in whoever has the token of the run, in the address at first and in a cookie from then on."""
-
-    def __init__(self, token: str) -> None:
-        self._token = token
-        super().__init__()
-
-    @property
-    def get_user(self) -> Callable[[Any], str | None]:
-        """Who asks, or None for somebody without the token."""
-
-        def user(handler: Any) -> str | None:
-            given = handler.get_argument("token", "") or handler.get_cookie(COOKIE) or ""
-            if not secrets.compare_digest(given.encode(), self._token.encode()):
-                return None
-            if not hasattr(handler, "ws_connection"):
-                handler.set_cookie(COOKIE, given, httponly=True, samesite="Strict")
-            return "watcher"
-
-        return user
-
-    @property
-    def get_user_async(self) -> None:
-        """None: there is a function that need not wait."""
-
-    @property
-    def login_url(self) -> str:
-        """Where somebody without the token is sent."""
-        return "/token"
-
-    @property
-    def get_login_url(self) -> None:
-        """None: it is always the same."""
-
-    @property
-    def login_handler(self) -> type[RequestHandler]:
-        """What is said there."""
-        return Refusal
-
-    @property
-    def logout_url(self) -> None:
-        """None."""
-
-    @property
-    def logout_handler(self) -> None:
-        """None."""
-
-
-class Refusal(RequestHandler):
-    """Says that the token is missing."""
-
-    def get(self) -> None:
-        """Answer."""
-        self.set_status(403)
-        self.finish("The address of this page has a token, which piezobench live has printed.")
-
-
 def main(task: Task, declared: Declared, address: tuple[str, int], token: str) -> None:
     """The process of the page."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     view, (host, port) = View(task, declared), address
+    app = Application(FunctionHandler(lambda doc: document(view, doc)))
+    local = [f"localhost:{port}"] if host == "127.0.0.1" else []
     server = Server(
-        {"/": Application(FunctionHandler(lambda doc: document(view, doc)))},
+        {f"/{token}": app},
         port=port,
         address=host,
-        allow_websocket_origin=[f"{host}:{port}", *([f"localhost:{port}"] if host == "127.0.0.1" else [])],
-        auth_provider=Token(token),
+        use_index=False,
+        redirect_root=False,
+        allow_websocket_origin=[f"{host}:{port}", *local],
     )
     server.io_loop.add_callback(server.start)
     server.io_loop.start()

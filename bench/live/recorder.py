@@ -70,6 +70,10 @@ class Recorder:
             raise
         self.rows += len(samples)
 
+    def close(self) -> None:
+        """Let go of the stream."""
+        self._file.close()
+
 
 def finish(path: Path) -> None:
     """Make the Parquet file of the stream; OSError where there is no room, and the stream stays."""
@@ -125,6 +129,7 @@ def main(board_path: Path, rate: float, path: Path, names: tuple[str, ...]) -> N
         if ended:
             break
         time.sleep(LOOK_S)
+    recorder.close()
     if os.getppid() != parent:  # nobody else is left to do it
         finish(path)
         shutil.rmtree(board_path.parent, ignore_errors=True)

@@ -142,7 +142,7 @@ class Session:
         if self._page is not None:
             from bench.live import page  # which needs Bokeh
 
-            told(f"Page: http://{self._page[0]}:{self._page[1]}/?token={self.token}")
+            told(f"Page: http://{self._page[0]}:{self._page[1]}/{self.token}")
             beside.append(
                 Helper("page", lambda: self._start(page.main, self.task, self.declared, self._page, self.token))
             )

@@ -1,19 +1,22 @@
-"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting."""
+"""A task, the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting; its rows begin by naming it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from solvers.protocol import Lane, Solver, setting_text
+from solvers.protocol import Lane, Solver, Tier, setting_text
 from solvers.registry import Described
 
 if TYPE_CHECKING:  # a child needs tasks and no model
     from piezo_model.identification_problem import Scaling
 
+Row = dict[str, Any]
+"""What is kept of a task; every kind of race adds its own columns to those that say who did what."""
 Start = Literal["cold", "warm"]
 """Whether a solve begins from nothing or from the optimum of the problem before."""
 UNASKED = -1
@@ -52,6 +55,15 @@ class Task:
     repeat: int = 0
     """Which of several runs of the same, each in a fresh process."""
     start: Start = "cold"
+    d: int = 0
+    """Number of variables of the problem."""
+    basis: Mapping[Tier, str] = field(default_factory=dict)
+    """The tiers that the setting stands for, and on what grounds; none where every setting is measured."""
+
+    def __str__(self) -> str:
+        """For progress."""
+        more = "".join(f", {name} {value}" for name, value in self.more.items())
+        return f"{self.solver} ({self.lane}) on {self.problem}, {self.scaling}{more}"
 
     @property
     def key(self) -> str:
@@ -59,6 +71,13 @@ class Task:
         text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text,
                            dict(self.more), self.repeat, self.start], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    def columns(self, settings: Mapping[str, Any] | None = None) -> Row:
+        """The columns that every row begins with; ``settings`` are those that the solver was given."""
+        return {"task": self.key, "problem_set": self.problem_set, "problem": self.problem, "d": self.d, "solver": self.solver,
+                "lane": str(self.lane), "setting": self.setting.text, "rung": self.setting.rung, "is_default": self.setting.is_default,
+                "scaling": self.scaling, "start": self.start, "repeat": self.repeat, "host": os.uname().nodename,
+                "settings": json.dumps(dict(settings or self.more), default=str)}
 
     def asked(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The settings for a problem whose constant is c."""

@@ -21,28 +21,28 @@ from scipy.sparse import csc_matrix, issparse
 from bench.problem_files.program import (
     ReadProgram,
     check_sides,
+    checked,
     compressed_columns,
     constant_term,
     doubles,
+    require,
     two_sided,
     vector,
 )
 
 
 def read_mat(path: Path) -> ReadProgram:
-    """Read P, q, r, A, l and u; r may be missing, and A with l and u."""
+    """Read P, q, r, A, l and u; r may be missing, and A with l and u. ValueError says what is wrong."""
     try:
         found: dict[str, Any] = loadmat(str(path))
-    except FileNotFoundError:
-        raise
+    except FileNotFoundError as error:
+        raise ValueError(error.strerror) from None
     except (ValueError, NotImplementedError, TypeError, LookupError, OSError, zlib.error, MatReadError) as error:
         raise ValueError(f"cannot be read as a MATLAB file of version 7 or before: {error}") from None
     for name in ("P", "q", *(("l", "u") if "A" in found else ())):
-        if name not in found:
-            raise ValueError(f"holds no variable {name!r}")
+        require(name in found, f"holds no variable {name!r}")
     for name in ("lb", "ub", "G", "h", "b", *(() if "A" in found else ("l", "u"))):
-        if name in found:
-            raise ValueError(f"holds {name}, which is not read; constraints are l <= A x <= u")
+        require(name not in found, f"holds {name}, which is not read; constraints are l <= A x <= u")
     found = {name: _sound(name, value) for name, value in found.items() if name in ("P", "q", "r", "A", "l", "u")}
     q, P = vector("q", found["q"]), csc_matrix(found["P"])
     d = q.size
@@ -51,8 +51,7 @@ def read_mat(path: Path) -> ReadProgram:
     check_sides(l=l, u=u)
     constant = constant_term("r", found["r"]) if "r" in found else 0.0
     for name, shape, right in (("P", P.shape, (d, d)), ("A", C.shape, (l.size, d)), ("u", u.shape, l.shape)):
-        if shape != right:
-            raise ValueError(f"{name} is of shape {shape} and not {right}, for the {d} variables of q")
+        require(shape == right, f"{name} is of shape {shape} and not {right}, for the {d} variables of q")
     lb, ub = np.full(d, -np.inf), np.full(d, np.inf)
     rows = C.tocsr()
     rows.eliminate_zeros()
@@ -63,7 +62,7 @@ def read_mat(path: Path) -> ReadProgram:
     np.maximum.at(lb, columns, l[units])
     np.minimum.at(ub, columns, u[units])
     others = np.setdiff1d(np.arange(l.size), units)
-    return ReadProgram(two_sided(P, q, rows[others], l[others], u[others], lb, ub), constant)
+    return ReadProgram(checked(two_sided(P, q, rows[others], l[others], u[others], lb, ub)), constant)
 
 
 def _sound(name: str, value: Any) -> Any:

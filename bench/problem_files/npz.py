@@ -23,10 +23,11 @@ from bench.problem_files.program import QP_FIELDS as QP_FIELDS
 from bench.problem_files.program import (
     ProblemFileError,
     ReadProgram,
-    about,
+    checked,
     compressed_columns,
     constant_term,
     doubles,
+    require,
     vector,
     with_infinities,
 )
@@ -75,37 +76,36 @@ def unpacked_program(arrays: Mapping[str, Any], prefix: str = "") -> Problem:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open an NPZ file; whatever shows on reading that it is damaged or another file becomes a ProblemFileError."""
-    with about(path):
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
-                if isinstance(arrays, np.ndarray):
-                    raise ValueError("holds one array and not the named arrays of an NPZ file")
-                yield arrays
-        except ProblemFileError:
-            raise
-        except KeyError as error:
-            raise ValueError(f"holds no array {error.args[0]!r}") from None
-        except DAMAGED as error:
-            raise ValueError(f"cannot be read as NPZ: {error}") from None
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
+            if isinstance(arrays, np.ndarray):
+                raise ProblemFileError(f"{path}: holds one array and not the named arrays of an NPZ file")
+            yield arrays
+    except ProblemFileError:
+        raise
+    except OSError as error:
+        raise ProblemFileError(f"{path}: {error.strerror or error}") from None
+    except KeyError as error:
+        raise ProblemFileError(f"{path}: holds no array {error.args[0]!r}") from None
+    except DAMAGED as error:
+        raise ProblemFileError(f"{path}: cannot be read as NPZ: {error}") from None
 
 
 def read_npz(path: Path) -> ReadProgram:
-    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one."""
+    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one; ValueError says what is wrong."""
     with opened(path) as arrays:
-        found = {name: _field(arrays, name) for name in QP_FIELDS}
+        found = {name: _field(path, arrays, name) for name in QP_FIELDS}
         unread = [name for name in ("l", "u") if name in arrays]
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):
-        if found[name] is None:
-            raise ValueError(f"holds no {name}; a program has P and q at least")
-    if unread:
-        raise ValueError(f"holds {unread[0]}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub")
+        require(found[name] is not None, f"holds no {name}; a program has P and q at least")
+    require(not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub")
     found |= {name: vector(name, found[name]) for name in ("q", "h", "b", "lb", "ub") if found[name] is not None}
     found |= {name: with_infinities(found[name]) for name in ("h", "lb", "ub") if found[name] is not None}
-    return ReadProgram(Problem(**found), constant)
+    return ReadProgram(checked(Problem(**found)), constant)
 
 
-def _field(arrays: Any, name: str) -> Any:
+def _field(path: Path, arrays: Any, name: str) -> Any:
     """One field of a program, of doubles."""
     try:
         return unpacked(arrays, name)
@@ -113,7 +113,7 @@ def _field(arrays: Any, name: str) -> Any:
         if "Object arrays" not in str(error):
             raise
         partner = dict(zip("GA", "hb", strict=True)).get(name, "")
-        if name in ("P", "q") or (partner and _field(arrays, partner) is not None):  # and not None, then
-            raise ValueError(f"{name} is stored as a Python object, which is not read; store sparse matrices "
-                             f"as {', '.join(f'{name}/{part}' for part in PARTS)}") from None
+        if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # and not None, then
+            raise ProblemFileError(f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
+                                   f"as {', '.join(f'{name}/{part}' for part in PARTS)}") from None
         return None

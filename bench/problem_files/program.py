@@ -1,9 +1,8 @@
-"""What every reader returns, what is asked of it, and the way from rows with two sides to the rows of qpsolvers.
+"""What every reader returns, and the way from rows with two sides to the rows of qpsolvers.
 
     l ≤ C x ≤ u   becomes   A x = b  where l = u,   C x ≤ u  where u is finite,   −C x ≤ −l  where l is finite
 
-Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set. What is wrong with a file is
-a ValueError until :func:`about` names the file.
+Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
 """
 
 from __future__ import annotations
@@ -40,6 +39,12 @@ class ProblemFileError(ValueError):
     """A file that holds no program that can be read; the message is one sentence that begins with the path."""
 
 
+def require(condition: Any, otherwise: str) -> None:
+    """ValueError with the sentence unless the condition holds; :func:`about` says of which file."""
+    if not condition:
+        raise ValueError(otherwise)
+
+
 @dataclass(frozen=True)
 class ReadProgram:
     """A program and the constant term of its cost."""
@@ -55,8 +60,6 @@ def about(path: Any) -> Iterator[None]:
         yield
     except ProblemFileError:
         raise
-    except OSError as error:
-        raise ProblemFileError(f"{path}: {error.strerror or error}") from None
     except ValueError as error:
         raise ProblemFileError(f"{path}: {error}") from None
 
@@ -64,20 +67,18 @@ def about(path: Any) -> Iterator[None]:
 def doubles(name: str, values: Any) -> Any:
     """Numbers of a file as doubles, dense or sparse; ValueError where they are complex, text, or more exact than that."""
     numbers = values if isinstance(values, np.ndarray) else values.data
-    if numbers.dtype.kind not in "biuf":
-        raise ValueError(f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}")
+    require(numbers.dtype.kind in "biuf", f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}")
     with np.errstate(invalid="ignore"):
         found = numbers.astype(np.float64)
-        if not np.array_equal(found.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f"):
-            raise ValueError(f"{name} holds numbers that no double is equal to")
+        exact = np.array_equal(found.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f")
+    require(exact, f"{name} holds numbers that no double is equal to")
     return found if isinstance(values, np.ndarray) else csc_matrix((found, values.indices, values.indptr), shape=values.shape)
 
 
 def vector(name: str, values: Any) -> Vector:
     """Numbers of whatever storage as a vector; ValueError where they are a matrix."""
     dense = values if isinstance(values, np.ndarray) else values.toarray()
-    if dense.size != max(dense.shape, default=1):
-        raise ValueError(f"{name} is of shape {dense.shape} and no vector")
+    require(dense.size == max(dense.shape, default=1), f"{name} is of shape {dense.shape} and no vector")
     found: Vector = doubles(name, dense).ravel()
     return found
 
@@ -85,27 +86,24 @@ def vector(name: str, values: Any) -> Vector:
 def constant_term(name: str, values: Any) -> float:
     """The constant term of a cost; ValueError where it is not one finite number."""
     found = doubles(name, np.asarray(values)).ravel()
-    if found.size != 1 or not np.isfinite(found[0]):
-        raise ValueError(f"the constant {name} is not one finite number")
+    require(found.size == 1 and np.isfinite(found[0]), f"the constant {name} is not one finite number")
     return float(found[0])
 
 
 def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> csc_matrix:
     """A matrix in compressed columns; ValueError where its index arrays lie, before any compiled code follows them."""
     data, indices, indptr, shape = (np.asarray(part) for part in (data, indices, indptr, shape))
-    if shape.shape != (2,) or any(part.dtype.kind not in "iu" for part in (indices, indptr, shape)) or (shape < 0).any():
-        raise ValueError(f"{name} has a shape or indices that are not whole numbers")
+    require(shape.shape == (2,) and all(part.dtype.kind in "iu" for part in (indices, indptr, shape)) and (shape >= 0).all(),
+            f"{name} has a shape or indices that are not whole numbers")
     rows, count = (int(size) for size in shape)
-    if any(part.ndim != 1 for part in (data, indices, indptr)) or indptr.size != count + 1 or indices.size != data.size:
-        raise ValueError(f"{name} is of shape ({rows}, {count}) and its index arrays are not")
-    if indptr[0] != 0 or indptr[-1] != data.size or (indptr[1:] < indptr[:-1]).any():
-        raise ValueError(f"{name} has columns that do not begin where the one before ends")
-    if indices.size and not (indices.min() >= 0 and indices.max() < rows):
-        raise ValueError(f"{name} has an element outside its {rows} rows")
+    require(all(part.ndim == 1 for part in (data, indices, indptr)) and indptr.size == count + 1 and indices.size == data.size,
+            f"{name} is of shape ({rows}, {count}) and its index arrays are not")
+    require(indptr[0] == 0 and indptr[-1] == data.size and (indptr[1:] >= indptr[:-1]).all(),
+            f"{name} has columns that do not begin where the one before ends")
+    require(not indices.size or (indices.min() >= 0 and indices.max() < rows), f"{name} has an element outside its {rows} rows")
     M = csc_matrix((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=(rows, count))
     M.sort_indices()
-    if not M.has_canonical_format:
-        raise ValueError(f"{name} has an element that is given twice")
+    require(M.has_canonical_format, f"{name} has an element that is given twice")
     return M
 
 
@@ -143,27 +141,25 @@ def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: V
 
 
 def checked(qp: Problem) -> Problem:
-    """The program, its P symmetric to the last bit; ValueError where shapes disagree, a number makes no sense or P is not symmetric."""
+    """The program, its P symmetric to the last bit; ValueError where shapes disagree or P is not symmetric."""
     d = qp.q.size
-    if not d:
-        raise ValueError("has no variables")
+    require(d, "has no variables")
     shapes = [("P", qp.P, (d, d)), *((name, getattr(qp, name), (d,)) for name in ("lb", "ub"))]
     for rows, right in (("G", "h"), ("A", "b")):
         M, v = getattr(qp, rows), getattr(qp, right)
-        if (M is None) != (v is None):
-            raise ValueError(f"has {rows if v is None else right} without {right if v is None else rows}")
+        require((M is None) == (v is None), f"has {rows if v is None else right} without {right if v is None else rows}")
         if v is not None:
             shapes += [(right, v, (v.size,)), (rows, M, (v.size, d))]
     for name, value, shape in shapes:
-        if value is not None and value.shape != shape:
-            raise ValueError(f"{name} is of shape {value.shape} and not {shape}, for the {d} variables of q")
+        require(value is None or value.shape == shape,
+                f"{name} is of shape {getattr(value, 'shape', None)} and not {shape}, for the {d} variables of q")
     for name in ("P", "q", "G", "A", "b"):
         value = getattr(qp, name)
-        if value is not None and not np.isfinite(value if isinstance(value, np.ndarray) else value.data).all():
-            raise ValueError(f"{name} has an element that is not a finite number")
+        require(value is None or np.isfinite(value if isinstance(value, np.ndarray) else value.data).all(),
+                f"{name} has an element that is not a finite number")
     check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
     difference = abs(qp.P - qp.P.T)
-    if difference.size and difference.max() > SYMMETRY * abs(qp.P).max():
-        raise ValueError("P is not symmetric; one that holds a triangle only is not guessed at")
+    require(not difference.size or difference.max() <= SYMMETRY * abs(qp.P).max(),
+            "P is not symmetric; one that holds a triangle only is not guessed at")
     P = 0.5 * (qp.P + qp.P.T)
     return Problem(P if isinstance(P, np.ndarray) else csc_matrix(P), qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)

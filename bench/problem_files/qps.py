@@ -22,7 +22,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import ReadProgram, check_sides, two_sided, with_infinities
+from bench.problem_files.program import (
+    ReadProgram,
+    check_sides,
+    checked,
+    require,
+    two_sided,
+    with_infinities,
+)
 
 FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47), slice(49, 61))
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
@@ -35,8 +42,11 @@ Fields = tuple[str, str, list[tuple[str, str]]]
 
 
 def read_qps(path: Path) -> ReadProgram:
-    """Read a QPS or MPS file; continuous variables only. What is wrong is said with the line."""
-    content = path.read_bytes()
+    """Read a QPS or MPS file; continuous variables only. ValueError says what is wrong, and in which line."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from None
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
@@ -78,11 +88,9 @@ class _Reading:
 
     def _header(self, words: list[str]) -> None:
         self.section = words[0].upper()
-        if self.section not in SECTIONS:
-            raise ValueError(f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
+        require(self.section in SECTIONS, f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
         kind = "quadratic" if self.section in QUADRATIC else self.section
-        if kind in self.seen:
-            raise ValueError(f"a second {kind} section")
+        require(kind not in self.seen, f"a second {kind} section")
         self.seen.add(kind)
         self.whole_P |= self.section == "QMATRIX"
         if self.section == "OBJSENSE" and len(words) > 1:
@@ -92,12 +100,10 @@ class _Reading:
         if self.section == "OBJSENSE":
             self._sense(line.split()[0])
             return
-        if self.section in ("", "NAME", "ENDATA"):
-            raise ValueError(f"data in the section {self.section or 'before any section'}")
+        require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
         kind, head, pairs = self._fixed_fields(line) if self.fixed else self._free_fields(line.split())
         if self.section == "ROWS":
-            if kind.upper() not in ("N", "E", "L", "G"):
-                raise ValueError(f"the kind of row {kind!r} is not one of N, E, L, G")
+            require(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
             _put(self.kinds, head, kind.upper(), "row")
         elif self.section == "BOUNDS":
             self._bound(kind.upper(), head, *pairs[0])
@@ -106,8 +112,7 @@ class _Reading:
                 self._element(head, name, text)
 
     def _sense(self, word: str) -> None:
-        if word.upper() not in SENSES:
-            raise ValueError(f"the sense {word!r} is neither MIN nor MAX")
+        require(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
         self.sign = SENSES[word.upper()]
 
     def _fixed_fields(self, line: str) -> Fields:
@@ -117,66 +122,61 @@ class _Reading:
 
     def _free_fields(self, words: list[str]) -> Fields:
         """A name of a vector may be left out, and so may the value of a bound that has none."""
-        if "'MARKER'" in words:
-            raise ValueError("marks integer variables, and only continuous ones are taken")
+        require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         kind = words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
         if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # though some files give one
             words = [*words[:2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
         if self.section == "ROWS":
-            _require(len(words) == 1, len(words) + 1)
+            require(len(words) == 1, f"has {len(words) + 1} fields where 2 are needed")
             return kind, words[0], []
         head = words.pop(0) if len(words) in (3, 5) else ""
         if self.section == "BOUNDS":
-            _require(len(words) == 2, len(words))
-        elif not 2 <= len(words) <= 4 or (not head and self.section in ("COLUMNS", *QUADRATIC)):
-            raise ValueError("is no name followed by one or two pairs of name and number")
+            require(len(words) == 2, f"has {len(words)} fields where 2 are needed")
+        else:
+            require(2 <= len(words) <= 4 and (head or self.section in ("RHS", "RANGES")),
+                    "is no name followed by one or two pairs of name and number")
         return kind, head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
         value, quadratic = _number(text), self.section in QUADRATIC
-        if np.isinf(value) and self.section != "RANGES" and (self.section != "RHS" or self.kinds.get(name) in ("N", "E")):
-            raise ValueError(f"{text!r} is no finite number")
-        if missing := [column for column in (head, name) if quadratic and column not in self.columns]:
-            raise ValueError(f"there is no column {missing[0]!r}")
-        if not quadratic and name not in self.kinds:
-            raise ValueError(f"there is no row {name!r}")
+        may_be_infinite = self.section == "RANGES" or (self.section == "RHS" and self.kinds.get(name) not in ("N", "E"))
+        require(may_be_infinite or np.isfinite(value), f"{text!r} is no finite number")
+        for column in (head, name):
+            require(not quadratic or column in self.columns, f"there is no column {column!r}")
+        require(quadratic or name in self.kinds, f"there is no row {name!r}")
         if quadratic:
-            if not self.whole_P and head != name and (name, head) in self.values["quadratic"]:
-                raise ValueError(f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
+            require(self.whole_P or head == name or (name, head) not in self.values["quadratic"],
+                    f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
             _put(self.values["quadratic"], (head, name), value, "element")
         elif self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
             _put(self.values["COLUMNS"], (name, head), value, "element")
         else:
             self._only_vector(head)
-            if self.section == "RHS" and with_infinities(value) == {"L": -np.inf, "G": np.inf}.get(self.kinds[name]):
-                raise ValueError(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
+            require(self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
+                    f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
             _put(self.values[self.section], name, value, "row")
 
     def _only_vector(self, head: str) -> None:
-        if self.vectors.setdefault(self.section, head) != head:
-            raise ValueError(f"a second vector {head!r} in the section {self.section}")
+        require(self.vectors.setdefault(self.section, head) == head, f"a second vector {head!r} in the section {self.section}")
 
     def _bound(self, kind: str, head: str, column: str, text: str) -> None:
         self._only_vector(head)
-        if column not in self.columns:
-            raise ValueError(f"there is no column {column!r}")
-        if kind not in BOUNDS:
-            raise ValueError(f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
+        require(column in self.columns, f"there is no column {column!r}")
+        require(kind in BOUNDS, f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
         value = 0.0 if kind in WITHOUT_VALUE else float(with_infinities(_number(text)))
-        if value == {"LO": np.inf, "UP": -np.inf}.get(kind) or (kind == "FX" and np.isinf(value)):
-            raise ValueError(f"no number of the column {column!r} is within the bound {text}")
+        require(value != {"LO": np.inf, "UP": -np.inf}.get(kind) and (kind != "FX" or np.isfinite(value)),
+                f"no number of the column {column!r} is within the bound {text}")
         sides = {"LO": {"lower": value}, "UP": {"upper": value}, "FX": {"lower": value, "upper": value}, "MI": {"lower": -np.inf},
                  "PL": {"upper": np.inf}, "FR": {"lower": -np.inf, "upper": np.inf}}
         for which, side in sides[kind].items():
-            if (before := self.values[which].setdefault(column, side)) != side:
-                raise ValueError(f"the {which} bound of the column {column!r} is given twice, as {before:g} and as {side:g}")
+            before = self.values[which].setdefault(column, side)
+            require(before == side, f"the {which} bound of the column {column!r} is given twice, as {before:g} and as {side:g}")
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
         d = len(self.columns)
-        if objective is None or not d:
-            raise ValueError(f"has no {'objective' if d else 'columns'}")
+        require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
         linear, right, ranges, lower, upper = (self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper"))
         rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
         q = _sparse([(0, self.columns[column], value) for (row, column), value in linear.items() if row == objective], (1, d)).toarray()[0]
@@ -190,7 +190,7 @@ class _Reading:
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, C, l, u, lb, ub)
-        return ReadProgram(qp, -self.sign * right.get(objective, 0.0))
+        return ReadProgram(checked(qp), -self.sign * right.get(str(objective), 0.0))
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
@@ -205,14 +205,8 @@ def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) 
     return csc_matrix((values, (i.astype(np.int32), j.astype(np.int32))), shape=shape)
 
 
-def _require(holds: bool, count: int) -> None:
-    if not holds:
-        raise ValueError(f"has {count} fields where 2 are needed")
-
-
 def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
-    if name in into:
-        raise ValueError(f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
+    require(name not in into, f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
     into[name] = value
 
 
@@ -221,6 +215,5 @@ def _number(text: str) -> float:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         value = np.nan
-    if np.isnan(value) or "_" in text:
-        raise ValueError(f"{text!r} is no number")
+    require(not np.isnan(value) and "_" not in text, f"{text!r} is no number")
     return value

@@ -28,10 +28,10 @@ def sets() -> dict[str, type[ProblemSet]]:
 
 
 def find(name: str) -> type[ProblemSet]:
-    """Return the problem set of that name; KeyError says which there are."""
+    """Return the problem set of that name; ProblemSetError says which there are."""
     known = all_sets()
     if name not in known:
-        raise KeyError(f"there is no problem set {name!r}; known are {', '.join(sorted(known))}")
+        raise ProblemSetError(f"there is no problem set {name!r}; known are {', '.join(sorted(known))}")
     return known[name]
 
 
@@ -48,22 +48,15 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
     >>> len(make("noise", options={"recording": "stage.csv"}))
     5
     """
-    cls = _known(name)
+    cls = find(name)
     own = {**cls.needs, **cls.takes}
     return cls(seed, **{option: value for option, value in (options or {}).items() if option in own})
 
 
 def check_options(names: Sequence[str], options: Iterable[str]) -> None:
     """ProblemSetError where none of these sets takes one of the options, or there is no such set."""
-    chosen = [_known(name) for name in names]
+    chosen = [find(name) for name in names]
     for option in options:
         if not any(option in (*cls.needs, *cls.takes) for cls in chosen):
             takers = [name for name, cls in sorted(all_sets().items()) if option in (*cls.needs, *cls.takes)]
             raise ProblemSetError(f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not for {' and '.join(names)}")
-
-
-def _known(name: str) -> type[ProblemSet]:
-    try:
-        return find(name)
-    except KeyError as error:
-        raise ProblemSetError(str(error.args[0])) from None

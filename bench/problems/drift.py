@@ -13,7 +13,6 @@ from collections.abc import Iterator
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from bench.problems.simulation import SAMPLE_TIME, Experiment
-from piezo_model import DataBasis, OperatorState
 
 TIME_CONSTANT_S = 2.0
 DRIFT_PER_S = 0.005
@@ -36,22 +35,17 @@ class Drift(ProblemSet):
 
     def problems(self) -> Iterator[RaceProblem]:
         """Drive on by a quarter of a second, take a snapshot, certify it."""
-        experiment = Experiment("relay_preisach", "random_walk", drift_per_s=DRIFT_PER_S, seed=self.seed)
-        plant = experiment.sensor()
-        x = experiment.reference("random_walk", BUILD_S + COUNT * EVERY_S + UNSEEN_S, plant)
-        y = plant.run(x)
+        experiment = Experiment("relay_preisach", "random_walk", build_s=BUILD_S, drift_per_s=DRIFT_PER_S, seed=self.seed)
+        plant, x, y, basis = experiment.measured(BUILD_S + COUNT * EVERY_S + UNSEEN_S, math.exp(-SAMPLE_TIME / TIME_CONSTANT_S))
         noise_um = experiment.noise * (plant.y_range[1] - plant.y_range[0])
         first, step, ahead = (round(seconds / SAMPLE_TIME) for seconds in (BUILD_S, EVERY_S, UNSEEN_S))
-        structure = experiment.structure(plant, x[:first], y[:first])
-        basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0),
-                          forgetting=math.exp(-SAMPLE_TIME / TIME_CONSTANT_S))
         basis.update(x[:first], y[:first])
         start = basis.problem()
         before, earlier = certified(self.name, "start", start).optimal_weights, [start]
         for end in range(first + step, first + COUNT * step + 1, step):
             basis.update(x[end - step:end], y[end - step:end])
             unseen = slice(end, end + ahead)
-            validation = Validation(structure, basis.state.copy(), x[unseen], y[unseen], noise_um)
+            validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], noise_um)
             now = basis.problem()
             problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", now, validation, before, earlier[-3:])
             before = problem.optimal_weights

@@ -9,10 +9,9 @@ practice.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
-from bench.problems.protocol import ProblemSet, RaceProblem
-from bench.problems.simulation import Experiment
+from bench.problems.simulation import Experiment, Simulated
 
 CASES = ((5, 3, 1.0, 8.0), (5, 3, 0.9, 8.0), (12, 6, 1.0, 8.0), (5, 3, 1.0, 0.05), (20, 9, 1.0, 8.0),
          (20, 9, 1.0, 0.2), (20, 9, 1.0, 0.05), (40, 14, 1.0, 0.2), (5, 3, 0.7, 8.0), (5, 3, 0.4, 8.0),
@@ -20,21 +19,14 @@ CASES = ((5, 3, 1.0, 8.0), (5, 3, 0.9, 8.0), (12, 6, 1.0, 8.0), (5, 3, 1.0, 0.05
 """(n, m, share of the input range that the drive covers, length of the building phase in s)."""
 
 
-class Excitation(ProblemSet):
+class Excitation(Simulated):
     """The Preisach actuator under drives that reach less and less, without and with the proximal term."""
 
     name = "excitation"
     description = "drives that leave thresholds unexcited: condition from 1e4 to 1e12 and singular"
 
-    def __len__(self) -> int:
-        """Cases, without and with the proximal term."""
-        return 2 * len(CASES)
-
-    def problems(self) -> Iterator[RaceProblem]:
+    def experiments(self) -> Mapping[str, Experiment]:
         """Each case as the data give it, then with the proximal term."""
-        for n, m, reach, build_s in CASES:
-            for proximal in (0.0, 1e-10):
-                experiment = Experiment("relay_preisach", "multi_sine", n, m, build_s, reach, proximal=proximal,
-                                        seed=self.seed)
-                kind = "proximal" if proximal else "bare"
-                yield experiment.problem(self.name, f"n{n}-m{m}-reach{reach:g}-{build_s:g}s-{kind}")
+        return {f"n{n}-m{m}-reach{reach:g}-{build_s:g}s-{'proximal' if proximal else 'bare'}": Experiment(
+                    "relay_preisach", "multi_sine", n, m, build_s, reach, proximal=proximal, seed=self.seed)
+                for n, m, reach, build_s in CASES for proximal in (0.0, 1e-10)}

@@ -10,7 +10,7 @@ proven only then, and that no process of a solver can know.
 
 from __future__ import annotations
 
-import random
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -34,7 +34,7 @@ class FreshData:
     form : CertifiedForm
     count : int
         Calls whose answers may be judged.
-    seed : int, optional
+    seed : int or sequence of int, optional
         The system's randomness by default.
 
     Attributes
@@ -43,7 +43,7 @@ class FreshData:
         Calls whose answers are judged.
     """
 
-    def __init__(self, form: CertifiedForm, count: int, seed: int | None = None) -> None:
+    def __init__(self, form: CertifiedForm, count: int, seed: int | Sequence[int] | None = None) -> None:
         self._form, self.count = form, count
         self._chance = np.random.default_rng(seed)
         windows = form.windows
@@ -53,8 +53,7 @@ class FreshData:
         self._apart = 0 if windows else form.qp.q.size if _is_definite(P) else 1
         self._shares, self._factors = self._drawn(count)
         ends = [min(end, count) for end in STRETCHES]
-        pick = random.Random(seed)
-        self.sample = tuple(sorted({pick.randrange(low, high) for low, high in zip([0, *ends], ends, strict=False) if low < high}))
+        self.sample = tuple(sorted({int(self._chance.integers(low, high)) for low, high in zip([0, *ends], ends, strict=False) if low < high}))
         self._certified: dict[int, CertifiedForm | None] = {}
 
     def block(self, first: int, last: int) -> tuple[Matrix, Matrix]:

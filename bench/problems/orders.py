@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
-from bench.problems.protocol import ProblemSet, RaceProblem
-from bench.problems.simulation import Experiment
+from bench.problems.simulation import Experiment, Simulated
 
 ORDERS = ((2, 1), (5, 3), (8, 4), (12, 6), (20, 9), (30, 12), (40, 14), (50, 19))
 """(n, m), for d = 8, 18, 26, 38, 60, 86, 110, 140."""
 
 
-class Orders(ProblemSet):
+class Orders(Simulated):
     """The Preisach actuator under a random walk, seen by models of growing order."""
 
     name = "orders"
     description = "models of growing order of the same recording, d from 8 to 140"
 
-    def __len__(self) -> int:
-        """Number of orders."""
-        return len(ORDERS)
-
-    def problems(self) -> Iterator[RaceProblem]:
-        """One problem an order, smallest first."""
-        for n, m in ORDERS:
-            experiment = Experiment("relay_preisach", "random_walk", n, m, seed=self.seed)
-            yield experiment.problem(self.name, f"d{2 * n + 2 * m + 2:03d}")
+    def experiments(self) -> Mapping[str, Experiment]:
+        """One an order, smallest first."""
+        return {f"d{2 * n + 2 * m + 2:03d}": Experiment("relay_preisach", "random_walk", n, m, seed=self.seed) for n, m in ORDERS}

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
-from bench.problems.protocol import ProblemSet, RaceProblem
-from bench.problems.simulation import Experiment
+from bench.problems.simulation import Experiment, Simulated
 from piezo_model import plants
 
 DRIVES = ("staircase", "multi_sine", "random_walk")
 
 
-class Paper(ProblemSet):
+class Paper(Simulated):
     """Every simulated actuator under every drive."""
 
     name = "paper"
     description = "the paper's orders (n = 5, m = 3), building phase of 8 s at 125 µs, every plant under several drives"
 
-    def __len__(self) -> int:
-        """Plants times drives."""
-        return len(plants.names()) * len(DRIVES)
-
-    def problems(self) -> Iterator[RaceProblem]:
-        """Drive, measure, accumulate and certify."""
-        for plant in plants.names():
-            for i, drive in enumerate(DRIVES):
-                yield Experiment(plant, drive, seed=self.seed + i).problem(self.name, f"{plant}-{drive}")
+    def experiments(self) -> Mapping[str, Experiment]:
+        """Every plant under every drive."""
+        return {f"{plant}-{drive}": Experiment(plant, drive, seed=self.seed + i) for plant in plants.names() for i, drive in enumerate(DRIVES)}

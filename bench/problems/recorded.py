@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, ModelStructure, Recording, identify
 from piezo_model.identification.counting import Counted, count
-from piezo_model.identification.identify import choose_creep_rates
+from piezo_model.identification.identify import check_direction, choose_creep_rates
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
@@ -30,7 +30,7 @@ WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 KEPT_BACK = 0.2
 LONGEST_VALIDATION = 200_000
 """Samples; every problem carries its own copy."""
-READING = {"sample_time": float, "header_row": int, "decimal": str, "sheet": str}
+READING = {"sample_time": float, "header_row": int, "decimal": str, "sheet": str, "resample": float, "input_unit": str, "output_unit": str}
 """Options of ``Recording.open`` for what a file does not say, and how each is read from its text."""
 SOLVER, PROXIMAL = "box_active_set", 1e-10
 
@@ -53,7 +53,7 @@ class Recorded(ProblemSet):
     def _whole(self) -> Recording:
         time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
         reading: dict[str, Any] = {name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options}
-        return Recording.open(self.options["recording"], time, input, output, **reading).in_memory()
+        return check_direction(Recording.open(self.options["recording"], time, input, output, **reading)).in_memory()
 
     @cached_property
     def _parts(self) -> tuple[Recording, Recording]:

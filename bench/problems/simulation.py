@@ -6,11 +6,13 @@ and measured with noise and quantisation; what follows, under another drive, is 
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bench.problems.protocol import RaceProblem, Validation, certified
+from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, ModelStructure, OperatorState, plants
 from piezo_model.signals import SIGNALS, decaying_triangle
 from solvers.arrays import Vector
@@ -64,13 +66,17 @@ class Experiment:
         return ModelStructure.equidistant(self.n, self.m, plant.x_range, centred_range(x, y, self.reach), CREEP_RATES,
                                           SAMPLE_TIME)
 
+    def measured(self, duration_s: float, forgetting: float = 1.0) -> tuple[plants.Sensor, Vector, Vector, DataBasis]:
+        """Actuator, input and output after so long under the drive, and a data basis for the structure of the building phase, still empty."""
+        plant, built = self.sensor(), round(self.build_s / SAMPLE_TIME)
+        x = self.reference(self.drive, duration_s, plant)
+        y = plant.run(x)
+        structure = self.structure(plant, x[:built], y[:built])
+        return plant, x, y, DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0), forgetting)
+
     def problem(self, set_name: str, name: str) -> RaceProblem:
         """Drive, measure, accumulate and certify."""
-        plant = self.sensor()
-        x = self.reference(self.drive, self.build_s, plant)
-        y = plant.run(x)
-        structure = self.structure(plant, x, y)
-        basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0))
+        plant, x, y, basis = self.measured(self.build_s)
         neighbours, done = [], 0
         for end in (*(round(share * x.size) for share in NEIGHBOURS), x.size):
             basis.update(x[done:end], y[done:end])
@@ -79,8 +85,25 @@ class Experiment:
         *neighbours, problem = neighbours
         unseen = decaying_triangle(duration_s=VALIDATION_S, sample_time=SAMPLE_TIME, low=x.min(), high=x.max())
         span = plant.y_range[1] - plant.y_range[0]
-        validation = Validation(structure, basis.state.copy(), unseen, plant.run(unseen), self.noise * span)
+        validation = Validation(basis.structure, basis.state.copy(), unseen, plant.run(unseen), self.noise * span)
         return certified(set_name, name, problem, validation, neighbours=neighbours)
+
+
+class Simulated(ProblemSet):
+    """A problem set that is made of experiments."""
+
+    @abstractmethod
+    def experiments(self) -> Mapping[str, Experiment]:
+        """Each problem's by name."""
+
+    def __len__(self) -> int:
+        """Number of experiments."""
+        return len(self.experiments())
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Drive, measure, accumulate and certify."""
+        for name, experiment in self.experiments().items():
+            yield experiment.problem(self.name, name)
 
 
 def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, float]:

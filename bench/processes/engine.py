@@ -24,7 +24,8 @@ from joblib.externals.loky import get_reusable_executor
 
 from bench.passed.race_error import RaceError
 from bench.processes.forked_child import warm_up
-from bench.processes.line_up import Limits, LineUp
+from bench.processes.solver_pool import SolverPool
+from bench.processes.worker import ChildSettings
 from bench.timing import cores
 from solvers.registry import Entry
 
@@ -35,12 +36,8 @@ IDLE_S = 10
 class Part(Protocol):
     """What one worker does in one go; it can be sent anywhere."""
 
-    def do(self, line_up: LineUp, tell: Callable[[Any], None]) -> None:
+    def do(self, pool: SolverPool, tell: Callable[[Any], None]) -> None:
         """Do it; ``tell`` is told of each task before it starts."""
-
-    @property
-    def folders(self) -> Sequence[str]:
-        """What solvers must not look into."""
 
 
 P = TypeVar("P", bound=Part)
@@ -83,12 +80,12 @@ class Workers:
         return self.backend is Backend.LOCAL and self.count == 1
 
 
-def spread(parts: Sequence[P], entries: Sequence[Entry], limits: Limits, workers: Workers) -> Iterator[P]:
+def distribute(parts: Sequence[P], entries: Sequence[Entry], settings: ChildSettings, workers: Workers) -> Iterator[P]:
     """Do parts of a race on several workers, which give their cores back in the end; yields them as they get done, in any order."""
     with _backend(workers) as (count, client):
-        yield from _done(work, [(part, tuple(entries), limits) for part in parts], workers, count)
+        yield from _done(work, [(part, tuple(entries), settings) for part in parts], workers, count)
         if client is not None:
-            client.run(close_line_ups)
+            client.run(close_pools)
 
 
 def each(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> Iterator[R]:
@@ -163,22 +160,22 @@ def cores_here() -> tuple[str, int]:
     return os.uname().nodename, len(cores.usable())
 
 
-_waiting: list[tuple[LineUp, cores.Core]] = []
-"""Line-ups of this process that no thread of it is using."""
+_waiting: list[tuple[SolverPool, cores.Core]] = []
+"""Pools of this process that no thread of it is using."""
 _lock = threading.Lock()
 
 
-def work(part: P, entries: tuple[Entry, ...], limits: Limits) -> P:
-    """Do one part with the line-up that waits here, or with a new one on a free core."""
-    line_up, core = _taken(entries, limits, part.folders)
+def work(part: P, entries: tuple[Entry, ...], settings: ChildSettings) -> P:
+    """Do one part with the pool that waits here, or with a new one on a free core."""
+    pool, core = _taken(entries, settings)
     try:
         with core.pinned():
-            part.do(line_up, lambda task: None)
+            part.do(pool, lambda task: None)
     except BaseException:
-        _close([(line_up, core)])
+        _close([(pool, core)])
         raise
     with _lock:
-        _waiting.append((line_up, core))
+        _waiting.append((pool, core))
     return part
 
 
@@ -205,10 +202,10 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _taken(entries: tuple[Entry, ...], limits: Limits, folders: Sequence[str]) -> tuple[LineUp, cores.Core]:
+def _taken(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverPool, cores.Core]:
     with _lock:
-        of_others = [pair for pair in _waiting if (pair[0].entries, pair[0].limits, pair[0].folders) != (entries, limits, folders)]
-        ours = [pair for pair in _waiting if pair not in of_others]
+        ours = [pair for pair in _waiting if (pair[0].entries, pair[0].settings) == (entries, settings)]
+        of_others = [pair for pair in _waiting if pair not in ours]
         taken = ours.pop() if ours else None
         _waiting[:] = ours
     _close(of_others)
@@ -216,8 +213,8 @@ def _taken(entries: tuple[Entry, ...], limits: Limits, folders: Sequence[str]) -
         return taken
     core = cores.claim()
     _permit_children()
-    warm_up(entries)
-    return LineUp(entries, limits, core.number, folders), core
+    warm_up(entries, settings.preload)
+    return SolverPool(entries, settings, core.number), core
 
 
 def _permit_children() -> None:
@@ -231,7 +228,7 @@ def _permit_children() -> None:
         multiprocessing.set_start_method("forkserver", force=True)
 
 
-def close_line_ups() -> None:
+def close_pools() -> None:
     """End the processes that wait here, and give their cores back."""
     with _lock:
         closing = list(_waiting)
@@ -239,7 +236,7 @@ def close_line_ups() -> None:
     _close(closing)
 
 
-def _close(pairs: Iterable[tuple[LineUp, cores.Core]]) -> None:
-    for line_up, core in pairs:
-        line_up.close()
-        core.release()
+def _close(pairs: Iterable[tuple[SolverPool, cores.Core]]) -> None:
+    for pool, core in pairs:
+        pool.close()
+        core.close()

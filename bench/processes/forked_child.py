@@ -21,24 +21,24 @@ from solvers.registry import FAMILIES, Entry
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
                     "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
-PRELOADED = ["bench.processes.forked_child", "bench.processes.worker", "bench.races.oneshot.worker", "solvers.core"]
-"""What the server imports; absent ones are passed over."""
+PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "solvers.core")
+"""What the server imports in any case; absent ones are passed over."""
 
 
-def _context(entries: Iterable[Entry] = ()) -> Any:
+def _context(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> Any:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*PRELOADED, *{f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}])
+    context.set_forkserver_preload([*PRELOADED, *modules, *{f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}])
     return context
 
 
-def warm_up(entries: Iterable[Entry]) -> None:
-    """Start the server that children are forked from, with what the lanes of these solvers need imported.
+def warm_up(entries: Iterable[Entry], modules: Iterable[str] = ()) -> None:
+    """Start the server that children are forked from, with these modules and what the lanes of these solvers need imported.
 
     It imports for a second or two, beside whatever comes next; one that runs already stays as it is. RaceError where its socket has no place.
     """
-    _context(entries)
+    _context(entries, modules)
     try:
         forkserver.ensure_running()
     except OSError as error:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -55,32 +54,24 @@ def work() -> list[int]:
     return found
 
 
-@dataclass
-class Sentinel:
-    """Looks at one core."""
+class Sentinel(ForkedChild):
+    """Looks at one core; ``looks`` are when (seconds since the epoch) and nanoseconds of each run."""
 
-    core: int
-    looks: list[tuple[float, list[int]]] = field(default_factory=list)
-    """When (seconds since the epoch) and nanoseconds of each run."""
-
-    def __post_init__(self) -> None:
-        self._child = ForkedChild()
+    def __init__(self, core: int | None) -> None:
+        super().__init__()
+        self.core, self.looks = core, list[tuple[float, list[int]]]()
 
     def look(self, unless_within_s: float = 0.0) -> None:
         """Time the work, unless the last look is less than so many seconds ago."""
         if not self.looks or time.time() - self.looks[-1][0] >= unless_within_s:
-            if not self._child.is_running:
-                self._child.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
-            self.looks.append((time.time(), self._child.call(START_LIMIT_S, work)))
+            if not self.is_running and self.core is not None:
+                self.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
+            self.looks.append((time.time(), self.call(START_LIMIT_S, work)))
 
     def taken(self) -> list[tuple[float, list[int]]]:
         """The looks so far, which it then forgets."""
         looks, self.looks = self.looks, []
         return looks
-
-    def close(self) -> None:
-        """End the process."""
-        self._child.__exit__(None, None, None)
 
 
 def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:

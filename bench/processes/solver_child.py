@@ -5,20 +5,21 @@ A solver that crashes, hangs or eats memory takes its own process with it and no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from bench.passed.outcome import Outcome
-from bench.passed.request import Request
+from bench.passed.request import Outcome, Request
 from bench.processes import worker
 from bench.processes.forked_child import ForkedChild
+from bench.processes.worker import ChildSettings
 from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers.protocol import Lane
 from solvers.registry import Described, Entry
 
 E = TypeVar("E", bound=Entry)
 
+STANDARD = ChildSettings()
 BUILD_LIMIT_S = 60.0
 """Seconds on top for a task of the lane codegen, since the first of a shape of problem generates and compiles."""
 
@@ -38,23 +39,17 @@ def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
 
 
 class SolverChild(ForkedChild):
-    """The process of one solver in one lane; started at once, and again after it was lost.
+    """The process of one solver in one lane, pinned to a core if one is given; started at once, and again after it was lost."""
 
-    It has ``time_limit_s`` for a task, everything included, may allocate ``memory_mb`` once its solver is loaded, is pinned to ``core``, and
-    must not look into ``folders``.
-    """
-
-    def __init__(self, entry: Entry, time_limit_s: float = 20.0, memory_mb: int = 2048, core: int | None = None,
-                 folders: Sequence[str] = ()) -> None:
+    def __init__(self, entry: Entry, settings: ChildSettings = STANDARD, core: int | None = None) -> None:
         super().__init__()
-        self.entry = entry
-        self.time_limit_s = time_limit_s + (BUILD_LIMIT_S if entry.lane is Lane.CODEGEN else 0.0)
-        self._limits = core, memory_mb, tuple(folders)
+        self.entry, self._settings, self._core = entry, settings, core
+        self.time_limit_s = settings.time_limit_s + (BUILD_LIMIT_S if entry.lane is Lane.CODEGEN else 0.0)
         self._load()
 
     def _load(self) -> None:
         self._described: Described | None = None
-        self.begin(worker.load, self.entry, *self._limits)
+        self.begin(worker.load, self.entry, self._settings, self._core)
 
     def describe(self) -> Described:
         """What the solver is, or why it is absent; waits until its library is loaded."""

@@ -11,14 +11,15 @@ import os
 import pickle
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing import connection
 from typing import TypeVar
 
 import numpy as np
 
-from bench.passed.outcome import Outcome
-from bench.passed.request import Request
+from bench.passed.request import Outcome, Request, attempt
 from bench.processes.guard import watched
 from piezo_model import child_process
 from piezo_model.child_process import limit_memory
@@ -33,17 +34,33 @@ _loaded: list[type[Solver]] = []
 """The solver of this process, and once more when it has answered a request."""
 
 
-def load(entry: Entry, core: int | None, memory_mb: int, folders: Sequence[str] = ()) -> Described:
+@dataclass(frozen=True)
+class ChildSettings:
+    """What the process of a solver may take and see, and what it imports before its solver."""
+
+    time_limit_s: float = 20.0
+    """For each request, everything included."""
+    memory_mb: int = 2048
+    """What it may allocate once its solver is loaded."""
+    hidden: tuple[str, ...] = ()
+    """Folders that it must not look into."""
+    preload: tuple[str, ...] = ()
+    """Modules that its requests need."""
+
+
+def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
     """Load the solver of this process and describe it; its limits hold from then on, and it is watched from now on."""
+    for name in settings.preload:
+        import_module(name)
     ours = [module for name, module in sys.modules.items() if name.startswith("bench.")]
-    _watch.append(watched(folders, [*ours, child_process, connection, gc, np, pickle, time]))
+    _watch.append(watched(settings.hidden, [*ours, child_process, connection, gc, np, pickle, time]))
     try:
         description = describe(entry)
     except Exception as error:  # whatever a library does while it loads is a reason for its absence
         description = Described(entry.name, entry.lane, "", "", "", False, absent=f"{type(error).__name__}: {error}")
     if not description.absent:
         _loaded.append(entry.load())
-        limit_memory(memory_mb)
+        limit_memory(settings.memory_mb)
         if core is not None:  # after loading, for which all cores are welcome
             os.sched_setaffinity(0, {core})
     return description
@@ -52,7 +69,7 @@ def load(entry: Entry, core: int | None, memory_mb: int, folders: Sequence[str] 
 def answer(request: Request) -> Outcome:
     """Do what is asked with the solver that was loaded."""
     cls, *answered = _loaded
-    outcome = request.answer(cls, first=not answered)
+    outcome = attempt(lambda: request.answer(cls, first=not answered))
     _loaded[1:] = [cls]
     return outcome
 

@@ -9,8 +9,11 @@ from typing import TypeVar
 from bench.passed.race_error import RaceError
 from bench.problems import check_options, make
 from bench.processes.forked_child import warm_up
-from bench.processes.solver_child import SolverChild, entry_of_file
-from bench.races.settings import RaceSettings
+from bench.processes.solver_child import entry_of_file
+from bench.processes.solver_pool import SolverPool
+from bench.races import null_solver
+from bench.races.chosen_settings import table_of
+from bench.races.settings import RaceSettings, TierSettings
 from bench.store import Run
 from solvers import entries
 from solvers.registry import Described, Entry, from_file
@@ -18,15 +21,18 @@ from solvers.registry import Described, Entry, from_file
 E = TypeVar("E", bound=Entry)
 
 
-def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str) -> list[E]:
-    """Those that are asked for by name and lane; those of the user's own files always are, and are loaded in a process of their own."""
+def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str, preload: Iterable[str] = ()) -> list[E]:
+    """Those that are asked for by name and lane; those of the user's own files always are, and are loaded in a process of their own.
+
+    ``preload`` are modules that their processes need.
+    """
     known = list(there)
     names = {entry.name for entry in known}
     unknown = sorted(set(settings.solvers) - names)
     if unknown:
         raise RaceError(f"there is no {what} {unknown[0]!r}; known are {', '.join(sorted(names))}")
     found = [entry for entry in known if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
-    warm_up(found)
+    warm_up(found, preload)
     taken = {(entry.name, entry.lane) for entry in known}
     for path in settings.solver_files:
         try:
@@ -44,22 +50,19 @@ def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], 
     return found
 
 
-def entries_of(settings: RaceSettings) -> list[Entry]:
-    """The solvers that are asked for; RaceError where there is none of a name."""
-    return chosen(settings, entries(), from_file, "solver")
-
-
-def checked(settings: RaceSettings) -> list[Entry]:
-    """The entries that are asked for; RaceError or ProblemSetError unless there is all that is asked for."""
+def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
+    """The entries that are asked for; RaceError, RunError or ProblemSetError unless there is all that is asked for."""
     check_options(settings.problem_sets, settings.set_options)
     for problem_set in settings.problem_sets:
         make(problem_set, settings.seed, settings.set_options)
-    return entries_of(settings)
+    if isinstance(settings, TierSettings):
+        table_of(settings.settings_run)
+    return chosen(settings, entries(), from_file, "solver", preload)
 
 
-def field_of(run: Run, children: Iterable[SolverChild]) -> list[Described]:
+def field_of(run: Run, pool: SolverPool) -> list[Described]:
     """The solvers that run here, noted in the run; RaceError where there is none, or one that was asked for by its name is in no lane."""
-    described = [child.describe() for child in children]
+    described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = [solver for solver in described if not solver.absent]
     run.note(field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
              absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})

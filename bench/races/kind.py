@@ -1,23 +1,29 @@
-"""What a kind of race is to those above it: how it is set up, carried on, reported and shown."""
+"""What a kind of race is to those above it: how it is set up, carried on, reported and shown.
+
+The folder is the registry: each ``kind.py`` in a folder beside this file has a kind, or several that share all but settings and report.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
 from bench.processes.engine import Workers
-from bench.races.field import checked
+from bench.races.driver import Race, drive
 from bench.races.run_report import of_run
-from bench.races.settings import RaceSettings
+from bench.races.settings import RaceSettings, settings_of
 from bench.report.report import Report
 from bench.report.writing import write_report
-from bench.store import Run, Schema
+from bench.store import Run, RunError, Schema
 from bench.timing import machine
-from solvers.registry import Entry
+
+DEFAULT = "oneshot"
 
 
 @dataclass(frozen=True)
@@ -30,28 +36,27 @@ class Kind:
     """Of its reports."""
     summary: str
     """What it races, in a few words."""
-    schema: Schema
-    """Its table."""
     settings: type[RaceSettings]
     """Its settings; those that are made with :func:`bench.races.settings.option` are options of the command line."""
-    race: Callable[[Run, Progress, Workers], None]
-    """Do every task that is not done yet (``run.is_done``) and save each (``run.save``); a resumed run calls it again."""
+    race: type[Race[Any]]
+    """What is asked of solvers, and what is made of their answers."""
     report: Callable[[Run], Report]
     """Make the :class:`bench.report.report.Report` of a finished run."""
-    spreads: bool = False
-    """Whether it can use several workers."""
-    entries: Callable[[Any], Sequence[Entry]] = checked
-    """Who is asked for by these settings; RaceError where there is nobody of a name."""
+
+    @property
+    def schema(self) -> Schema:
+        """Its table."""
+        return self.race.schema
 
     def check(self, workers: Workers) -> None:
         """RaceError where the race cannot be spread like that."""
         workers.check()
-        if not (self.spreads or workers.is_one):
+        if not (self.race.spreads or workers.is_one):
             raise RaceError(f"the {self.name} race runs on one core; leave the workers to the one-shot race")
 
     def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
         """Make the run's folder."""
-        self.entries(settings)
+        self.race.entries(settings)
         return Run.create(results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name)
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
@@ -59,7 +64,7 @@ class Kind:
         workers = workers or Workers()
         self.check(workers)
         with run.alone():
-            self.race(run, progress, workers)
+            drive(self.race(run, settings_of(run, self.settings), progress), workers)
             progress("gathering the tables", 0, 1)
             run.finish(self.schema)
 
@@ -67,3 +72,26 @@ class Kind:
         """Write ``report.md`` and ``report.html`` with what lies beside them; returns the report and the path of the first."""
         report = of_run(run, self.title, self.report(run))
         return report, write_report(report, run.path)
+
+
+@cache
+def kinds() -> dict[str, Kind]:
+    """The kinds of race by name, the default one first."""
+    names = sorted((path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name))
+    found = [each for name in names for each in vars(import_module(f"{__package__}.{name}.kind")).values() if isinstance(each, Kind)]
+    return {each.name: each for each in found}
+
+
+def kind_of(run: Run) -> Kind:
+    """The kind of a run; RunError where its run.json names none that is known."""
+    name = run.settings.get("race", DEFAULT)
+    if name not in kinds():
+        raise RunError(f"{run.path / 'run.json'}: there is no race {name[:60]!r}; known are {', '.join(kinds())}")
+    return kinds()[name]
+
+
+def open_run(path: Path) -> Run:
+    """Open a run of a kind that is known, with settings that such a run can have; RunError says what is wrong with it."""
+    run = Run.open(path)
+    settings_of(run, kind_of(run).settings)
+    return run

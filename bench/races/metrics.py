@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Solution
 
-from bench.passed.outcome import Outcome
+from bench.passed.request import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
 from solvers import Status

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar
 from msgspec import Meta
 
 from bench.problems.protocol import SCALINGS
-from bench.processes.line_up import Limits
+from bench.processes.worker import ChildSettings
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
@@ -64,9 +64,9 @@ class RaceSettings:
                 raise ValueError(f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}")
 
     @property
-    def limits(self) -> Limits:
-        """What a solver may take."""
-        return Limits(self.time_limit_s, self.memory_mb)
+    def child(self) -> ChildSettings:
+        """What the process of a solver may take."""
+        return ChildSettings(self.time_limit_s, self.memory_mb)
 
     def to_dict(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""

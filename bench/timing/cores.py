@@ -13,7 +13,6 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import TracebackType
 
 LOOK_EVERY_S = 0.5
 
@@ -26,11 +25,10 @@ def usable() -> list[int]:
     return sorted(os.sched_getaffinity(os.getpid()), reverse=True)
 
 
-class Core:
-    """A core that nobody else times on."""
+class Core(socket.socket):
+    """A core that nobody else times on until this is closed."""
 
-    def __init__(self, number: int, lock: socket.socket) -> None:
-        self.number, self._lock = number, lock
+    number: int
 
     @contextmanager
     def pinned(self) -> Iterator[None]:
@@ -41,17 +39,6 @@ class Core:
             yield
         finally:
             os.sched_setaffinity(0, before)
-
-    def release(self) -> None:
-        """Give it back."""
-        self._lock.close()
-
-    def __enter__(self) -> Core:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.release()
 
 
 def claim() -> Core:
@@ -65,13 +52,14 @@ def claim() -> Core:
     """
     while True:
         for number in usable():
-            lock = socket.socket(socket.AF_UNIX)
+            core = Core(socket.AF_UNIX)
             try:
-                lock.bind(f"\0piezobench-core{number}")
+                core.bind(f"\0piezobench-core{number}")
             except OSError as error:
-                lock.close()
+                core.close()
                 if error.errno != errno.EADDRINUSE:
                     raise
             else:
-                return Core(number, lock)
+                core.number = number
+                return core
         time.sleep(LOOK_EVERY_S)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.problems.measured import FOLDER
-from bench.problems.measured.stored import write
+from bench.problems.measured import FOLDER, write
 from bench.problems.protocol import Validation
 from bench.problems.recorded import KEPT_BACK, counted, part, sensor_noise
 from piezo_model import DataBasis, IdentificationProblem, Recording

@@ -28,6 +28,8 @@ MOVED = 0.01
 """Share of its range that a drive covers within the noise of its rest."""
 FAR_MORE, NOTABLE = 4.0, 0.03
 """An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the range."""
+SPOILED = 3.0
+"""First samples spoil a fit that errs so many times as much after them as the fit without them."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,22 @@ def count(recording: Recording, s: ModelStructure, solver: str, proximal: float,
     def found(s: ModelStructure, skip: int, refine: bool = True) -> tuple[OperatorState, float | None]:
         return find_start(head, s, lambda state: cost(s, skip, state), refine)
 
-    def transient(s: ModelStructure, skip: int, look: int, refine: bool) -> int:
-        state, _ = found(s, skip, refine)
-        return _transient(head, HysteresisCreepModel.from_weights(s, fitted(s, skip, state)[1]), state, look)
+    def errors(s: ModelStructure, skip: int, state: OperatorState) -> Vector:
+        x, y = head.arrays()
+        model = HysteresisCreepModel.from_weights(s, fitted(s, skip, state)[1])
+        return np.abs(model.simulate(x, state.copy()) - y) / (2.0 * abs(s.y_scale))
+
+    def transient(look: int) -> int:
+        """First samples that the model of the whole does not describe, or is spoiled by, and that of the rest does not describe either."""
+        state, settled = found(s, 0, refine=False)[0], ranged(s, look)
+        whole = errors(s, 0, state)
+        if not _stands_out(whole, look):
+            rest = errors(settled, look, state)
+            ratio = abs(s.y_scale / settled.y_scale)  # of the ranges that both are shares of
+            if ratio * float(np.max(whole[look:])) <= SPOILED * float(np.max(rest[look:])):
+                return 0
+        rest = errors(settled, look, found(settled, look)[0])
+        return int(np.flatnonzero(rest[:look] > np.max(rest[look:]))[-1]) + 1 if _stands_out(rest, look) else 0
 
     s = ranged(s, skip or 0)
     rest = OperatorState.at_rest(s, float(s.unit_input(next(head.chunks(1))[0])[0]))
@@ -121,7 +136,7 @@ def count(recording: Recording, s: ModelStructure, solver: str, proximal: float,
     if skip is None:
         look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
         look = look if moving_from(head, look) < head.length else 0
-        skip = transient(s, 0, look, refine=False) and transient(ranged(s, look), look, look, refine=True)
+        skip = transient(look) if look else 0
         s = ranged(s, skip)
     return Counted(s, skip, *found(s, skip))
 
@@ -135,11 +150,6 @@ def require(recording: Recording, s: ModelStructure, skip: int) -> None:
         raise IdentificationError(f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped")
 
 
-def _transient(head: Recording, model: HysteresisCreepModel, state: OperatorState, look: int) -> int:
-    """Samples at the start at which a model of what comes after ``look`` errs more than anywhere after it."""
-    x, y = head.arrays()
-    error = np.abs(model.simulate(x, state.copy()) - y)
-    later = float(np.max(error[look:]))
-    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE * 2.0 * abs(model.structure.y_scale)):
-        return 0
-    return int(np.flatnonzero(error[:look] > later)[-1]) + 1
+def _stands_out(error: Vector, look: int) -> bool:
+    """Whether an error, as a share of the range, is far larger before the sample ``look`` than anywhere after it."""
+    return bool(np.max(error[:look]) > max(FAR_MORE * float(np.max(error[look:])), NOTABLE))

@@ -56,7 +56,7 @@ class Fit:
         counted = f"{self.samples} samples" if not self.skipped else f"{self.samples} of {self.samples + self.skipped} samples"
         return (f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this model{where and ' ' + where}: RMS error "
                 f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
-                f"({quantity(self.max, unit, 2)}).")
+                f"({quantity(self.max, unit, 2)}{'' if unit else ' in the unit of the output, which the file does not say'}).")
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from numpy.typing import ArrayLike
 
 from piezo_model.identification.counting import count, require, y_range
+from piezo_model.identification.direction import directed
 from piezo_model.identification.fit_report import Fit, FitReport, Offset
 from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
 from piezo_model.identification.forward_error import forward_error
 from piezo_model.identification.judgement import judge
 from piezo_model.identification.lag_identification import estimate_lag, without_lag
+from piezo_model.identification.remedies import remedy
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -31,6 +33,10 @@ LagChoice = Literal["estimate", "remove", "ignore"]
 
 IN_MEMORY = 5_000_000
 """Samples up to which a file is read once and kept instead of once for each pass."""
+
+
+class InadequateError(IdentificationError):
+    """The model class does not describe the data, or the options do not suit them."""
 
 
 def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
@@ -99,7 +105,30 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
         raise IdentificationError(f"lag must be one of {', '.join(get_args(LagChoice))}, not {lag!r}")
     if skip is not None and skip < 0:
         raise IdentificationError(f"skip must not be negative, not {skip}")
-    recording, own_structure = _recording_of(x, y, structure), structure is None
+    recording = check_direction(_recording_of(x, y, structure))
+    given: dict[str, Any] = {"structure": structure, "n": n, "m": m, "creep_rates": creep_rates, "skip": skip}
+
+    def fitted(**changes: int) -> HysteresisCreepModel:
+        return _fitted(recording, **{**given, **changes}, solver=solver, lag=lag, state=state, proximal=proximal, force=force)
+
+    try:
+        return fitted()
+    except InadequateError as refusal:
+        raise IdentificationError(f"{refusal}{remedy(fitted, recording, skip, m if structure is None else None)}") from None
+
+
+def check_direction(recording: Recording) -> Recording:
+    """The recording with input and output as a fit both ways round tells them, where nothing but their values does; see `direction`."""
+    def fit(part: Recording) -> HysteresisCreepModel:
+        return _fitted(part, None, 5, 3, None, None, solver="box_active_set", lag="ignore", state=None, proximal=1e-10, force=True)
+
+    return directed(recording, fit)
+
+
+def _fitted(recording: Recording, structure: ModelStructure | None, n: int, m: int, creep_rates: Sequence[float] | None, skip: int | None,
+            solver: str, lag: LagChoice, state: OperatorState | None, proximal: float, force: bool) -> HysteresisCreepModel:
+    """The model of a recording; InadequateError where it does not describe it."""
+    own_structure = structure is None
     if structure is None:
         rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
         structure = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range, rates,
@@ -112,15 +141,14 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     rest = None
     if state is None:
         found = count(recording, structure, solver, proximal, skip, fit_range=own_structure)
-        structure, state, transient = found.structure, found.state, 0 if skip is not None else found.skip
-        skip, rest = found.skip, found.rest
+        structure, state, skip, rest = found.structure, found.state, found.skip, found.rest
     else:
-        skip, transient = skip or 0, 0
+        skip = skip or 0
         require(recording, structure, skip)
-    low, high = y_range(recording, transient)
+    low, high = y_range(recording, skip)
     start, found_lag = state.copy(), None
     if lag != "ignore":
-        found_lag = estimate_lag(recording, structure, skip + transient, solver, state, proximal, remove=lag == "remove")
+        found_lag = estimate_lag(recording, structure, skip, solver, state, proximal, remove=lag == "remove")
         if found_lag is not None and found_lag.removed:
             recording, skip, state = without_lag(recording, structure, found_lag.samples, skip, state)
     problem = accumulate(recording, structure, skip, state, proximal)
@@ -129,7 +157,7 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     fit, _ = forward_error(model, recording, skip, state, high - low)
     judged = judge(recording, model, skip, state, fit, solver, proximal)
     if judged.refusal is not None and not force:
-        raise IdentificationError(f"{recording.name}: {judged.refusal}")
+        raise InadequateError(f"{recording.name}: {judged.refusal}")
     straight = judged.straight and fit.line[1] > 0.0
     if straight:
         w = line(structure, fit)

@@ -34,6 +34,8 @@ EXACT = 1e-5
 """Share of the range below which data are on a curve exactly."""
 WHITE = 0.4
 """Correlation of neighbouring samples up to which an error is noise."""
+NOISY = 0.02
+"""Share of the range from which on what is left by a curve may be a resonance instead of noise."""
 FEW = 0.3
 """Roughness of a drive of about eight samples a period."""
 RIGHT = 0.1
@@ -83,7 +85,9 @@ def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: O
     noise = curve < EXACT or rivals.noise(u[look], rivals.left_over(rivals.hats(u[look]), v[look]), WHITE)
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal = None
-    if not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
+    if on_curve and curve > NOISY and (resonant := rivals.resonance(u[look], v[look])).error < MUCH_BETTER * curve:
+        on_curve, refusal = False, _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range")
+    elif not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
         refusal = _refusal(u, v, own, look, s, error, line)
     return Judgement(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
 
@@ -98,10 +102,14 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
     no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
     cubic, cubic_first = (rivals.rms(rivals.left_over(rivals.polynomials(2.0 * a - 1.0, 3), b)) for a, b in ((thin_u, thin_v), (u, v)))
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
-    if no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better:
-        return f"the output is noise that does not follow the drive: {compared}"
+    noise = no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better
     few = rivals.roughness(u) > FEW
-    if few and error > RIGHT * line and rivals.unforeseen(u) < MUCH_BETTER:
+    undersampled = few and error > RIGHT * line and rivals.unforeseen(u) < MUCH_BETTER
+    if (noise or undersampled) and (resonant := rivals.resonance(u, v)).error < far_better:
+        return _of_resonance(resonant, s, compared)
+    if noise:
+        return f"the output is noise that does not follow the drive: {compared}"
+    if undersampled:
         period = 2.0 * math.pi / math.acos(max(1.0 - rivals.roughness(u), -1.0))
         return (f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, and hysteresis "
                 f"depends on them: {compared}")
@@ -122,5 +130,9 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
                 "channels": f"the output seems to hold two channels in turn, even samples on one curve and odd ones on another, {left}",
                 "butterfly": f"the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, {left}",
                 "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}, {left}",
-                "resonance": f"the output has a resonance at {best.found / seconds:.3g} Hz, {left}"}[name]
+                "resonance": _of_resonance(best, s, left.replace("which", "it"))}[name]
     return f"the model class does not describe these data: {compared}" if no_better else None
+
+
+def _of_resonance(found: rivals.Rival, s: ModelStructure, why: str) -> str:
+    return f"the output has a resonance at {found.found / s.sample_time:.3g} Hz: {why}"

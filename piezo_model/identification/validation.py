@@ -43,6 +43,8 @@ class Validation:
     """How far the drive leaves the range that the model was identified over, per cent of that range."""
     unit: str
     """Of the output."""
+    warning: str
+    """What speaks against the model where it was forced."""
 
     def to_dict(self) -> dict[str, Any]:
         """Figures and sentences as JSON can hold them."""
@@ -50,6 +52,8 @@ class Validation:
 
     def sentences(self) -> Iterator[str]:
         """The headline, then what an engineer has to know."""
+        if self.warning:
+            yield self.warning
         yield self.fit.headline(self.unit, "on this recording")
         if abs(self.shift) > 0.1 * self.fit.rms:
             yield (f"The sensor stands {quantity(self.shift, self.unit, 3)} ({percent(100.0 * self.shift / self.fit.span)} of the "
@@ -101,4 +105,4 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     fit, shift = forward_error(model, recording, 0, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
     low, high = np.abs(s.unit_input(np.array(recording.x_range)))
-    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (float(max(low, high)) - 1.0)), s.output_unit)
+    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (float(max(low, high)) - 1.0)), s.output_unit, model.warning)

@@ -28,6 +28,8 @@ from solvers.arrays import Vector
 CHUNK = 65536
 TIME_TOLERANCE = 0.01
 """Share of the sampling period by which an interval may differ from it."""
+SAME_RATE, LEAST_CHANGE = 16, 0.05
+"""Equal intervals in a row that make a sampling rate, and the share by which another one differs."""
 ABSURD = 1e30
 """Size from which a value is none: instruments write 9.9e37 for an overload."""
 
@@ -48,10 +50,12 @@ class Scan:
     """Rows after that one."""
     ranges: tuple[tuple[float, float], ...]
     """Smallest and largest value of every signal."""
+    duration_s: float
+    """From the first time to the last."""
 
 
 def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: float = 1.0, tolerance: float = TIME_TOLERANCE,
-         length: int | None = None) -> Scan:
+         length: int | None = None, even: bool = True) -> Scan:
     """Check a time column and signal columns in one pass.
 
     Parameters
@@ -68,6 +72,8 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
         Allowed deviation of an interval, as a share of the sampling period.
     length : int, optional
         Rows to look at.
+    even : bool
+        Whether the times must be even; otherwise the sampling period is their mean distance.
 
     Raises
     ------
@@ -80,7 +86,7 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
     at = [*([] if time is None else [time]), *signals]
     values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
     clock = None if time is None else ClockCheck(f"{table.path}: time column {table.columns[time].name!r}", table.where,
-                                                 sample_time, tolerance)
+                                                 sample_time, tolerance, even)
     for piece in rechunk(limited(table.pieces(at), length), CHUNK):
         for check, column in zip(values, piece, strict=True):
             check.update(column)
@@ -89,11 +95,13 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
     complete = min(check.finish() for check in values)
     rows = values[0].count
     if complete < rows:
-        return replace(scan(table, time, signals, sample_time, tolerance, complete), incomplete=rows - complete)
+        return replace(scan(table, time, signals, sample_time, tolerance, complete, even), incomplete=rows - complete)
     if clock is None and rows < 2:
         raise RecordingError(f"{table.path}: has {rows} data row{'' if rows == 1 else 's'}, and a recording needs two")
-    return Scan(clock.sample_time() if clock else sample_time, clock.resolution * sample_time if clock else 0.0, rows, 0,
-                tuple((check.low, check.high) for check in values[len(at) - len(signals):]))
+    ranges = tuple((check.low, check.high) for check in values[len(at) - len(signals):])
+    if clock is None:
+        return Scan(sample_time, 0.0, rows, 0, ranges, (rows - 1) * sample_time)
+    return Scan(clock.sample_time(), clock.resolution * sample_time, rows, 0, ranges, clock.duration_s)
 
 
 class ValueCheck:
@@ -143,9 +151,9 @@ class ClockCheck:
     Label and where are as for :class:`ValueCheck`; a unit of the times is so many seconds, and an interval may differ by a share of the period.
     """
 
-    def __init__(self, label: str, where: Where, seconds: float, tolerance: float) -> None:
+    def __init__(self, label: str, where: Where, seconds: float, tolerance: float, even: bool = True) -> None:
         """Start before the first sample."""
-        self.label, self.where, self.seconds, self.tolerance = label, where, seconds, tolerance
+        self.label, self.where, self.seconds, self.tolerance, self.even = label, where, seconds, tolerance, even
         self.count = 0
         self.resolution = 0.0
         """Rounding that shows in the times so far, in units of the column."""
@@ -167,9 +175,14 @@ class ClockCheck:
         self.resolution = max(self.resolution, self._rounding.at(times))
         self.count += times.size
         self._last = float(times[-1])
-        for stride in self._strides:
+        for stride in self._strides if self.even else ():
             self._refuse_irregular(window, start, stride)
         self._tail = window[-self._strides[-1]:].copy()
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first time to the last so far."""
+        return (self._last - self._first) * self.seconds
 
     def sample_time(self) -> float:
         """Sampling period in seconds, after the last piece."""
@@ -222,7 +235,11 @@ class ClockCheck:
         excess = steps - stride * period
         at = int(np.argmax(np.abs(excess) > allowed))
         place = self.where(start + at + stride)
-        if steps[at] == 0:
+        rates = two_rates(np.diff(window), self.tolerance)
+        if rates is not None:
+            sentence = (f"has two sampling rates: one sample every {self._seconds(rates[0])} up to {self.where(start + rates[2])} and one every "
+                        f"{self._seconds(rates[1])} from there on")
+        elif steps[at] == 0:
             sentence = f"stands still in {place}, at {self._seconds(window[at])}"
         elif excess[at] > period / 2:
             missing = max(1, round(float(excess[at]) / period))
@@ -231,10 +248,25 @@ class ClockCheck:
         else:
             sentence = (f"is not sampled uniformly: {self._seconds(steps[at])} from {self.where(start + at)} to "
                         f"{place}, where {self._seconds(stride * period)} is expected within {self._seconds(allowed)}")
-        raise RecordingError(f"{self.label} {sentence}")
+        finest = (period if rates is None else min(rates[:2])) * self.seconds
+        raise RecordingError(f"{self.label} {sentence}; --resample {finest:.6g} interpolates to an even clock")
 
     def _seconds(self, value: float) -> str:
         return f"{value * self.seconds:.9g} s"
+
+
+def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | None:
+    """The two periods of intervals that are of one length and from some index on of another one, and that index; None where they are not so."""
+    if steps.size < 2 * SAME_RATE:
+        return None
+    first = float(np.median(steps[:SAME_RATE]))
+    others = np.convolve(np.abs(steps - first) > max(tolerance, LEAST_CHANGE) * first, np.ones(SAME_RATE), "valid")
+    if others[0] or others.max() < SAME_RATE:
+        return None
+    at = int(np.argmax(others == SAME_RATE))
+    second = float(np.median(steps[at:at + SAME_RATE]))
+    agree = np.abs(steps[at:at + SAME_RATE] - second) <= max(tolerance, LEAST_CHANGE) * second
+    return (first, second, at) if min(first, second) > 0.0 and agree.all() else None
 
 
 def _shortest(value: float, uncertainty: float) -> float:

@@ -22,6 +22,8 @@ from solvers.arrays import Matrix
 LEAST_LOOP = 0.004
 """Area of a loop, as a share of the product of both ranges, from which its sense tells input from output."""
 LEAST_NOISE_RATIO = 4.0
+REASONS = LAGS, NOISIER = "because the output lags the input", "because the output is the noisier one"
+"""Why values tell input from output."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +89,10 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], s
     loops = max(1.0, float(np.min(variation / (2 * ranges))))
     lag = area * np.sign(covariance) / (loops * ranges[0] * ranges[1])
     if abs(lag) > LEAST_LOOP:
-        return (pair if lag > 0 else pair[::-1]), "because the output lags the input"
+        return (pair if lag > 0 else pair[::-1]), LAGS
     noise = bends / ranges
     if noise.max() > LEAST_NOISE_RATIO * noise.min():
-        return (pair if noise[0] < noise[1] else pair[::-1]), "because the output is the noisier one"
+        return (pair if noise[0] < noise[1] else pair[::-1]), NOISIER
     return None
 
 

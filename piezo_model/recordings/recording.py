@@ -20,11 +20,15 @@ from numpy.typing import ArrayLike
 
 from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, Scan, ValueCheck, scan
 from piezo_model.recordings.pieces import RecordingError, check_sample_time, limited, rechunk
+from piezo_model.recordings.resampling import resampled, resampled_length
 from piezo_model.recordings.roles import Roles, choose_roles, seconds_per_unit
-from piezo_model.recordings.tables import Reading, Table, open_table
+from piezo_model.recordings.tables import Column, Reading, Table, open_table
 from piezo_model.structure import SMALLEST
-from piezo_model.units import quantity, shown
+from piezo_model.units import canonical, quantity, shown
 from solvers.arrays import Matrix, Vector
+
+CLOCK_TOLERANCE = 0.01
+"""Share of its duration by which a recording may last longer or shorter by its time column than by a given sampling period."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ class Recording:
     @classmethod
     def open(cls, path: str | Path, time: str | None = None, input: str | None = None, output: str | None = None, *,
              time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
-             decimal: str | None = None, sheet: str | None = None) -> Recording:
+             decimal: str | None = None, sheet: str | None = None, resample: float | None = None, input_unit: str | None = None,
+             output_unit: str | None = None) -> Recording:
         """Open a file and check all of it, in one pass and in bounded memory.
 
         Parameters
@@ -72,7 +77,7 @@ class Recording:
         time_tolerance : float
             Share of the sampling period by which an interval may differ from it, on top of the rounding of printed
             times.
-        sample_time, header_row, decimal, sheet
+        sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
             What the file does not say, as in :class:`piezo_model.recordings.tables.Reading`.
 
         Raises
@@ -90,16 +95,17 @@ class Recording:
         >>> recording.sample_time, recording.length, recording.x_range, recording.output_unit
         (0.005, 3, (0.0, 2.0), 'um')
         """
-        table = open_table(path, Reading(sample_time, header_row, decimal, sheet))
+        reading = Reading(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+        table = open_table(path, reading)
         roles = choose_roles(table, {"time": time, "input": input, "output": output}, sample_time is not None)
-        found = _scanned(table, roles, ("input", "output"), sample_time, time_tolerance)
-        signals = [roles.at["input"], roles.at["output"]]
-        x, y = (table.columns[k] for k in signals)
+        found = _scanned(table, roles, ("input", "output"), reading, time_tolerance)
+        x, y = (table.columns[roles.at[role]] for role in ("input", "output"))
         for role, column, (low, high) in zip(("input", "output"), (x, y), found.ranges, strict=True):
             _refuse_constant(f"{table.path}: {role} column {column.name!r}", low, high, found.length)
-        return cls(str(path), found.sample_time, found.length, found.ranges[0], found.ranges[1], x.unit, y.unit, _names(table, roles),
+        return cls(str(path), found.sample_time, found.length, found.ranges[0], found.ranges[1], _unit(input_unit, x), _unit(output_unit, y),
+                   _names(table, roles),
                    {role: table.columns[roles.at[role]].name for role in roles.reasons}, found.time_resolution, roles.reasons,
-                   _form(table, found), partial(_rows, table, signals, found.length))
+                   _form(table, found), found.signals)
 
     @classmethod
     def from_arrays(cls, x: ArrayLike, y: ArrayLike, sample_time: float, *, input_unit: str = "", output_unit: str = "",
@@ -167,6 +173,13 @@ class Recording:
             return self.in_memory()
         return replace(self, length=samples, _pieces=partial(iter, (np.stack(next(self.chunks(samples))),)))
 
+    def swapped(self) -> Recording:
+        """Return the recording with input and output exchanged."""
+        other = {"input": "output", "output": "input"}
+        return replace(self, x_range=self.y_range, y_range=self.x_range, input_unit=self.output_unit, output_unit=self.input_unit,
+                       columns={other.get(role, role): name for role, name in self.columns.items()},
+                       guesses={other.get(role, role): name for role, name in self.guesses.items()}, _pieces=partial(_turned, self._pieces))
+
     def require(self, samples: int) -> None:
         """Refuse a recording of fewer samples than, say, the order of a model needs."""
         if self.length < samples:
@@ -219,7 +232,8 @@ class Reference:
 
 def read_reference(path: str | Path, time: str | None = None, column: str | None = None, *, role: str = "reference",
                    time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
-                   decimal: str | None = None, sheet: str | None = None) -> Reference:
+                   decimal: str | None = None, sheet: str | None = None, resample: float | None = None, input_unit: str | None = None,
+                   output_unit: str | None = None) -> Reference:
     """Read a file of one signal to be followed, which may be constant, and the times if it has any.
 
     Parameters
@@ -230,7 +244,7 @@ def read_reference(path: str | Path, time: str | None = None, column: str | None
         Column names; guessed by default.
     role : "reference" or "input"
         What the signal is to be recognised as.
-    time_tolerance, sample_time, header_row, decimal, sheet
+    time_tolerance, sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
         As for :meth:`Recording.open`.
 
     Raises
@@ -238,35 +252,86 @@ def read_reference(path: str | Path, time: str | None = None, column: str | None
     RecordingError
         With one sentence that names file, column and row.
     """
-    table = open_table(path, Reading(sample_time, header_row, decimal, sheet))
+    reading = Reading(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+    table = open_table(path, reading)
     roles = choose_roles(table, {"time": time, role: column}, sample_time is not None)
-    found = _scanned(table, roles, (role,), sample_time, time_tolerance)
-    at = roles.at[role]
-    values = next(rechunk(_rows(table, [at], found.length), found.length))[0]
-    return Reference(found.sample_time, values, table.columns[at].unit, str(path), _names(table, roles),
+    found = _scanned(table, roles, (role,), reading, time_tolerance)
+    values = next(rechunk(found.signals(), found.length))[0]
+    unit = _unit(input_unit if role == "input" else output_unit, table.columns[roles.at[role]])
+    return Reference(found.sample_time, values, unit, str(path), _names(table, roles),
                      {role: table.columns[roles.at[role]].name for role in roles.reasons}, roles.reasons, _form(table, found))
 
 
-def _scanned(table: Table, roles: Roles, signals: Iterable[str], sample_time: float | None, tolerance: float) -> Scan:
-    at = [roles.at[role] for role in signals]
-    if "time" in roles.at:
-        time = roles.at["time"]
-        return scan(table, time, at, seconds_per_unit(table, table.columns[time]), tolerance)
-    return scan(table, None, at, sample_time or table.columns[at[0]].sample_time or 1.0, tolerance)
+@dataclass(frozen=True)
+class _Scanned:
+    """What a pass over the columns found, and how to stream the signals."""
+
+    sample_time: float
+    time_resolution: float
+    length: int
+    incomplete: int
+    ranges: tuple[tuple[float, float], ...]
+    uneven: int
+    """Rows that the samples were interpolated from, or 0."""
+    signals: Callable[[], Iterable[Matrix]]
+
+
+def _scanned(table: Table, roles: Roles, signals: Iterable[str], reading: Reading, tolerance: float) -> _Scanned:
+    at, time = [roles.at[role] for role in signals], roles.at.get("time")
+    if time is None:
+        if reading.resample is not None:
+            raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
+        found = scan(table, None, at, reading.sample_time or table.columns[at[0]].sample_time or 1.0, tolerance)
+        if roles.unread is not None:
+            _refuse_other_clock(table, roles.unread, found)
+    else:
+        found = scan(table, time, at, seconds_per_unit(table, table.columns[time]), tolerance, even=reading.resample is None)
+    if reading.resample is None or time is None:
+        return _Scanned(found.sample_time, found.time_resolution, found.length, found.incomplete, found.ranges, 0,
+                        partial(_rows, table, at, found.length))
+    period, unit = reading.resample, seconds_per_unit(table, table.columns[time])
+    length = resampled_length(str(table.path), found.duration_s, period)
+    return _Scanned(period, 0.0, length, found.incomplete, found.ranges, found.length,
+                    partial(_resampled_rows, table, [time, *at], found.length, period / unit))
+
+
+def _refuse_other_clock(table: Table, time: int, found: Scan) -> None:
+    """Refuse a sampling period that a time column contradicts."""
+    column, ends = table.columns[time], [np.inf, -np.inf]
+    for piece in limited(table.pieces([time]), found.length):
+        ends = [min(ends[0], float(np.nanmin(piece))), max(ends[1], float(np.nanmax(piece)))]
+    by_clock, by_option = (ends[1] - ends[0]) * seconds_per_unit(table, column), found.duration_s
+    if by_clock > 0.0 and abs(by_clock - by_option) > CLOCK_TOLERANCE * by_clock:  # one that stands still is not believed
+        raise RecordingError(f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {column.name!r} and {quantity(by_option, 's')} by "
+                             f"--sample-time {found.sample_time:g}; leave out --sample-time, or give --resample where the times are uneven, or "
+                             "--time none where that column is no clock")
+
+
+def _turned(pieces: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:
+    return (piece[::-1] for piece in pieces())
 
 
 def _rows(table: Table, at: list[int], length: int) -> Iterator[Matrix]:
     return limited(table.pieces(at), length)
 
 
+def _resampled_rows(table: Table, at: list[int], length: int, period: float) -> Iterator[Matrix]:
+    return resampled(limited(table.pieces(at), length), period)
+
+
+def _unit(given: str | None, column: Column) -> str:
+    return column.unit if given is None else canonical(given) or given.strip()
+
+
 def _names(table: Table, roles: Roles) -> dict[str, str]:
     return {role: table.columns[k].name for role, k in roles.at.items()}
 
 
-def _form(table: Table, found: Scan) -> str:
+def _form(table: Table, found: _Scanned) -> str:
     rows = "row is" if found.incomplete == 1 else f"{found.incomplete} rows are"
     left_out = f", the last {rows} not complete and left out" if found.incomplete else ""
-    return table.form + left_out
+    uneven = f", interpolated from {found.uneven} rows at the times of the file" if found.uneven else ""
+    return table.form + left_out + uneven
 
 
 def _refuse_constant(label: str, low: float, high: float, count: int) -> None:

@@ -38,6 +38,8 @@ OTHERS = frozenset({"temperature", "temp", "humidity", "pressure", "index", "sam
                     "segment", "state", "status", "trigger", "flag", "frequency", "force", "current", "charge", "row", "scan"})
 """Words of what a recording holds beside drive and sensor."""
 KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
+NO_CLOCK = "none"
+"""Said in place of a time column where there is none."""
 ROLES = ("time", "input", "output", "reference")
 
 
@@ -48,6 +50,8 @@ class Roles:
     at: Mapping[str, int]
     reasons: Mapping[str, str]
     """By role; those that the user named are not in it."""
+    unread: int | None = None
+    """A column that its name calls the time, where the sampling period is given."""
 
 
 @dataclass
@@ -96,6 +100,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     RecordingError
         A named column is not there or is named twice, or a role cannot be guessed.
     """
+    if clockless := named.get("time") == NO_CLOCK:
+        named = {**named, "time": None}
     if sampled and named.get("time") is not None:
         raise RecordingError(f"{table.path}: the sampling period is given, so that the time column {named['time']!r} would not be read; "
                              "give one of the two")
@@ -103,8 +109,9 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     if len(set(search.at.values())) < len(search.at):
         raise RecordingError(f"{table.path}: one column cannot serve as {' and '.join(search.at)}: "
                              f"{', '.join(repr(named[role]) for role in search.at)}")
-    if "time" not in search.at:
+    if "time" not in search.at and not clockless:
         _find_time_by_name(search)
+    unread = search.at.get("time") if sampled else None
     if "reference" in named:
         _find_reference(search, named)
     else:
@@ -116,11 +123,12 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     elif all(table.columns[k].sample_time for role, k in search.at.items() if role != "time"):
         pass  # the file states the period, be there a clock or not
     elif "time" not in search.at:
-        _find_time_by_values(search)
+        if not clockless:
+            _find_time_by_values(search)
         missing += ["time"] * ("time" not in search.at)
     if missing:
         raise RecordingError(_question(table, missing, list(named)))
-    return Roles({role: search.at[role] for role in ROLES if role in search.at}, search.reasons)
+    return Roles({role: search.at[role] for role in ROLES if role in search.at}, search.reasons, unread)
 
 
 def find(table: Table, role: str, named: str) -> int:

@@ -47,11 +47,23 @@ class Reading:
     """Decimal mark of a text: "." or ","."""
     sheet: str | None = None
     """Sheet of a workbook."""
+    resample: float | None = None
+    """Sampling period in seconds to interpolate to, where the times are not even."""
+    input_unit: str | None = None
+    output_unit: str | None = None
+    """In place of what the file says, or does not."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be meant."""
         if self.sample_time is not None:
             check_sample_time("", self.sample_time)
+        if self.resample is not None:
+            check_sample_time("--resample: ", self.resample)
+            if self.sample_time is not None:
+                raise RecordingError("--resample goes by a time column, which --sample-time replaces; give one of the two")
+        for name in ("input_unit", "output_unit"):
+            if getattr(self, name) is not None and not getattr(self, name).strip():
+                raise RecordingError(f"the {name.replace('_', ' ')} must not be empty")
         if self.decimal not in (None, ".", ","):
             raise RecordingError(f"the decimal mark is '.' or ',', not {self.decimal!r}")
         if self.header_row is not None and self.header_row < 0:

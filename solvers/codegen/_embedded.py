@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
+from solvers.arrays import address
 from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
 from solvers.core import OK
 from solvers.direct._box import refuse_crossing
@@ -73,8 +74,8 @@ class Embedded(Solver):
     """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's own."""
     compiled_in: ClassVar[tuple[str, ...]] = ()
     """Those of them that ``generate`` writes into the C."""
-    glue: ClassVar[str] = ""
-    """C that puts generated code behind ``embedded.h``."""
+    glue: ClassVar[tuple[str, ...]] = ()
+    """C files of this folder that it needs beside <name>.c, which puts what is generated behind ``embedded.h``."""
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -83,7 +84,7 @@ class Embedded(Solver):
 
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        """Write the C of this solver for problems of this shape; ``problem.h`` and ``glue.c`` are there already."""
+        """Write the C of this solver for problems of this shape; ``problem.h`` is there already."""
 
     def setup(self, problem: Problem) -> None:
         lb, ub = only_box(problem, self.name)
@@ -95,9 +96,9 @@ class Embedded(Solver):
         if not shape.bounded:
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
         self._found, self._x, self._z = False, np.empty(p.d), np.empty(p.d)
-        self._library = library(self._key(shape), lambda folder: self._write(shape, folder))
+        self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
         self._library.embedded_status.restype, self._library.embedded_time.restype = ctypes.c_char_p, ctypes.c_int64
-        self._library.embedded_setup(_address(lb), _address(ub), _address(self._values()))
+        self._library.embedded_setup(address(lb), address(ub), address(self._values()))
         self.update(p.P, p.q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -105,12 +106,12 @@ class Embedded(Solver):
         p.take(P, q)
         if not (np.isfinite(p.P).all() and np.isfinite(p.q).all()):
             raise ValueError(f"{self.name}: P and q must be finite")
-        self._library.embedded_update(_address(p.P), _address(p.q))
+        self._library.embedded_update(address(p.P), address(p.q))
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self._found = self._library.embedded_solve(None if start is None else _address(start)) == 0
-        self._library.embedded_answer(_address(self._x))
+        self._found = self._library.embedded_solve(None if start is None else address(start)) == 0
+        self._library.embedded_answer(address(self._x))
         return self._x if self._found else self.program.no_answer()
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
@@ -124,11 +125,11 @@ class Embedded(Solver):
 
     def _loop(self, P: Matrix, q: Matrix, start: Vector | None, most_ns: int, updates: Nanoseconds, solves: Nanoseconds,
               answers: Matrix) -> tuple[int, int]:
-        return OK, self._library.embedded_time(ctypes.c_int64(len(q)), _address(P), _address(q), None if start is None else _address(start),
-                                               ctypes.c_int64(most_ns), _address(updates), _address(solves), _address(answers))
+        return OK, self._library.embedded_time(ctypes.c_int64(len(q)), address(P), address(q), None if start is None else address(start),
+                                               ctypes.c_int64(most_ns), address(updates), address(solves), address(answers))
 
     def solution(self) -> Solution:
-        self._library.embedded_multipliers(_address(self._z))
+        self._library.embedded_multipliers(address(self._z))
         status = self._library.embedded_status().decode()
         return self.program.solution(self._x, self._z, self._found, status=status, reported_us=None,
                                      iterations=int(self._library.embedded_iterations()))
@@ -141,21 +142,21 @@ class Embedded(Solver):
         """What the built library depends on: all texts that it is made of and the version that makes it."""
         files = {Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")}
         files |= set(CORE.glob("*.[ch]")) if issubclass(type(self), OurOwn) else set()
-        files |= {HERE / "embedded.h", CORE / "timed_calls.h", *TIMED, *HERE.glob(f"{self.name}.c")}
+        files |= {CORE / "timed_calls.h", *TIMED, *HERE.glob("*.[ch]")}
         texts = [path.read_bytes() for path in sorted(files)]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
         words = self.name, importlib.metadata.version(self.distribution), repr(astuple(shape)), repr(settings)
         return [*(word.encode() for word in words), *texts]
 
-    def _write(self, shape: Shape, folder: Path) -> Sources:
+    def sources(self, shape: Shape, folder: Path) -> Sources:
+        """All C of this solver for problems of this shape, what is generated in ``folder``."""
         (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
-        (folder / "glue.c").write_text(self.glue, encoding="utf-8")
-        sources = self.generate(shape, folder)
-        return Sources((*sources.files, folder / "glue.c"), sources.options)
+        written = self.generate(shape, folder)
+        return Sources((*written.files, *(HERE / name for name in (f"{self.name}.c", *self.glue))), written.options)
 
 
 class OurOwn(Embedded):
-    """A solver of this project: the files of ``solvers/core`` that it needs, and one of this folder that binds them."""
+    """A solver of this project: the files of ``solvers/core`` that it needs."""
 
     licence = "MIT"
     distribution = "piezobench"
@@ -169,9 +170,5 @@ class OurOwn(Embedded):
     def generate(self, shape: Shape, folder: Path) -> Sources:
         options = (f"-I{CORE}", f"-DMEMORY_BYTES={self.memory(shape.d)}", f"-DCORE_VARIABLES={shape.d}", "-ffp-contract=off",
                    "-fno-math-errno", "-fno-trapping-math")
-        return Sources((HERE / f"{self.name}.c", *(CORE / f"{name}.c" for name in self.core)), options)
-
-
-def _address(array: np.ndarray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+        return Sources(tuple(CORE / f"{name}.c" for name in self.core), options)
 

@@ -34,55 +34,6 @@ class CasadiQrqp(Embedded):
         """Those of the direct lane; each is built."""
         return ({"tolerance": 1e-8}, {"tolerance": 1e-12})
 
-    glue = r"""
-#include <string.h>
-#include "qp.h"
-#include "qp.c"
-#include "places.h"
-#include "embedded.h"
-
-static double hessian[D * D], linear[D], low[D], high[D], answer[D], multipliers[D];
-static const double *arguments[qp_SZ_ARG];
-static double *results[qp_SZ_RES], reals[qp_SZ_W];
-static casadi_int integers[qp_SZ_IW];
-static int status;
-
-void embedded_setup(const double *lb, const double *ub, const double *settings)
-{
-    memcpy(low, lb, sizeof low);
-    memcpy(high, ub, sizeof high);
-}
-
-void embedded_update(const double *P, const double *q)
-{
-    memcpy(hessian, P, sizeof hessian);
-    memcpy(linear, q, sizeof linear);
-}
-
-int embedded_solve(const double *start)
-{
-    /* The function moves these pointers on. */
-    memset(arguments, 0, sizeof arguments);
-    memset(results, 0, sizeof results);
-    arguments[AT_H] = hessian;
-    arguments[AT_G] = linear;
-    arguments[AT_LBX] = low;
-    arguments[AT_UBX] = high;
-    results[AT_X] = answer;
-    results[AT_LAM_X] = multipliers;
-    status = qp(arguments, results, integers, reals, 0);
-    return status;
-}
-
-void embedded_answer(double *x) { memcpy(x, answer, sizeof answer); }
-
-void embedded_multipliers(double *z) { memcpy(z, multipliers, sizeof multipliers); }
-
-const char *embedded_status(void) { return status == 0 ? "solved" : status == 4 ? "no search direction" : "not solved"; }
-
-int embedded_iterations(void) { return -1; }
-"""
-
     def generate(self, shape: Shape, folder: Path) -> Sources:  # noqa: D102
         d = shape.d
         tolerance = float(self.settings.get("tolerance", -1.0))

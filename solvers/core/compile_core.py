@@ -21,7 +21,7 @@ from pathlib import Path
 
 CORES = ("solvers", "piezo_model")
 """Packages with a folder ``core`` of C; each may call the C of those before it."""
-BESIDE = {"piezo_model": ("plants", "stage")}
+BESIDE = {"solvers": ("kernel",), "piezo_model": ("plants", "stage")}
 """Folders of a package with C beside their Python, which goes into its library too."""
 ROOT = Path(__file__).resolve().parents[2]
 ZIGLANG = "ziglang==0.17.1"

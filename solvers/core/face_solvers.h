@@ -31,17 +31,9 @@
     F(swept_error, 1, "state", "largest violation of the optimality conditions.") \
     F(time_swept, 1 + TIMED_COUNT, "state, " TIMED, "time starts from new data; a status, and how many.") \
     F(absorb, 5, "P, q, c, rows, forgetting", "take rows into P, q and c.") \
-    F(touched, 7, "R, l, u, tolerance, x, cold, sense", "which rows x touches, as DAQP has it: 1 above, 3 below.") \
-    F(daqp_bytes, 0, "", "size of the state of DAQP.") \
-    F(daqp_setup, 10, "state, addresses, f, H, A, upper, lower, sense, x, lam", "make a block a state; the library's exit flag.") \
-    F(daqp_free, 1, "state", "let go what the library allocated.") \
-    F(daqp_update, 3, "state, mask, sense", "tell the library what of its arrays is new, 1 for H, 4 for f; its exit flag.") \
-    F(daqp_solve, 1, "state", "solve; exit flag, iterations and seconds.") \
-    F(daqp_result, 1, "state", "the same of the last solve.") \
-    F(time_daqp, 7 + TIMED_COUNT, "state, R, l, u, tolerance, cold, sense, " TIMED, "as time_box.") \
-    F(daqp_follow, 8 + FOLLOWED_COUNT, "state, R, l, u, tolerance, cold, sense, last, " FOLLOWED, "as box_follow.") \
-    F(mujoco_follow, 6 + FOLLOWED_COUNT, "address, lower, upper, factor, free, last, " FOLLOWED, "as box_follow.") \
-    F(time_mujoco, 5 + TIMED_COUNT, "address, lower, upper, factor, free, " TIMED, "as time_box.") \
+    F(active_rows, 7, "R, l, u, tolerance, x, cold, sense", "which rows x touches, as DAQP has it: 1 above, 3 below.") \
+    F(time_library, 1 + TIMED_COUNT, "addresses, " TIMED, "as time_box.") \
+    F(library_follow, 2 + FOLLOWED_COUNT, "addresses, last, " FOLLOWED, "as box_follow.") \
     F(time_nothing, 2, "lasting, nanoseconds", "time steps that wait so many nanoseconds and do nothing else.") \
     F(descent_bytes, 1, "d", "size of the state of a gradient method.") \
     F(descent_places, 1, "state", "where its vectors begin, in numbers.") \

@@ -12,8 +12,6 @@ the library on its own would go on from the last active set and so answer the sa
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import daqp
 import numpy as np
 from numpy.typing import NDArray
@@ -35,36 +33,36 @@ class Daqp(LibrarySolver):
     name = "daqp"
     library = known.DAQP
     warm_startable = True
-    model: ClassVar[type[Any]] = daqp.Model
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
-        free = np.isinf(p.l) & np.isinf(p.u)
-        self._cold: Sense = np.where(p.l == p.u, EQUAL, np.where(free, IGNORED, 0)).astype(np.intc)
+        self._cold = senses(p)
         self._sense = self._cold.copy()
-        self._model = self.model()
+        self._model = daqp.Model()
         if unknown := self.settings.keys() - self._model.settings.keys():
             raise ValueError(f"daqp has no setting {', '.join(sorted(unknown))}")
         self._model.settings = self.settings
         self._primal_tol: float = self._model.settings["primal_tol"]
         # The strides of what is handed over are ignored: all of it is contiguous and ours.
-        self._demand(self._model.setup(p.P, p.q, p.R[p.general], p.u, p.l, self._cold)[0])
+        self.refuse(self._model.setup(p.P, p.q, p.R[p.general], p.u, p.l, self._cold)[0])
+        self._is_cold = True
 
-    def _demand(self, flag: int) -> None:
+    def refuse(self, flag: int) -> None:
+        """Raise :class:`Unsupported` where the library refuses the data."""
         if flag < 0:
             raise Unsupported(f"daqp refuses the data with exit flag {flag}: P is not positive semidefinite, or bounds cross")
-        self._is_cold = True
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program
         p.take(P, q)
-        self._demand(self._model.update(H=None if P is None else p.P, f=None if q is None else p.q, sense=self._cold))
+        self.refuse(self._model.update(H=None if P is None else p.P, f=None if q is None else p.q, sense=self._cold))
+        self._is_cold = True
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         p = self.program
         if warm_start is not None:
             x = np.ascontiguousarray(warm_start, dtype=np.float64)
-            face.touched(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
+            face.active_rows(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
             self._model.update(sense=self._sense)
         elif not self._is_cold:
             self._model.update(sense=self._cold)
@@ -75,3 +73,9 @@ class Daqp(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         return self.program.solution(self._x, self._info["lam"], self._flag > 0, status=f"exit flag {self._flag}",
                                      reported_us=1e6 * self._info["solve_time"], iterations=self._info["iterations"])
+
+
+def senses(program: Program) -> Sense:
+    """The library's sense of each row before a solve, shape (d + p + m,): whether it is an equality, or bounds nothing."""
+    free = np.isinf(program.l) & np.isinf(program.u)
+    return np.where(program.l == program.u, EQUAL, np.where(free, IGNORED, 0)).astype(np.intc)

@@ -44,12 +44,7 @@ class Highspy(LibrarySolver):
         self._time_limit_s: float = options.pop("time_limit", 5.0)
         for option, value in options.items():
             self._demand(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
-        # On a model without rows the quadratic solver ends in "Solve error"; a row of zeros between −∞ and ∞ is one.
-        R, above = csc_matrix((1, p.d)), np.array([np.inf])
-        below = -above
-        self._rows = p.u.size - p.d
-        if self._rows:
-            R, below, above = csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
+        R, below, above = general_rows(p)
         lp = highspy.HighsLp()
         lp.num_col_, lp.num_row_ = p.d, R.shape[0]
         lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.l[p.bounds], p.u[p.bounds]
@@ -85,9 +80,17 @@ class Highspy(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         answer = self._highs.getSolution()
-        p, rows, columns = self.program, np.array(answer.row_dual)[:self._rows], np.array(answer.col_dual)
+        p = self.program
+        rows, columns = np.array(answer.row_dual)[:p.u.size - p.d], np.array(answer.col_dual)
         status = self._highs.modelStatusToString(self._highs.getModelStatus())
         w = -np.concatenate([columns, rows]) if self._found else np.zeros(p.l.size)
         return p.solution(np.array(answer.col_value), w, self._found, status=status,
                           reported_us=1e6 * (self._highs.getRunTime() - self._begin_s),
                           iterations=self._highs.getInfo().qp_iteration_count)
+
+
+def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:
+    """Rows l ≤ R x ≤ u as R, l, u; without any a row of zeros between −∞ and ∞, since the quadratic solver ends in "Solve error" otherwise."""
+    if p.u.size > p.d:
+        return csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
+    return csc_matrix((1, p.d)), np.array([-np.inf]), np.array([np.inf])

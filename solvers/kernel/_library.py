@@ -1,17 +1,57 @@
-"""The C functions of an installed library, for the compiled loop.
+"""A library in the compiled loop by its C functions.
 
-Their arguments and structures are facts of one version, so another version is not called.
+The two functions of the loop, ``update`` and ``solve``, are C in ``<name>.c`` of this folder, and Python calls them as well: they are all
+that is timed. Set-up and results are Python's, through ctypes. Arguments and structures of a library are facts of one version, so
+another version is not called.
 """
 
 from __future__ import annotations
 
 import ctypes
 import importlib.metadata
+import importlib.util
+from abc import abstractmethod
+from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.arrays import address
+from solvers.backend import LibrarySolver
+from solvers.core import face
+from solvers.protocol import Lane, Matrix, Nanoseconds, Timings, Vector
+from solvers.timed_calls import follow_rows, time_calls
+
+CORE = ctypes.CDLL(face.__file__)
+"""The module of the core once more, for what its C files export by name."""
+TYPES = {"int": ctypes.c_int, "double": ctypes.c_double}
+Function = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 
-def addresses(distribution: str, version: str, library: Path, names: tuple[str, ...]) -> list[int]:
-    """Where functions of a library stand in memory, which stays there.
+class Loop(ctypes.Structure):
+    """``Library`` of ``library.h``."""
+
+    _fields_ = (("update", Function), ("solve", Function))
+
+
+def folder(package: str) -> Path:
+    """Where a package, or an extension module, is installed; it is not imported.
+
+    Raises
+    ------
+    ImportError
+        It is not installed.
+    """
+    found = importlib.util.find_spec(package)
+    if found is None or found.origin is None:
+        raise ImportError(f"No module named {package!r}")
+    return Path(found.origin).parent
+
+
+def opened(distribution: str, version: str, library: Path, names: tuple[str, ...]) -> ctypes.CDLL:
+    """The library of an installed package, which has these functions.
 
     Raises
     ------
@@ -21,13 +61,96 @@ def addresses(distribution: str, version: str, library: Path, names: tuple[str, 
     if (installed := importlib.metadata.version(distribution)) != version:
         raise ImportError(f"the C interface of {distribution} is known of version {version}, and {installed} is installed")
     try:
-        opened = ctypes.CDLL(str(library))
-        return [_address(opened, name) for name in names]
+        found = ctypes.CDLL(str(library))
+        for name in names:
+            getattr(found, name)
     except (OSError, AttributeError) as error:
         raise ImportError(f"the library of {distribution} {version} does not offer its C functions here: {error}") from None
+    return found
 
 
-def _address(library: ctypes.CDLL, name: str) -> int:
-    address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-    assert address is not None
-    return address
+def fields(declarations: str) -> tuple[tuple[str, Any], ...]:
+    """The fields of a structure as C declares them, for ``_fields_``; every pointer is one to anything.
+
+    Examples
+    --------
+    >>> [name for name, _ in fields("int n, m; double *x;")]
+    ['n', 'm', 'x']
+    """
+    lines = (line.split(maxsplit=1) for line in declarations.split(";") if line.strip())
+    return tuple((name.strip(" *\n"), ctypes.c_void_p if "*" in name else TYPES[kind]) for kind, names in lines for name in names.split(","))
+
+
+def vector(pointer: int, size: int) -> Vector:
+    """A copy of numbers in a library's memory, shape (size,)."""
+    return np.array((ctypes.c_double * size).from_address(pointer)) if size else np.zeros(0)
+
+
+class CompiledLibrary(LibrarySolver):
+    """A library behind ``<name>.c``; a file of one sets it up, calls ``bind`` and, after each solve, reads the results."""
+
+    lane = Lane.KERNEL
+
+    @abstractmethod
+    def read(self) -> None:
+        """Read what the library says of its last solve; whether it was found stands in ``found``."""
+
+    def choose(self, settings: ctypes.Structure) -> None:
+        """Write our settings into the library's."""
+        if unknown := self.settings.keys() - {field[0] for field in settings._fields_}:
+            raise ValueError(f"{self.name} has no setting {', '.join(sorted(unknown))}")
+        for name, value in self.settings.items():
+            setattr(settings, name, value)
+
+    def bind(self, *values: Any) -> None:
+        """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays, functions and pointers."""
+        p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
+        self._held = values  # whose addresses the state has
+        self.state: NDArray[np.int64] = np.array([*_home(p), p.d, *map(_number, values)], dtype=np.int64)
+        self._places = np.array([self.state.ctypes.data, _number(self._loop.update), _number(self._loop.solve)])
+        self.x, self.found = p.no_answer(), False
+        self._last = np.zeros(p.d)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        self.program.take(P, q)
+        self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+        self.x = self.program.no_answer()
+        self._loop.solve(address(self.state), None if start is None else address(start), address(self.x))
+        self._finish(self.x)
+        return self.x
+
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        flag, timings = time_calls(partial(face.time_library, self._places), P, q, warm_start, most_ns)
+        last = timings[0].size - 1
+        self.program.take(P[last], q[last])
+        self.state[:2] = _home(self.program)  # the data of the loop go when it ends
+        self.refuse(flag)
+        self._finish(timings[2][last].copy())
+        return timings
+
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows one after the other; timed are the new P and q and the solve, from the last answer found if the library takes a start."""
+        p = self.program
+        if self.found:
+            self._last[:] = self.x
+        flag, answers, nanoseconds = follow_rows(partial(face.library_follow, self._places, self._last), p.P, p.q, rows, forgetting)
+        self.refuse(flag)
+        self._finish(answers[-1].copy())
+        return answers, nanoseconds
+
+    def _finish(self, x: Vector) -> None:
+        self.x, self.found = x, not np.isnan(x[0])
+        self.read()
+
+
+def _home(program: Any) -> tuple[int, int]:
+    return program.P.ctypes.data, program.q.ctypes.data
+
+
+def _number(value: Any) -> int:
+    if isinstance(value, int):
+        return value
+    return value.ctypes.data if isinstance(value, np.ndarray) else ctypes.cast(value, ctypes.c_void_p).value or 0

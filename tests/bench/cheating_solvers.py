@@ -179,7 +179,7 @@ def ahead(self, frame, event, argument):
     "sends_by_itself": """
 def setup(self, problem):
     from multiprocessing.connection import Connection
-    from bench.passed.outcome import Outcome
+    from bench.passed.request import Outcome
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.take(problem.P, problem.q)
     (connection, *_) = [one for one in gc.get_objects() if isinstance(one, Connection) and not one.closed and one.writable]

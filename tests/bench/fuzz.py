@@ -37,7 +37,7 @@ from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.passed import columns
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
-from bench.races.registry import open_run
+from bench.races.kind import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator, StructureError

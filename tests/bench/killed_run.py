@@ -20,12 +20,11 @@ from typing import Any
 import numpy as np
 
 from bench.derived.table import ONESHOT
-from bench.passed.row import who
 from bench.passed.task import NO_SETTING, Task
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane
 
-TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING) for i in range(2)]
+TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
 
 MACHINE = {"processor": "abacus", "cores": 1, "system": "", "python": "", "core": "", "versions": {}, "load_at_start": [], "warnings": []}
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
@@ -33,7 +32,7 @@ PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 
 def row(task: Task) -> dict[str, Any]:
     """A row that differs from task to task."""
-    return {**who(task, 18), "status": "ok", "message": task.problem, "cost_gap": float("nan")}
+    return {**task.columns(), "status": "ok", "message": task.problem, "cost_gap": float("nan")}
 
 
 def carry_on(folder: Path) -> None:
@@ -46,7 +45,7 @@ def carry_on(folder: Path) -> None:
         run.note(field={"daqp": "1"}, absent={})
         for task in TASKS:
             if not run.is_done(task):
-                run.save(task, row(task), {"solve": np.arange(3)})
+                run.save(task, [row(task)], {"solve": np.arange(3)})
         run.finish(PLAIN)
 
 

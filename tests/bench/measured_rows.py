@@ -13,7 +13,7 @@ import pyarrow as pa
 from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.passed.row import Row
+from bench.passed.task import Row
 from bench.races.metrics import Judgement
 from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US

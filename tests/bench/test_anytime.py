@@ -16,8 +16,8 @@ from bench.derived.anytime import BUDGETS, anytime, sentences
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE
 from bench.derived.table import ONESHOT
+from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
-from bench.races.registry import kinds
 from bench.store import Run
 from solvers.certificate import exact_cost_gap
 from solvers.descent import trajectory

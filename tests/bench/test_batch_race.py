@@ -20,15 +20,15 @@ from programs import that_load
 from bench.passed.progress import silent
 from bench.races.batch import figures
 from bench.races.batch.contestant import Contestant, contestants
-from bench.races.batch.programs import WARM_UP, Files, Programs, reserved
-from bench.races.batch.race import BATCH, SKIPPED, BatchSettings, asked_for, row_of, task_of
-from bench.races.batch.worker import Batched, BatchRequest
-from bench.races.registry import kinds
+from bench.races.batch.programs import Programs, reserved
+from bench.races.batch.race import BATCH, SKIPPED, BatchRace, BatchSettings, task_of, why_not
+from bench.races.batch.worker import WARM_UP, Batched, BatchRequest, Files
+from bench.races.kind import kinds
 from bench.store import Run
 from bench.timing import cores
 from bench.timing.clock import Effort
 from solvers import BoxBatch
-from solvers.registry import OURS
+from solvers.registry import OURS, Entry
 
 TINY = ("--race", "batch", "--limit", 2, "--largest", 4, "--turns", 1, "--budget", 0.001)
 LIAR = '''
@@ -56,11 +56,11 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"), folder / "liar.py")
              for word in ("--solver", name)]
     run = Run(folder / "run")
-    resumed = killed_and_resumed(piezobench, run, "row", 3, "race", *TINY, *words, "--out", folder, "--name", "run")
+    resumed = killed_and_resumed(piezobench, run, "rows", 3, "race", *TINY, *words, "--out", folder, "--name", "run")
     assert "solves" in resumed.call.stdout
     rows = run.rows(BATCH).set_index("task")
     for task, row in resumed.kept.items():
-        before = json.loads(str(row))
+        (before,) = json.loads(str(row))
         assert rows.loc[task].cpu_us_p50 == before["cpu_us_p50"] or before["status"] == "crashed"
     return run
 
@@ -106,19 +106,25 @@ def test_the_report_opens_with_ours_beside_the_next_and_has_everything_below(rac
 
 
 def test_what_would_take_too_long_is_not_run_and_the_row_says_why() -> None:
-    from bench.races.batch.race import _why_not
-
     before = {"status": "ok", "batch": 4, "wall_us_p50": 200_000.0, "message": ""}
-    assert _why_not(before, 16, 2.0) == "a batch of 16 would take 3.2 s, and the most is 2 s"
-    assert _why_not(before, 16, 4.0) == ""
-    assert _why_not({**before, "status": SKIPPED, "message": "why"}, 64, 4.0) == "why"
-    assert _why_not({**before, "status": "crashed"}, 16, 4.0) == "the batch of 4 ended as crashed"
+    assert why_not(before, 16, 2.0) == "a batch of 16 would take 3.2 s, and the most is 2 s"
+    assert why_not(before, 16, 4.0) == ""
+    assert why_not({**before, "status": SKIPPED, "message": "why"}, 64, 4.0) == "why"
+    assert why_not({**before, "status": "crashed"}, 16, 4.0) == "the batch of 4 ended as crashed"
 
 
 @pytest.fixture
 def room() -> Iterator[Path]:
     with reserved([18], 300) as folder:
         yield folder
+
+
+def row_of(run: Run, programs: Programs, most: int, entry: Entry, batch: int, turn: int, outcome: Batched) -> dict[str, Any]:
+    """What the race makes of an outcome, of which so many answers are judged."""
+    race = BatchRace(run, BatchSettings(judged=most), silent)
+    race.programs = {18: programs}
+    (row,) = race.rows(task_of(entry, 18, batch, 1, turn), outcome)
+    return row
 
 
 def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(raced: Run, room: Path) -> None:
@@ -132,7 +138,7 @@ def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(race
 
     def judged(answers: np.ndarray) -> dict[str, float]:
         one = np.ones(1, dtype=np.int64)
-        return row_of(task_of(entry, 18, 256, 1, 1), Batched(found=True, answers=answers, wall_ns=one, cpu_ns=one, programs=one), programs, 16)
+        return row_of(raced, programs, 16, entry, 256, 1, Batched(found=True, answers=answers, wall_ns=one, cpu_ns=one, programs=one))
 
     assert judged(x[1:257])["share_high"] == 1.0
     assert judged(x[1:257])["judged"] == 16
@@ -209,7 +215,7 @@ def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, r
     rows = []
     for turn, ns in enumerate(([1000, 3000, 9000], [5000, 5000, 5000], [1000, 1000, 1000])):
         outcome = Batched(found=True, answers=np.zeros((3, 18)), wall_ns=2 * np.array(ns), cpu_ns=np.array(ns), programs=np.ones(3, dtype=np.int64))
-        rows.append(row_of(task_of(entry, 18, 1, 1, turn), outcome, programs, 1))
+        rows.append(row_of(raced, programs, 1, entry, 1, turn, outcome))
     assert [row["cpu_us_p50"] for row in rows] == [3.0, 5.0, 1.0]
     line = figures.summary(pd.DataFrame(rows)).iloc[0]
     assert (line.core_rate, line.rate) == (1e6 / 3.0, 1e6 / 6.0)
@@ -221,7 +227,7 @@ def test_a_contestant_that_is_not_there_is_refused(piezobench: CommandLine, tmp_
     said = piezobench("race", "--race", "batch", "--solver", tmp_path / "none.py", "--out", tmp_path / "results").refusal
     assert "none.py: is not a file" in said
     assert not (tmp_path / "results").exists()
-    assert {entry.name for entry in asked_for(BatchSettings(solvers=("daqp", "box_batch")))} == {"daqp", "box_batch"}
+    assert {entry.name for entry in BatchRace.entries(BatchSettings(solvers=("daqp", "box_batch")))} == {"daqp", "box_batch"}
 
 
 ONE = ("--race", "batch", "--limit", 1, "--largest", 256, "--turns", 1, "--budget", 0.001, "--solver", "box_batch", "--lane", "kernel",

@@ -20,7 +20,7 @@ from bench.passed import user_cache
 from bench.problem_files import ProblemFileError
 from bench.problems import proof_cache
 from bench.problems.protocol import RaceProblem
-from bench.races.registry import open_run
+from bench.races.kind import open_run
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator
 from piezo_model.compensator_file import _checksum

@@ -17,7 +17,7 @@ from bench.passed import columns
 from bench.passed.race_error import RaceError
 from bench.passed.task import settings_of, tightest
 from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
-from bench.races.registry import kinds
+from bench.races.kind import kinds
 from bench.store import Run
 from solvers import Lane, Tier
 from solvers.protocol import setting_text

@@ -17,8 +17,8 @@ from bench.cli.app import VERBS
 from bench.cli.race_verbs import SETTING_OF, own_options
 from bench.passed.progress import silent
 from bench.problems import sets
+from bench.races.kind import kinds
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.registry import kinds
 from bench.races.run_problems import problems_of
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
@@ -434,7 +434,8 @@ def test_validate_and_simulate_take_a_model_to_other_data(piezobench: CommandLin
     assert (call.status, call.stderr) == (0, "")
     assert (tmp_path / "output.csv").read_text().startswith("time_s,drive_V,output_um\n")
     found = np.loadtxt(tmp_path / "output.csv", delimiter=",", skiprows=1)[:, 2]
-    np.testing.assert_allclose(found, HysteresisCreepModel.load(desk / "model.json").simulate(x[::-1]), rtol=1e-12)
+    model = HysteresisCreepModel.load(desk / "model.json")
+    np.testing.assert_allclose(found, model.simulate(x[::-1], model.initial_state()), rtol=1e-12)
 
 
 def test_what_the_model_does_not_describe_gives_status_two_and_no_model_unless_forced(piezobench: CommandLine, tmp_path: Path) -> None:

@@ -10,15 +10,14 @@ import pandas as pd
 import pytest
 from browser import Browser
 
-from bench.passed.outcome import Outcome
 from bench.passed.progress import silent
 from bench.passed.race_error import RaceError
+from bench.passed.request import Outcome
 from bench.passed.task import NO_SETTING, Setting, Task
-from bench.races.chosen_settings import Choice
+from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
-from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopSettings
+from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
 from bench.races.loop.worker import drive
-from bench.races.registry import kind_of, kinds
 from bench.store import Run
 from solvers import Lane, Tier, find
 from solvers.protocol import setting_text
@@ -34,7 +33,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     started = kinds()["loop"].start(tmp_path_factory.mktemp("loop"), SETTINGS, "loop")
 
     def interrupt(what: str, done: int, total: int) -> None:
-        if done == 3 and what.endswith("stage"):
+        if done == 3 and what.endswith(", scaled"):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -133,10 +132,10 @@ def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
         assert closed_loop.cost_gap(decision.problem, 1.01 * decision.weights) > 1e-6
 
 
-def test_a_process_that_fails_gives_one_row_a_tier_that_says_how() -> None:
-    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, Setting('{"tolerance": 1e-12}', 3, False))
-    choice = Choice(task.setting, {Tier.HIGH: "reference", Tier.EXACT: "not reached"})
-    rows = closed_loop.rows_of(SETTINGS, task, choice, Outcome("crashed", "the process ended with SIGSEGV"))
+def test_a_process_that_fails_gives_one_row_a_tier_that_says_how(run: Run) -> None:
+    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, Setting('{"tolerance": 1e-12}', 3, False),
+                basis={Tier.HIGH: "reference", Tier.EXACT: "not reached"})
+    rows = LoopRace(run, SETTINGS, silent).rows(task, Outcome("crashed", "the process ended with SIGSEGV"))
     for row in rows:
         assert set(LOOP.columns) <= set(row)
         assert (row["status"], row["window"], row["message"]) == ("crashed", -1, "the process ended with SIGSEGV")
@@ -188,5 +187,5 @@ def test_what_cannot_race_in_the_loop_is_refused() -> None:
 
 
 def test_each_solver_races_in_its_fastest_lane() -> None:
-    chosen = {entry.name: entry.lane for entry in closed_loop.check(LoopSettings(solvers=("daqp", "box_active_set")))}
+    chosen = {entry.name: entry.lane for entry in LoopRace.entries(LoopSettings(solvers=("daqp", "box_active_set")))}
     assert chosen == {"daqp": Lane.DIRECT, "box_active_set": Lane.KERNEL}

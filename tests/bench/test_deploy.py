@@ -23,7 +23,7 @@ from bench.deploy.rule import Candidate, Rule
 from bench.derived.measurements import Measurements
 from bench.derived.summary import summary
 from bench.derived.table import ONESHOT
-from bench.passed.row import Row
+from bench.passed.task import Row
 from bench.races.stream.race import STREAM
 from bench.store import TIMES, Run, RunError, Schema
 from bench.timing import machine

@@ -62,17 +62,16 @@ import sys
 import time
 from pathlib import Path
 from bench.processes import engine
-from bench.processes.line_up import Limits
+from bench.processes.worker import ChildSettings
 
 class Part:
-    folders = ()
     result = bytes(1_000_000)  # does not fit into a pipe
 
-    def do(self, line_up, tell):
+    def do(self, pool, tell):
         Path({mark!r}).touch()
         time.sleep(0.5)
 
-list(engine.spread([Part(), Part()], [], Limits(60.0, 1024), engine.Workers(2)))
+list(engine.distribute([Part(), Part()], [], ChildSettings(), engine.Workers(2)))
 """
 
 

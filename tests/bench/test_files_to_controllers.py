@@ -51,7 +51,8 @@ def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(piez
         folder.mkdir()
         write_table(folder / "stage.csv", {"time_s": t, "drive_V": x, "position_um": sign * y})
         write_table(folder / "wish.csv", {"time_s": t[:2000], "reference_um": sign * reference})
-        for words in (("identify", "stage.csv", "--out", "model.json"), ("compensate", "model.json", "wish.csv", "--out", "drive.csv"),
+        for words in (("identify", "stage.csv", "--out", "model.json"),
+                      ("compensate", "model.json", "wish.csv", "--start", "rest", "--out", "drive.csv"),
                       ("export-fmu", "model.json", "it.fmu"), ("export-c", "model.json", "c")):
             call = piezobench(*words, folder=folder)
             assert call.status == 0, (words, call.stderr)

@@ -21,7 +21,7 @@ from program_files import dense, draw, same, write_mat, write_qps
 from qpsolvers import Problem
 
 from bench.passed import user_cache
-from bench.passed.outcome import Outcome
+from bench.passed.request import Outcome
 from bench.passed.task import NO_SETTING, Task
 from bench.problem_files import read
 from bench.problems import ProblemSetError, RaceProblem, make

@@ -17,11 +17,11 @@ from bench.passed.task import NO_SETTING, Task, settings_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
+from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.oneshot import report
 from bench.races.oneshot.blocks import timed
-from bench.races.oneshot.second_pass import LONGEST_US
-from bench.races.oneshot.turns import take_turns
+from bench.races.oneshot.second_pass import LONGEST_US, take_turns
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Status, find
@@ -148,7 +148,7 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
-        children = {(entry.name, entry.lane): SolverChild(entry, time_limit_s=5.0) for entry in map(from_file, files)}
+        children = {(entry.name, entry.lane): SolverChild(entry, ChildSettings(time_limit_s=5.0)) for entry in map(from_file, files)}
         tasks = [Task("none", "none", "scaled", name, Lane(lane), NO_SETTING) for name, lane in children]
         times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())

@@ -13,7 +13,7 @@ from conftest import Race
 
 from bench.derived.summary import summary
 from bench.derived.verdict import verdict
-from bench.races.registry import kind_of
+from bench.races.kind import kind_of
 from bench.report import vega
 from bench.report.plot import BEST, Axis, Mark, Plot, best_lines
 from bench.report.report import Figure, Report

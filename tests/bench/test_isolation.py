@@ -15,7 +15,7 @@ from conftest import Race
 from bench.passed.race_error import RaceError
 from bench.passed.task import NO_SETTING, Task
 from bench.processes.solver_child import SolverChild, entry_of_file
-from bench.races.field import entries_of
+from bench.races.field import checked
 from bench.races.oneshot.worker import OneShot
 from bench.races.settings import RaceSettings
 from solvers import Status, Tier
@@ -152,7 +152,7 @@ LOADED = {
 def test_a_file_that_cannot_be_loaded_is_refused_with_its_name(tmp_path: Path, name: str) -> None:
     (tmp_path / f"{name}.py").write_text(LOADED[name][0])
     with pytest.raises(RaceError) as caught:
-        entries_of(RaceSettings(solvers=("daqp",), solver_files=(str(tmp_path / f"{name}.py"),)))
+        checked(RaceSettings(solvers=("daqp",), solver_files=(str(tmp_path / f"{name}.py"),)))
     assert name in str(caught.value)
     assert LOADED[name][1] in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -164,7 +164,7 @@ def test_a_name_that_is_taken_or_no_file_name_is_refused(tmp_path: Path, name: s
     path = faulty_solvers.written(tmp_path, "mine")
     path.write_text(path.read_text().replace('name = "mine"', f'name = "{name}"'))
     with pytest.raises(RaceError, match=said):
-        entries_of(RaceSettings(solver_files=(str(path),)))
+        checked(RaceSettings(solver_files=(str(path),)))
 
 
 def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:

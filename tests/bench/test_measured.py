@@ -11,8 +11,7 @@ from make_measured import PROGRAMS
 from make_measured import make as made_from
 
 from bench.problems import RaceProblem, make
-from bench.problems.measured import FOLDER
-from bench.problems.measured.stored import read
+from bench.problems.measured import FOLDER, read
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model import DataBasis, plants
 from piezo_model.recordings import write_table

@@ -10,7 +10,7 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.outcome import Outcome
+from bench.passed.request import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import Experiment
 from bench.races.metrics import Judgement, judge

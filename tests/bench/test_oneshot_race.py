@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from conftest import Race
+from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
 from bench.passed.task import settings_of
-from bench.problems.protocol import RaceProblem
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.tasks import EXPONENT, MOST_OF_CVXPY, measured, spread, tasks_of
 from bench.store import Run
 from solvers import Lane, find
+from solvers.certificate import certify
 from solvers.registry import Described, describe
 
 LADDER = """
@@ -119,7 +121,8 @@ def test_a_race_killed_in_the_middle_of_a_ladder_that_ended_learns_so_from_its_r
         lambda: len(list((run.path / "tasks").glob("crashes-*.npz"))) >= 4)
     for path in (run.path / "tasks").glob("crashes-*.npz"):
         with np.load(path) as data:
-            status = json.loads(str(data["row"]))["status"]
+            ((row,),) = [json.loads(str(data["rows"]))]
+            status = row["status"]
         if status == "not_run":  # as if it had been killed just before
             path.unlink()
     assert len(list((run.path / "tasks").glob("crashes-*.npz"))) == 4
@@ -146,6 +149,12 @@ def test_wrappers_are_measured_at_what_they_do_unasked_and_at_the_setting_neares
     assert set(rows[(rows.solver == "osqp") & (rows.scaling == "scaled")].rung) == {-1, 2}
 
 
+def problem_of_one(name: str) -> RaceProblem:
+    """A problem of one variable."""
+    qp = Problem(np.eye(1), np.ones(1), lb=np.zeros(1))
+    return RaceProblem("paper", name, {"scaled": CertifiedForm(qp, 1.0, np.eye(1), certify(qp, np.zeros(1)))})
+
+
 def described(name: str, lane: str, count: int = 8) -> Described:
     """A solver with a ladder, one exponent a rung."""
     ladder = tuple({"eps": 10.0 ** -(2 * i + 1)} for i in range(count))
@@ -162,7 +171,7 @@ def test_of_two_settings_as_near_the_looser_is_taken_and_a_wrapper_without_expon
 
 @pytest.mark.parametrize("count", [1, 4, 5, 7, 18])
 def test_cvxpy_is_measured_on_at_most_five_problems_evenly_spread_and_all_others_on_every_one(count: int) -> None:
-    problems = [RaceProblem("paper", f"p{i}", {}) for i in range(count)]
+    problems = [problem_of_one(f"p{i}") for i in range(count)]
     field = [described("a", "cvxpy"), described("a", "qpsolvers"), described("b", "direct")]
     tasks = [task for i in range(count) for task in tasks_of(OneshotSettings(), field, problems, i, "scaled")]
     by_lane = {lane: [task.problem for task in tasks if task.lane == lane and task.setting.is_default] for lane in Lane}
@@ -175,7 +184,7 @@ def test_cvxpy_is_measured_on_at_most_five_problems_evenly_spread_and_all_others
 
 
 def test_where_raw_data_are_raced_alone_every_setting_is_measured_on_them() -> None:
-    tasks = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], [RaceProblem("paper", "p", {})], 0, "raw")
+    tasks = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], [problem_of_one("p")], 0, "raw")
     assert [task.setting.rung for task in tasks] == [-1, *range(8)]
 
 

@@ -8,7 +8,7 @@ from measured_rows import ladder, measured, row
 from bench.derived import pictures
 from bench.derived.ranking import PACE, PAPER
 from bench.derived.summary import summary
-from bench.passed.row import Row
+from bench.passed.task import Row
 from bench.races.oneshot import figures
 from bench.report import vega
 

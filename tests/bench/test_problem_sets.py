@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
-from bench.passed.outcome import Outcome
+from bench.passed.request import Outcome
 from bench.problems import ProblemSetError, RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS

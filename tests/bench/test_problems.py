@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.problems import RaceProblem, find, sets
+from bench.problems import ProblemSetError, RaceProblem, find, sets
 from bench.problems.protocol import QP_FIELDS, SCALINGS
 from solvers.certificate import verify
 
@@ -79,5 +79,5 @@ def test_names_within_a_set_are_unique_and_as_many_as_the_set_says() -> None:
 
 
 def test_a_set_that_is_not_there_is_named_beside_those_that_are() -> None:
-    with pytest.raises(KeyError, match=r"no problem set 'papers'; known are .*paper"):
+    with pytest.raises(ProblemSetError, match=r"no problem set 'papers'; known are .*paper"):
         find("papers")

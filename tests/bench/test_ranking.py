@@ -7,7 +7,7 @@ import pytest
 from measured_rows import ladder, measured, row
 
 from bench.derived.ranking import PACE, PAPER, Line, Result, ranking, short_table
-from bench.passed.row import Row
+from bench.passed.task import Row
 from solvers import Tier
 
 NAN = float("nan")

@@ -12,7 +12,7 @@ from faulty_solvers import MARKUP
 from bench import rendering
 from bench.derived.summary import summary
 from bench.derived.verdict import verdict
-from bench.races.registry import kind_of
+from bench.races.kind import kind_of
 from bench.store import Run
 from solvers import Status
 

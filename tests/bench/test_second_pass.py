@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from measured_rows import ladder, row, table
 
-from bench.passed.row import Row
+from bench.passed.task import Row
 from bench.races.oneshot.second_pass import NEAR, planned
 
 NAN = float("nan")

@@ -16,18 +16,18 @@ from command_line import CommandLine
 from conftest import killed_and_resumed
 
 import solvers
-from bench.passed.outcome import Outcome
 from bench.passed.progress import silent
+from bench.passed.request import Outcome
 from bench.passed.task import Setting, Task
 from bench.problems.simulation import Experiment
-from bench.races.registry import kind_of, kinds
+from bench.races.kind import kind_of, kinds
 from bench.races.settings import settings_of
 from bench.races.stream import figures as stream_figures
 from bench.races.stream import race as stream
 from bench.races.stream import report
-from bench.races.stream.race import STREAM, StreamSettings
+from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.staleness import Judge
-from bench.races.stream.stream_problem import StreamProblem
+from bench.races.stream.stream_problem import StreamProblem, make
 from bench.store import Run, RunError
 from bench.timing import latency_histogram, machine
 from bench.timing.schedule import PERIOD_NS, Timeline
@@ -106,7 +106,7 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
         solver_files=(*(str(folder / f"{name}.py") for name in FAULTS), str(cheating_solvers.written(folder, "times_itself"))))
     run = kinds()["stream"].start(folder, settings, "run")
     kinds()["stream"].carry_on(run, silent)
-    return Streamed(run, run.rows(STREAM), run.times(), StreamProblem.load(next((run.path / "problems").glob("*.npz"))))
+    return Streamed(run, run.rows(STREAM), run.times(), make(settings.experiment, SAMPLES, settings.time_constant_s, 12))
 
 
 def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_each_round(streamed: Streamed) -> None:
@@ -224,18 +224,25 @@ def test_a_solver_without_an_answer_leaves_the_one_before_in_use(streamed: Strea
         assert row.gap_mean == pytest.approx(kept.gap_mean, rel=1e-9)
 
 
+def race_of(streamed: Streamed, settings: StreamSettings) -> StreamRace:
+    """Another race on the same stream."""
+    race = StreamRace(streamed.run, settings, silent)
+    race.stream = streamed.stream
+    return race
+
+
 def test_tasks_are_shuffled_anew_in_each_round_by_the_seed(streamed: Streamed) -> None:
     settings = StreamSettings(repeats=2, seed=3)
     field = [solvers.registry.describe(entry) for entry in solvers.registry.entries()
              if entry.lane in (Lane.KERNEL, Lane.DIRECT) and entry.name in ("box_active_set", "projected_difference")]
-    orders = [[(task.solver, task.lane, task.setting.rung) for task, _ in stream.tasks_of(settings, field, streamed.stream)
+    orders = [[(task.solver, task.lane, task.setting.rung) for task in race_of(streamed, settings).tasks(field)
                if task.repeat == repeat and task.solver != "null"] for repeat in range(2)]
     assert sorted(orders[0]) == sorted(orders[1])
     assert orders[0] != orders[1]
-    again = list(stream.tasks_of(settings, field, streamed.stream))
-    assert again == list(stream.tasks_of(settings, field, streamed.stream))
-    assert len({task.key for task, _ in again}) == len(again)
-    assert again != list(stream.tasks_of(replace(settings, seed=4), field, streamed.stream))
+    again = list(race_of(streamed, settings).tasks(field))
+    assert again == list(race_of(streamed, settings).tasks(field))
+    assert len({task.key for task in again}) == len(again)
+    assert again != list(race_of(streamed, replace(settings, seed=4)).tasks(field))
 
 
 def test_a_solver_is_asked_at_the_streams_constant_for_the_setting_that_is_chosen(streamed: Streamed) -> None:
@@ -250,18 +257,19 @@ def test_a_solver_is_asked_at_the_streams_constant_for_the_setting_that_is_chose
 def test_one_process_answers_for_several_tiers_each_with_its_grounds(streamed: Streamed) -> None:
     settings = StreamSettings(solvers=("box_active_set",), tiers=(Tier.DEFAULT, Tier.LOW, Tier.EXACT))
     field = [solvers.registry.describe(solvers.find("box_active_set", "direct"))]
-    (_, floor), (task, choice) = stream.tasks_of(settings, field, streamed.stream)
+    race = race_of(streamed, settings)
+    floor, task = race.tasks(field)
     assert floor.basis == {Tier.DEFAULT: "default"}
-    assert choice.basis == {Tier.DEFAULT: "default", Tier.LOW: "reference", Tier.EXACT: "reference"}
-    rows = stream.rows_of(task, choice, Outcome("crashed", "gone"), Judge.of(streamed.stream), 0)
+    assert task.basis == {Tier.DEFAULT: "default", Tier.LOW: "reference", Tier.EXACT: "reference"}
+    rows = race.rows(task, Outcome("crashed", "gone"))
     assert [(row["tier"], row["basis"], row["status"]) for row in rows] == [
         ("default", "default", "crashed"), ("low", "reference", "crashed"), ("exact", "reference", "crashed")]
 
 
 def test_a_method_of_steps_has_a_row_for_each_number_of_them_though_its_process_crashed(streamed: Streamed) -> None:
     field = [solvers.registry.describe(solvers.find("projected_difference", "kernel"))]
-    rows = [row for task, choice in stream.tasks_of(StreamSettings(), field, streamed.stream) if task.solver != "null"
-            for row in stream.rows_of(task, choice, Outcome("crashed", "gone"), Judge.of(streamed.stream), 0)]
+    race = race_of(streamed, StreamSettings())
+    rows = [row for task in race.tasks(field) if task.solver != "null" for row in race.rows(task, Outcome("crashed", "gone"))]
     assert {row["basis"] for row in rows} == {"each"}
     assert sorted(row["settings"] for row in rows) == sorted(f'{{"steps": {steps}}}' for steps in (1, 10, 100, 1000, 15200))
 

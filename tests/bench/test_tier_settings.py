@@ -6,7 +6,7 @@ import pytest
 from measured_rows import ladder, row, table
 
 from bench.derived.tier_settings import FEWEST, TARGETS, choice, left_out, margin, tier_settings
-from bench.passed.row import Row
+from bench.passed.task import Row
 from solvers import Tier
 
 NAN = float("nan")

@@ -9,7 +9,7 @@ from measured_rows import ladder, measured, row
 from bench.derived.ranking import PAPER
 from bench.derived.summary import summary
 from bench.derived.verdict import below_rounding, notes, verdict
-from bench.passed.row import Row
+from bench.passed.task import Row
 
 NAN = float("nan")
 RIGHT = {"p1": [1e-12], "p2": [1e-12], "p3": [1e-12]}

@@ -3,7 +3,7 @@
 from measured_rows import measured, row
 
 from bench.derived.wrapper_share import in_lane_direct, wrapper_share
-from bench.passed.row import Row
+from bench.passed.task import Row
 
 EPS = '{"eps": 1e-8}'
 

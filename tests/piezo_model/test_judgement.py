@@ -197,3 +197,64 @@ def test_a_recording_that_does_not_go_with_the_model_is_refused(changes: dict[st
     options = {"sample_time": SAMPLE_TIME, "input_unit": "V", **changes}
     with pytest.raises(IdentificationError, match=words):
         identify(made).validate(Recording.from_arrays(x, y, **options))  # type: ignore[arg-type]
+
+
+# A transient at the start.
+
+
+def switched_on(period: float, size: float, length: int) -> Recording:
+    """A good stage whose first samples are the transient of an amplifier, ``size`` ranges high."""
+    rng, k = np.random.default_rng(4), np.arange(3000)
+    u = np.sin(2 * np.pi * k / period) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
+    y = noisy(rng, loops(rng, u, 0.2), 0.001)
+    y[:length] += size * np.ptp(y) * np.exp(-4.0 * k[:length] / length)
+    return Recording.from_arrays(75.0 + 70.0 * u, 3.0 + 8.0 * y, SAMPLE_TIME, input_unit="V", output_unit="um", name="stage")
+
+
+@pytest.mark.parametrize("size", [0.5, 3.0, 30.0])
+def test_a_transient_of_twenty_samples_is_left_out_however_large_it_is(size: float) -> None:
+    fit = identify(switched_on(470.0, size, 20)).report["fit"]
+    assert 10 <= fit["skipped"] <= 200
+    assert fit["rms_percent"] < 0.3
+
+
+def test_a_refusal_for_a_transient_names_it_and_the_option_that_helps() -> None:
+    recording = switched_on(18.0, 20.0, 60)
+    with pytest.raises(IdentificationError, match=r"its first (\d+) samples seem to hold a transient: with --skip \1 the model leaves 0\.") as caught:
+        identify(recording)
+    skip = int(str(caught.value).partition("--skip ")[2].split()[0])
+    assert identify(recording, skip=skip).report["fit"]["rms_percent"] < 1.0
+
+
+def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
+    rng, k = np.random.default_rng(1), np.arange(3000)
+    u = np.sin(2 * np.pi * k / 91) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
+    y = noisy(rng, loops(rng, u, 0.2), 0.001)
+    y[1500:1520] += np.ptp(y) * np.exp(-k[:20] / 5)  # a knock at the table
+    recording = Recording.from_arrays(75.0 + 70.0 * u, 3.0 + 8.0 * y, SAMPLE_TIME)
+    with pytest.raises(IdentificationError, match=r"with --m 2 the model leaves") as caught:
+        identify(recording, n=5, m=3)
+    assert "\n" not in str(caught.value)
+    assert identify(recording, n=5, m=2).report["fit"]["rms_percent"] < 3.0
+
+
+@pytest.mark.parametrize(("rate", "highest", "damping"), [(20_000, 2000.0, 0.005), (10_000, 4000.0, 0.02), (5000, 0.0, 0.01), (4000, 0.0, 0.005)])
+def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_has(rate: int, highest: float, damping: float) -> None:
+    """A sweep, or a random drive, through a resonance at 919 Hz."""
+    rng, t = np.random.default_rng(0), np.arange(20_000) / rate
+    u = np.sin(np.pi * highest * t**2 / t[-1]) if highest else lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
+    w = 2.0 * np.pi * 919.0 / rate
+    a, b = 2.0 * np.exp(-damping * w) * np.cos(w), -np.exp(-2.0 * damping * w)
+    y = noisy(rng, lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], loops(rng, u / np.abs(u).max(), 0.1)), 0.001)
+    with pytest.raises(IdentificationError, match=r"the output has a resonance at 9(1|2)\d Hz"):
+        identify(Recording.from_arrays(u, y, 1.0 / rate))
+
+
+@pytest.mark.parametrize("sharpness", [3.0, 60.0])
+def test_a_butterfly_is_named_be_its_switching_soft_or_sharp(sharpness: float) -> None:
+    rng, k = np.random.default_rng(0), np.arange(6000)
+    field = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 3.0 * k / k.size + 1.0))
+    polarisation = np.tanh(sharpness * (field - 0.4 * np.sign(np.gradient(field))))
+    strain = noisy(rng, 0.6 * polarisation * field + 0.4 * polarisation**2)
+    with pytest.raises(IdentificationError, match="as the butterfly of a strain over a field"):
+        identify(Recording.from_arrays(75.0 * field, strain, SAMPLE_TIME))

@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recording_files import refusal, text_file
+from recording_kinds import DESCRIBABLE, creeping, noisy
 
-from piezo_model.recordings import Recording
+from piezo_model import identify
+from piezo_model.identification.identify import check_direction
+from piezo_model.recordings import Recording, RecordingError
 
 
 def play(x: np.ndarray, radius: float) -> np.ndarray:
@@ -79,3 +82,38 @@ def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: 
     recording = Recording.open(text_file(tmp_path, header, *(",".join(map(str, line)) for line in lines)))
     assert tuple(recording.columns[role] for role in ("time", "input", "output")) == columns
     np.testing.assert_array_equal(recording.arrays(), [x, y])
+
+
+# Guesses by values, checked by a fit both ways round.
+
+
+def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
+    """A file without clock and header, as a converter leaves it."""
+    path = folder / "stage.txt"
+    np.savetxt(path, np.column_stack([first, second]), "%.9g", "\t")
+    return path
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("kind", "seed"), [("saturation and hysteresis", 11), ("Bouc-Wen", 3)])
+def test_a_guess_that_the_loops_suggest_and_the_fit_contradicts_is_turned(tmp_path: Path, kind: str, seed: int, turned: bool) -> None:
+    x, y = (signal[:1500] for signal in DESCRIBABLE[kind](np.random.default_rng(seed)))
+    guessed = Recording.open(two_columns(tmp_path, *((y, x) if turned else (x, y))), sample_time=1e-3)
+    drive = "column 2" if turned else "column 1"
+    assert guessed.columns["output"] == drive  # the wrong way round
+    checked = check_direction(guessed)
+    assert checked.columns["input"] == drive
+    np.testing.assert_allclose(checked.arrays()[0], x, rtol=1e-8)
+    assert checked.x_range == guessed.y_range
+    assert "guessed: input, output because a model leaves" in checked.describe()
+    assert check_direction(checked) is checked
+
+
+def test_columns_that_a_fit_cannot_tell_apart_are_asked_for(tmp_path: Path) -> None:
+    rng, x = np.random.default_rng(1), np.sin(np.linspace(-1.57, 1.7, 4000))
+    y = noisy(rng, np.tanh(1.5 * creeping(rng, x)), 0.0005)  # hardly more than one way up, which any curve describes
+    recording = Recording.open(two_columns(tmp_path, x, y), sample_time=1e-3)
+    with pytest.raises(RecordingError, match="cannot tell which column is the input and which the output: a model leaves") as caught:
+        identify(recording)
+    assert "name them with --input and --output" in str(caught.value)
+    assert identify(Recording.open(recording.name, input="1", output="2", sample_time=1e-3)).structure.x_scale == pytest.approx(1.0, abs=1e-3)

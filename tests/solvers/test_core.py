@@ -16,6 +16,7 @@ from solvers import core
 from solvers.core import block, compile_core, face
 
 FOLDER = Path(core.__file__).parent
+FOLDERS = compile_core.folders(FOLDER.parent)
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
 ALGORITHMS = [file for file in FOLDER.glob("*.c") if not file.name.startswith(("face", "module", "clock"))]
 """What an exported folder may hold."""
@@ -85,8 +86,11 @@ def test_a_library_beside_other_sources_or_none_is_refused_in_one_sentence(tmp_p
     package, (least, *_) = tmp_path / "solvers", compile_core.instruction_sets()
     monkeypatch.setattr(compile_core, "instruction_sets", lambda: (least,))
     monkeypatch.setenv("PIEZOBENCH_ISA", least)
-    (package / "core").mkdir(parents=True)
-    for file in (*FOLDER.glob("*.[ch]"), FOLDER / "compile_core.py", compile_core.library(FOLDER.parent, least)):
+    for folder in FOLDERS:
+        (package / folder.name).mkdir(parents=True)
+        for file in folder.glob("*.[ch]"):
+            (package / folder.name / file.name).write_bytes(file.read_bytes())
+    for file in (FOLDER / "compile_core.py", compile_core.library(FOLDER.parent, least)):
         (package / "core" / file.name).write_bytes(file.read_bytes())
     assert core.load(package).descent_bytes(3) == face.descent_bytes(3)
     (package / "core" / "descent.c").write_text("/* changed */", encoding="utf-8")
@@ -116,8 +120,8 @@ def variants(tmp_path_factory):
     def build(name):
         target, (compiler, *options) = folder / f"{name.replace(' ', '_')}.so", VARIANTS[name]
         words = [f'-D{word}="x"' for word in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
-        flags = [*WARNINGS, *(flag for flag in compile_core.FLAGS if not flag.startswith("-O"))]
-        files = sorted(map(str, FOLDER.glob("*.c")))
+        flags = [*WARNINGS, *(flag for flag in compile_core.FLAGS if not flag.startswith("-O")), *(f"-I{each}" for each in FOLDERS)]
+        files = sorted(str(file) for each in FOLDERS for file in each.glob("*.c"))
         subprocess.run([program(compiler), *flags, *options, *words, *files, "-shared", "-o", str(target), "-lm"], check=True)
         loader = importlib.machinery.ExtensionFileLoader("_core", str(target))
         module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("_core", target, loader=loader))

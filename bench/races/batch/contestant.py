@@ -6,16 +6,18 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from qpsolvers import Problem
 
-from solvers import Lane
-from solvers.arrays import Matrix, Vector
-from solvers.protocol import Entrant
+from solvers import Lane, find
+from solvers.arrays import Matrix
+from solvers.protocol import Entrant, Solver
 from solvers.registry import Entry
 
-FOLDERS = (Lane.KERNEL, Lane.DIRECT)
+DIRECT = ("box_active_set", "daqp", "mujoco", "pyqpmad", "quadprog")
+"""The quickest solvers of the lane direct."""
 
 
 class Contestant(Entrant):
@@ -35,33 +37,51 @@ class Contestant(Entrant):
         """The answers (B, d) to the programs P (B, d, d) with q, lb, ub (B, d); NaN where there is none."""
 
 
-class Loop(Contestant):
-    """A contestant that answers one program after the other."""
+class OneByOne(Contestant):
+    """A solver of the lane direct, which is handed one program after the other; set up again where their bounds change."""
 
-    @abstractmethod
-    def one(self, P: Matrix, q: Vector, lb: Vector, ub: Vector) -> Vector:
-        """The answer (d,) to one program; it is copied at once."""
+    solver: ClassVar[type[Solver]]
+
+    def __init__(self, d: int, threads: int) -> None:
+        super().__init__(d, threads)
+        self._solver, self._lb, self._ub = self.solver(), np.full(d, np.nan), np.full(d, np.nan)
 
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:
-        """Call ``one`` for each."""
-        x, one = np.empty(q.shape), self.one
+        """One after the other."""
+        x, solver = np.empty(q.shape), self._solver
+        changed = ((lb != np.vstack([self._lb, lb[:-1]])) | (ub != np.vstack([self._ub, ub[:-1]]))).any(axis=1)
         for b in range(len(q)):
-            x[b] = one(P[b], q[b], lb[b], ub[b])
+            if changed[b]:
+                solver.setup(Problem(P[b], q[b], lb=lb[b], ub=ub[b]))
+            else:
+                solver.update(P=P[b], q=q[b])
+            x[b] = solver.solve()
+        self._lb, self._ub = lb[-1], ub[-1]
         return x
 
 
 @dataclass(frozen=True)
 class ContestantFile(Entry):
-    """One contestant, known by its file and not yet imported."""
+    """One contestant, known by its file and not yet imported; in the lane direct, where the file is not a user's, a solver of that lane."""
 
     base = Contestant
 
+    def load(self) -> type[Any]:
+        """Import the contestant's class; ImportError where its library is not installed."""
+        if self.lane is Lane.KERNEL or self.path is not None:
+            return super().load()
+        solver = find(self.name, self.lane).load()
+        return type(self.name, (OneByOne,), {"solver": solver, "algorithm": solver.algorithm, "licence": solver.licence,
+                                             "distribution": solver.distribution})
+
 
 def contestants() -> Iterator[ContestantFile]:
-    """All of the folder, by lane and name."""
-    for lane in FOLDERS:
-        for file in sorted((Path(__file__).parent / "contestants" / lane).glob("[a-z]*.py")):
-            yield ContestantFile(file.stem, lane, f"{__package__}.contestants.{lane}.{file.stem}")
+    """All that there are, by lane and name."""
+    folder = Path(__file__).parent / "contestants"
+    for file in sorted(folder.glob("[a-z]*.py")):
+        yield ContestantFile(file.stem, Lane.KERNEL, f"{__package__}.contestants.{file.stem}")
+    for name in DIRECT:
+        yield ContestantFile(name, Lane.DIRECT, "")
 
 
 def of_file(path: str | Path) -> ContestantFile:

@@ -12,61 +12,29 @@ the solvers are done with them.
 
 from __future__ import annotations
 
-import math
-import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
-from qpsolvers import Problem
 
 from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
+from bench.problems.fresh import FreshData
 from bench.problems.paper import DRIVES
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import Experiment
+from bench.races.batch.worker import Files
 from bench.store import Run
 from piezo_model import plants
-from solvers.arrays import Matrix
-from solvers.certificate import NotCertified, certify
 
 ORDERS = {18: (5, 3), 60: (20, 9)}
 """n and m of the model by d."""
 SET = "batch"
-WARM_UP = 64
-"""The last of the programs, which are not timed; repeated where a contestant compiles for a size of batch that is larger."""
 AT_ONCE = 512
 """Programs that are mixed at once."""
 SHARED_MEMORY = Path("/dev/shm")
-
-
-@dataclass(frozen=True)
-class Files:
-    """Where the arrays of the programs of one size are; all that a child is told of them."""
-
-    folder: Path
-    d: int
-    count: int
-
-    @property
-    def _shapes(self) -> list[tuple[Path, tuple[int, ...]]]:
-        """Each file with the shape of what it holds of one program."""
-        shapes = {"P": (self.d, self.d), "q": (self.d,), "lb": (self.d,), "ub": (self.d,)}
-        return [(self.folder / f"{name}-{self.d}", shape) for name, shape in shapes.items()]
-
-    def reserve(self) -> None:
-        """Make the files with all of their room; OSError where there is less."""
-        for path, shape in self._shapes:
-            with path.open("xb") as file:
-                os.posix_fallocate(file.fileno(), 0, 8 * self.count * math.prod(shape))
-
-    def mapped(self, first: int, last: int, mode: Literal["c", "r+"] = "c") -> tuple[Matrix, ...]:
-        """P (n, d, d), q, lb and ub (n, d) of the programs from ``first`` to ``last`` − 1; what is written to copies stays in the process."""
-        return tuple(np.memmap(path, np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape)) for path, shape in self._shapes)
 
 
 @contextmanager
@@ -99,26 +67,18 @@ class Programs:
 
     def __init__(self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress) -> None:
         self.files = Files(folder, d, count)
-        self._forms = [problem.forms["scaled"] for problem in families(run, d, seed, limit, progress)]
-        chance = np.random.default_rng([seed, d])
-        self._family = chance.integers(len(self._forms), size=count)
-        self._shares = chance.dirichlet(np.ones(1 + len(self._forms[0].windows)), size=count)
-        self._proven: dict[int, CertifiedForm | None] = {}
+        forms = [problem.forms["scaled"] for problem in families(run, d, seed, limit, progress)]
+        self._family = np.random.default_rng([seed, d]).integers(len(forms), size=count)
+        self._mixtures = [FreshData(form, int(np.sum(self._family == f)), [seed, d, f]) for f, form in enumerate(forms)]
         self._rank = np.random.default_rng().permutation(count)  # by the system's randomness
         progress(f"{count} programs of {d} variables", 0, 1)
-        self._write()
-
-    def _write(self) -> None:
-        d = self.files.d
-        P, q, lb, ub = self.files.mapped(0, self.files.count, "r+")
-        for f, form in enumerate(self._forms):
+        P, q, lb, ub = self.files.mapped(0, count, "r+")
+        for f, (form, mixture) in enumerate(zip(forms, self._mixtures, strict=True)):
             at = np.flatnonzero(self._family == f)
-            matrices = np.array([form.qp.P, *(window.P for window in form.windows)]).reshape(-1, d * d)
-            vectors = np.array([form.qp.q, *(window.q for window in form.windows)])
-            for few in np.split(at, range(AT_ONCE, at.size, AT_ONCE)):
-                P[few] = (self._shares[few] @ matrices).reshape(-1, d, d)
-            q[at], lb[at], ub[at] = self._shares[at] @ vectors, form.qp.lb, form.qp.ub
-        self._P, self._q = P, q
+            lb[at], ub[at] = form.qp.lb, form.qp.ub
+            for first in range(0, at.size, AT_ONCE):
+                few = at[first:first + AT_ONCE]
+                P[few], q[few] = mixture.block(first, first + few.size)
 
     def sample(self, first: int, last: int, most: int) -> list[int]:
         """At most so many of the programs from ``first`` to ``last`` − 1; often the same, so that few have to be proven."""
@@ -126,15 +86,8 @@ class Programs:
 
     def proven(self, b: int) -> CertifiedForm | None:
         """Program b with its proven optimum; None where there is no proof."""
-        if b not in self._proven:
-            form, share = self._forms[self._family[b]], self._shares[b]
-            qp = Problem(np.array(self._P[b]), np.array(self._q[b]), lb=form.qp.lb, ub=form.qp.ub)
-            c = float(share @ [form.c, *(window.c for window in form.windows)])
-            try:
-                self._proven[b] = replace(form, qp=qp, c=c, certificate=certify(qp, np.array(form.certificate.x)), windows=())
-            except NotCertified:  # nothing is judged on what cannot be proven
-                self._proven[b] = None
-        return self._proven[b]
+        f = self._family[b]
+        return self._mixtures[f].certified(int(np.sum(self._family[:b] == f)))
 
 
 def families(run: Run, d: int, seed: int, limit: int | None, progress: Progress) -> list[RaceProblem]:

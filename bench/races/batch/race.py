@@ -19,25 +19,23 @@ import numpy as np
 import pyarrow as pa
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.outcome import Outcome
-from bench.passed.progress import Progress
-from bench.passed.row import Row, who
-from bench.passed.task import NO_SETTING, Task
-from bench.processes.engine import Workers
-from bench.processes.line_up import LineUp
-from bench.races.batch.contestant import ContestantFile, contestants, of_file
-from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, WARM_UP, Programs, reserved
-from bench.races.batch.worker import Batched, BatchRequest
-from bench.races.conditions import note_conditions, watched
-from bench.races.field import chosen, field_of
+from bench.passed.request import Outcome, Request
+from bench.passed.task import NO_SETTING, Row, Task
+from bench.processes.solver_pool import SolverPool
+from bench.processes.worker import ChildSettings
+from bench.races.batch.contestant import contestants, of_file
+from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, Programs, reserved
+from bench.races.batch.worker import WARM_UP, Batched, BatchRequest
+from bench.races.driver import Part, TaskRace
+from bench.races.field import chosen
 from bench.races.metrics import relative_gap
-from bench.races.settings import OwnProblemSettings, Positive, fixed, option, settings_of
-from bench.store import Run, Schema
+from bench.races.settings import OwnProblemSettings, Positive, fixed, option
+from bench.store import Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
 from solvers.arrays import Matrix
-from solvers.registry import Entry
+from solvers.registry import Described, Entry
 
 NAN = float("nan")
 TIERS = (Tier.LOW, Tier.MID, Tier.HIGH)
@@ -74,59 +72,85 @@ class BatchSettings(OwnProblemSettings):
         return [4**k for k in range(32) if 4**k <= self.largest]
 
 
-def asked_for(settings: BatchSettings) -> list[ContestantFile]:
-    """The contestants that are asked for; RaceError where there is none of a name."""
-    return chosen(settings, contestants(), of_file, "contestant")
+class BatchRace(TaskRace[BatchSettings]):
+    """Contestants take turns at each size of a batch."""
+
+    schema = BATCH
+    preload = ("bench.races.batch.worker",)
+
+    @classmethod
+    def entries(cls, settings: BatchSettings) -> Sequence[Entry]:
+        """The contestants that are asked for; RaceError where there is none of a name."""
+        return chosen(settings, contestants(), of_file, "contestant", cls.preload)
+
+    @property
+    def count(self) -> int:
+        """Programs of each size."""
+        return max(FEWEST, self.settings.batches[-1]) + self.settings.turns + WARM_UP
+
+    @property
+    def child(self) -> ChildSettings:
+        """A contestant reads programs that are timed, and those to warm up on, beside what it may take."""
+        child = super().child
+        return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes)**2 // 2**20)
+
+    def prepare(self, resources: ExitStack) -> None:
+        """Write the programs."""
+        settings = self.settings
+        folder = resources.enter_context(reserved(settings.sizes, self.count))
+        self.programs = {d: Programs(self.run, d, self.count, settings.seed, folder, settings.limit or None, self.progress)
+                         for d in settings.sizes}
+        if folder.parent != SHARED_MEMORY:
+            self.warnings = [f"The programs lay in {folder.parent}, since {SHARED_MEMORY} had no room for them; "
+                             "a disk may have been at work beside the race."]
+        several = [entry for entry in self.entrants.values() if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
+        self.parallel = resources.enter_context(SolverPool(several, replace(self.child, preload=self.preload)))
+
+    def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
+        """One batch size by all, in an order of its own; those that are parallel once more, with a thread on every core."""
+        players = [(1, solver) for solver in field]
+        if (many := len(cores.usable())) > 1:
+            players += [(many, solver) for solver in field if solver.lane is Lane.KERNEL]
+
+        def part(turn: int, d: int, batch: int) -> Part:
+            order = random.Random(f"{self.settings.seed} {turn} {d} {batch}").sample(players, len(players))
+            return self.part(f"batch-{turn}-{d}-{batch}", *(task_of(solver, d, batch, threads, turn) for threads, solver in order))
+
+        yield [part(turn, d, batch) for turn in range(self.settings.turns) for d in self.settings.sizes for batch in self.settings.batches]
+
+    def measure(self, task: Task, pool: SolverPool) -> Outcome:
+        """Nothing, where a batch takes too long."""
+        batch = task.more["batch"]
+        before = replace(task, more={**task.more, "batch": batch // 4})
+        if batch > 1 and (why := why_not(self.run.task(before)[0][0], batch, self.settings.longest_s)):
+            return Outcome(SKIPPED, why)
+        return super().measure(task, pool if task.more["threads"] == 1 else self.parallel)
+
+    def request(self, task: Task) -> Request:
+        """Programs from that of its turn on."""
+        batch, turn = task.more["batch"], task.repeat
+        return BatchRequest(self.programs[task.d].files, batch, turn, turn + max(FEWEST, batch), task.more["threads"], self.settings.effort)
+
+    def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
+        """What the batch is."""
+        return {**task.more, "bytes": 8 * (task.d * task.d + 4 * task.d)}
+
+    def judged(self, task: Task, outcome: Batched) -> Sequence[Mapping[str, Any]]:
+        """How right and how fast."""
+        errors = np.array([*_errors(self.programs[task.d], task.repeat, outcome.answers, self.settings.judged)])
+        shares = {f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else NAN for tier in TIERS}
+        wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
+        return [{**shares, "status": str(Status.OK if shares["share_high"] == 1.0 else Status.MISSED), "judged": errors.size,
+                 "programs": int(outcome.programs.sum()), "worst_gap": float(errors.max()) if errors.size else NAN,
+                 "wall_us_p50": float(np.median(wall)), "cpu_us_p50": float(np.median(cpu)), "grown_mb": outcome.grown_mb}]
 
 
-def race(run: Run, progress: Progress, workers: Workers) -> None:
-    """Do whatever is not done yet."""
-    settings = settings_of(run, BatchSettings)
-    entries = asked_for(settings)
-    with ExitStack() as stack:
-        count = max(FEWEST, settings.batches[-1]) + settings.turns + WARM_UP
-        folder = stack.enter_context(reserved(settings.sizes, count))
-        programs = {d: Programs(run, d, count, settings.seed, folder, settings.limit or None, progress) for d in settings.sizes}
-        of_programs = 2 * 8 * count * max(settings.sizes)**2 // 2**20  # those that are timed, and those to warm up on
-        limits = replace(settings.limits, memory_mb=settings.memory_mb + of_programs)
-        progress("waiting for a core on which no other race times", 0, 1)
-        core = stack.enter_context(cores.claim())
-        alone = stack.enter_context(LineUp(entries, limits, core.number))
-        names = {(solver.name, solver.lane) for solver in field_of(run, alone.children.values())}
-        entries = [entry for entry in entries if (entry.name, entry.lane) in names]
-        several = [entry for entry in entries if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
-        line_ups = {1: alone, len(cores.usable()): stack.enter_context(LineUp(several, limits, None))} if several else {1: alone}
-        players = [(1, entry) for entry in entries] + [(len(cores.usable()), entry) for entry in several]
-        for turn in range(settings.turns):
-            for d in settings.sizes:
-                for batch in settings.batches:
-                    with watched(run, f"batch-{turn}-{d}-{batch}", alone.sentinel):
-                        _turn(run, settings, programs[d], line_ups, players, batch, turn, progress)
-    note_conditions(run, workers, [] if folder.parent == SHARED_MEMORY else [
-        f"The programs lay in {folder.parent}, since {SHARED_MEMORY} had no room for them; a disk may have been at work beside the race."])
-
-
-def task_of(entry: Entry, d: int, batch: int, threads: int, turn: int) -> Task:
+def task_of(entry: Entry | Described, d: int, batch: int, threads: int, turn: int) -> Task:
     """A contestant's turn at a batch size."""
-    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, more={"batch": batch, "threads": threads}, repeat=turn)
+    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, {"batch": batch, "threads": threads}, turn, d=d)
 
 
-def _turn(run: Run, settings: BatchSettings, programs: Programs, line_ups: Mapping[int, LineUp], players: Sequence[tuple[int, Entry]],
-          batch: int, turn: int, progress: Progress) -> None:
-    """One batch size by all, each with a number of threads, in an order of its own."""
-    d, chance = programs.files.d, random.Random(f"{settings.seed} {turn} {programs.files.d} {batch}")
-    for done, (threads, entry) in enumerate(chance.sample(players, len(players))):
-        progress(f"batches of {batch}, d = {d}, turn {turn + 1} of {settings.turns}: {entry.name}", done, len(players))
-        task = task_of(entry, d, batch, threads, turn)
-        if not run.is_done(task):
-            before = task_of(entry, d, batch // 4, threads, turn)
-            why = _why_not(run.task(before)[0][0], batch, settings.longest_s) if batch > 1 else ""
-            outcome = Outcome(SKIPPED, why) if why else line_ups[threads].children[entry.name, entry.lane].ask(
-                BatchRequest(programs.files, batch, turn, turn + max(FEWEST, batch), threads, settings.effort))
-            run.save(task, row_of(task, outcome, programs, settings.judged), times_of(outcome))
-
-
-def _why_not(before: Row, batch: int, longest_s: float) -> str:
+def why_not(before: Row, batch: int, longest_s: float) -> str:
     """Why a batch is not run after what became of the one before; "" where it is."""
     if before["status"] == SKIPPED:
         return str(before["message"])
@@ -134,26 +158,6 @@ def _why_not(before: Row, batch: int, longest_s: float) -> str:
         return f"the batch of {before['batch']} ended as {before['status']}"
     expected_s = 1e-6 * before["wall_us_p50"] * batch
     return f"a batch of {batch} would take {expected_s:.1f} s, and the most is {longest_s:g} s" if expected_s > longest_s else ""
-
-
-def times_of(outcome: Outcome) -> dict[str, Any]:
-    """Raw nanoseconds of the groups of calls, by the clock and by the processors."""
-    return {"wall": outcome.wall_ns, "cpu": outcome.cpu_ns} if isinstance(outcome, Batched) else {}
-
-
-def row_of(task: Task, outcome: Outcome, programs: Programs, most: int) -> Row:
-    """Who, how right and how fast."""
-    d = programs.files.d
-    row = BATCH.row(**who(task, d), **task.more, status=outcome.failure, message=outcome.message,
-                    bytes=8 * (d * d + 4 * d))
-    if not isinstance(outcome, Batched):
-        return row
-    errors = np.array([*_errors(programs, task.repeat, outcome.answers, most)])
-    shares = {f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else NAN for tier in TIERS}
-    wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
-    return {**row, **shares, "status": str(Status.OK if shares["share_high"] == 1.0 else Status.MISSED), "judged": errors.size,
-            "programs": int(outcome.programs.sum()), "worst_gap": float(errors.max()) if errors.size else NAN,
-            "wall_us_p50": float(np.median(wall)), "cpu_us_p50": float(np.median(cpu)), "grown_mb": outcome.grown_mb}
 
 
 def _errors(programs: Programs, first: int, answers: Matrix, most: int) -> Iterator[float]:

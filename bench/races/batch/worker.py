@@ -8,26 +8,54 @@ there. What is compiled, loaded and allocated first is not timed, and is done on
 
 from __future__ import annotations
 
+import math
+import os
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from bench.passed.outcome import Outcome
-from bench.passed.request import Request, attempt
+from bench.passed.request import Outcome, Request
 from bench.passed.said import real
 from bench.races.batch.contestant import Contestant
-from bench.races.batch.programs import WARM_UP, Files
 from bench.timing.clock import Effort, no_garbage_collection
 from solvers.arrays import Matrix, Nanoseconds
 
 GROUP_NS = 1_000_000
+WARM_UP = 64
+"""The last of the programs, which are not timed; repeated where a contestant compiles for a size of batch that is larger."""
 
-_ready: dict[tuple[type, int, int], Contestant] = {}
+_ready: dict[tuple[Any, ...], Contestant] = {}
 """Contestants of this process, which may keep what they allocated."""
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where the arrays of the programs of one size are; all that a child is told of them."""
+
+    folder: Path
+    d: int
+    count: int
+
+    @property
+    def _shapes(self) -> list[tuple[Path, tuple[int, ...]]]:
+        """Each file with the shape of what it holds of one program."""
+        shapes = {"P": (self.d, self.d), "q": (self.d,), "lb": (self.d,), "ub": (self.d,)}
+        return [(self.folder / f"{name}-{self.d}", shape) for name, shape in shapes.items()]
+
+    def reserve(self) -> None:
+        """Make the files with all of their room; OSError where there is less."""
+        for path, shape in self._shapes:
+            with path.open("xb") as file:
+                os.posix_fallocate(file.fileno(), 0, 8 * self.count * math.prod(shape))
+
+    def mapped(self, first: int, last: int, mode: Literal["c", "r+"] = "c") -> tuple[Matrix, ...]:
+        """P (n, d, d), q, lb and ub (n, d) of the programs from ``first`` to ``last`` − 1; what is written to copies stays in the process."""
+        return tuple(np.memmap(path, np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape)) for path, shape in self._shapes)
 
 
 @dataclass
@@ -39,6 +67,11 @@ class Batched(Outcome):
     cpu_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     programs: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     grown_mb: float = float("nan")
+
+    @property
+    def times(self) -> Mapping[str, Nanoseconds]:
+        """Of the groups of calls, by the clock and by the processors."""
+        return {"wall": self.wall_ns, "cpu": self.cpu_ns}
 
 
 @dataclass(frozen=True)
@@ -54,9 +87,6 @@ class BatchRequest(Request):
 
     def answer(self, cls: type[Any], first: bool) -> Outcome:
         """Warm up, then time."""
-        return attempt(lambda: self._timed(cls))
-
-    def _timed(self, cls: type[Contestant]) -> Outcome:
         key = cls, self.files.d, self.threads
         if key not in _ready:
             _ready[key] = cls(self.files.d, self.threads)

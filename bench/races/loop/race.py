@@ -15,27 +15,25 @@ actuators drift.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from bench.passed.outcome import Outcome
-from bench.passed.progress import Progress
 from bench.passed.race_error import RaceError
-from bench.passed.row import Row, who
+from bench.passed.request import Request
 from bench.passed.task import Task
-from bench.processes.engine import Workers
-from bench.processes.line_up import LineUp
+from bench.processes.worker import ChildSettings
 from bench.races.chosen_settings import EACH, Choice, choices, table_of, unasked
-from bench.races.field import entries_of, field_of
+from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Decision, Driven, LoopRequest
-from bench.races.settings import TierSettings, fixed, settings_of
+from bench.races.settings import TierSettings, fixed
 from bench.rig.rig import AXES, RANGE_UM, Rig
 from bench.rig.trial import straight
-from bench.store import Run, Schema
+from bench.store import Schema
 from bench.timing.clock import Effort
 from piezo_model import IdentificationProblem
 from solvers import Status, Tier
@@ -47,7 +45,6 @@ KIND = "loop"
 NAN = float("nan")
 STILL, DRIFTING = "still", "drifting"
 PAPER = "projected_difference"
-OF_A_DECISION = ("learn_samples", "stale_samples", "cost_gap", "error_old", "error_new")
 
 LOOP = Schema("loop.parquet", (
     "problem_set", "problem", "d", "solver", "lane", "tier", "setting", "basis", "scaling", "settings", "repeat", "status", "message", "axis",
@@ -89,72 +86,67 @@ class LoopSettings(TierSettings):
         return rig if steps is None else replace(rig, learn_s=steps * rig.sample_time, samples=len(rig.y_ref))
 
 
-def check(settings: LoopSettings) -> list[Entry]:
-    """The entries that are asked for, each solver in the lane only in which :func:`solvers.find` has it: a lane changes the time and no answer."""
-    table_of(settings.settings_run)
-    chosen: dict[tuple[str, Path | None], Entry] = {}
-    for entry in sorted(entries_of(settings), key=lambda entry: entry.comes_last):
-        chosen.setdefault((entry.name, entry.path), entry)
-    return list(chosen.values())
+class LoopRace(TaskRace[LoopSettings]):
+    """Every solver in the lane only in which :func:`solvers.find` has it: a lane changes the time and no answer."""
 
+    schema = LOOP
+    preload = ("bench.races.loop.worker",)
+    timed = False
+    failed = MappingProxyType({"window": -1, "hand_overs": 0, "refused": 0, "faults": 0})
 
-def race(run: Run, progress: Progress, workers: Workers) -> None:
-    """Do whatever is not done yet."""
-    settings = settings_of(run, LoopSettings)
-    still = settings.stage(STILL)
-    limits = replace(settings.limits, time_limit_s=settings.time_limit_s + len(still.y_ref) * still.sample_time)
-    entries = check(settings)
-    files = {(entry.name, entry.lane): entry.path for entry in entries}
-    with LineUp(entries, limits, None) as line_up:
-        field = field_of(run, line_up.children.values())
-        tasks = list(tasks_of(settings, field))
-        for done, (task, choice) in enumerate(tasks):
-            progress(f"{task.solver} ({', '.join(choice.basis)}) on the {task.problem} stage", done, len(tasks))
-            if not run.is_done(task):
-                solver = task.solver, task.lane
-                outcome = line_up.children[solver].ask(LoopRequest(task, settings.rig(task), files[solver]))
-                run.save(task, rows_of(settings, task, choice, outcome), {})
+    @classmethod
+    def entries(cls, settings: LoopSettings) -> Sequence[Entry]:
+        """Each solver once."""
+        first: dict[Any, Entry] = {}
+        for entry in sorted(super().entries(settings), key=lambda entry: entry.comes_last):
+            first.setdefault((entry.name, entry.path), entry)
+        return list(first.values())
 
+    @property
+    def child(self) -> ChildSettings:
+        """A solver may take as long as the stage follows its reference, and its limit."""
+        still = self.settings.stage(STILL)
+        return replace(super().child, time_limit_s=self.settings.time_limit_s + len(still.y_ref) * still.sample_time)
 
-def tasks_of(settings: LoopSettings, field: Sequence[Described]) -> Iterator[tuple[Task, Choice]]:
-    """Every solver at each tier on both stages; the paper's method with each length of the learning phase."""
-    table, name = table_of(settings.settings_run)
-    for repeat in range(settings.repeats):
-        for problem in (STILL, DRIFTING):
-            for solver in field:
-                if solver.name == PAPER:
-                    for steps in settings.learn_steps:
-                        choice = Choice(unasked(solver), {settings.tiers[0]: EACH})
-                        yield Task(KIND, problem, "scaled", PAPER, solver.lane, choice.setting, {"steps": steps}, repeat), choice
-                else:
-                    for choice in choices(solver, settings.tiers, table, name):
-                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, choice.setting, repeat=repeat), choice
+    def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
+        """All tasks, one after the other."""
+        yield [self.part(KIND, *self.tasks(field))]
 
+    def tasks(self, field: Sequence[Described]) -> Iterator[Task]:
+        """Every solver at each tier on both stages; the paper's method with each length of the learning phase."""
+        settings, (table, run) = self.settings, table_of(self.settings.settings_run)
+        d = settings.stage(STILL).structures[0].d
+        for repeat in range(settings.repeats):
+            for problem in (STILL, DRIFTING):
+                for solver in field:
+                    its = [({"steps": steps}, Choice(unasked(solver), {settings.tiers[0]: EACH})) for steps in settings.learn_steps] if (
+                        solver.name == PAPER) else [({}, choice) for choice in choices(solver, settings.tiers, table, run)]
+                    for more, choice in its:
+                        yield Task(KIND, problem, "scaled", solver.name, solver.lane, choice.setting, more, repeat, d=d, basis=choice.basis)
 
-def rows_of(settings: LoopSettings, task: Task, choice: Choice, outcome: Outcome) -> list[Row]:
-    """One row an axis and window; one in all where the solver did not get through."""
-    rig = settings.rig(task)
-    shared = who(task, rig.structures[0].d)
-    if not isinstance(outcome, Driven):
-        row = LOOP.row(**shared, status=outcome.failure, message=outcome.message, window=-1, hand_overs=0, refused=0, faults=0)
-        return [{**row, "tier": str(tier), "basis": basis} for tier, basis in choice.basis.items()]
-    error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
-    straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
-    rows = []
-    for i, axis in enumerate(AXES):
-        decisions = [(decision, judged(rig, decision)) for decision in outcome.decisions[i]]
-        status, message = status_of(outcome.decisions[i])
-        for window in range(settings.windows):
-            part = error_um[window * length:(window + 1) * length, i]
-            seen = [figures for decision, figures in decisions if decision.sample <= (window + 1) * length]
-            taken = [figures for figures in seen if figures]
-            rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
-            rows.append({**shared, "status": str(status), "message": message, "axis": axis, "window": window, "rms_um": rms_um,
-                         "max_um": max_um, "rms_percent": in_percent(rms_um), "max_percent": in_percent(max_um),
-                         "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
-                         "refused": len(seen) - len(taken), "faults": outcome.faults,
-                         **(taken[-1] if taken else dict.fromkeys(OF_A_DECISION, NAN))})
-    return [{**row, "tier": str(tier), "basis": basis} for tier, basis in choice.basis.items() for row in rows]
+    def request(self, task: Task) -> Request:
+        """The whole reference."""
+        return LoopRequest(task, self.settings.rig(task), self.entrants[task.solver, task.lane].path)
+
+    def judged(self, task: Task, outcome: Driven) -> Sequence[Mapping[str, Any]]:
+        """One row an axis and window."""
+        settings, rig = self.settings, self.settings.rig(task)
+        error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
+        straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
+        rows = []
+        for i, axis in enumerate(AXES):
+            decisions = [(decision, of_decision(decision)) for decision in outcome.decisions[i]]
+            status, message = status_of(outcome.decisions[i])
+            for window in range(settings.windows):
+                part = error_um[window * length:(window + 1) * length, i]
+                seen = [figures for decision, figures in decisions if decision.sample <= (window + 1) * length]
+                taken = [figures for figures in seen if figures]
+                rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
+                rows.append({"status": str(status), "message": message, "axis": axis, "window": window, "rms_um": rms_um,
+                             "max_um": max_um, "rms_percent": in_percent(rms_um), "max_percent": in_percent(max_um),
+                             "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
+                             "refused": len(seen) - len(taken), "faults": outcome.faults, **(taken[-1] if taken else {})})
+        return rows
 
 
 def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
@@ -177,13 +169,13 @@ def straight_rms_percent(rig: Rig) -> Matrix:
     return np.array([run.rms_percent(window) for window in range(rig.cycles)])
 
 
-def judged(rig: Rig, decision: Decision) -> dict[str, float]:
+def of_decision(decision: Decision) -> dict[str, float]:
     """Times and exact cost gap of weights that were taken over; nothing where they were not."""
     if not decision.taken or decision.problem is None:
         return {}
     learned = decision.sample - decision.learned_until
-    return dict(zip(OF_A_DECISION, (learned, learned, cost_gap(decision.problem, decision.weights),
-                                    decision.error_old, decision.error_new), strict=True))
+    return {"learn_samples": learned, "stale_samples": learned, "cost_gap": cost_gap(decision.problem, decision.weights),
+            "error_old": decision.error_old, "error_new": decision.error_new}
 
 
 def cost_gap(problem: IdentificationProblem, weights: Vector) -> float:

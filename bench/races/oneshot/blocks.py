@@ -14,7 +14,7 @@ from time import perf_counter_ns
 import numpy as np
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.outcome import Outcome
+from bench.passed.request import Outcome
 from bench.passed.task import NO_SETTING, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -45,7 +45,7 @@ SEEN, QUICKEST, SEEN_NS, SLOW_NS = 8, 5.0, 2_000, 1_000_000
 
 
 @dataclass
-class Tally:
+class Timings:
     """What the blocks of a task gave, and what was wrong with them."""
 
     updates: list[Nanoseconds] = field(default_factory=list)
@@ -136,45 +136,45 @@ def _works_elsewhere(child: SolverChild, idle: SolverChild, task: Task, form: Ce
 
 
 def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProblem, fresh: FreshData, effort: Effort,
-          look_closer: bool = True) -> tuple[Outcome, Tally]:
+          look_closer: bool = True) -> tuple[Outcome, Timings]:
     """The outcome of a task with its times, and what was seen of it.
 
     ``idle`` is the process of a solver that does nothing; ``look_closer`` is whether it is looked into where
     the solver works while nobody times it, and whether it answers from memory.
     """
-    form, tally, size = problem.forms[task.scaling], Tally(), 1
+    form, timings, size = problem.forms[task.scaling], Timings(), 1
     compiled = child.entry.times_itself
     outcome = child.ask(OneShot.of(task, form, times_itself=compiled))
     if outcome.failure:
-        return outcome, tally
-    while effort.goes_on(tally.count, tally.spent_ns):
-        done = tally.count
+        return outcome, timings
+    while effort.goes_on(timings.count, timings.spent_ns):
+        done = timings.count
         n = min(size, fresh.calls_at_once, effort.most - done)
-        most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - tally.spent_ns
+        most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - timings.spent_ns
         block = ask(child, task, *fresh.block(done, done + n), watch=True, most_ns=most_ns)
         if not isinstance(block, Answered):
-            return block, tally
-        tally.take(block)
+            return block, timings
+        timings.take(block)
         n, found = len(block.answers), _impossible(block, compiled)
-        if look_closer and child is not idle and not (found or tally.fault) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
+        if look_closer and child is not idle and not (found or timings.fault) and _aside(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
             found = _works_elsewhere(child, idle, task, form, fresh, n, block.used_ns / n)
-        tally.fault = tally.fault or ((Status.MISTIMED, found) if found else None)
-        each = max(tally.spent_ns / tally.count, 1.0)
-        size = max(effort.fewest - tally.count, math.ceil((effort.budget_s * 1e9 - tally.spent_ns) / each), 1)
+        timings.fault = timings.fault or ((Status.MISTIMED, found) if found else None)
+        each = max(timings.spent_ns / timings.count, 1.0)
+        size = max(effort.fewest - timings.count, math.ceil((effort.budget_s * 1e9 - timings.spent_ns) / each), 1)
     if look_closer:
-        tally.fault = tally.fault or _remembers(child, task, fresh, each)
+        timings.fault = timings.fault or _remembers(child, task, fresh, each)
     end = child.ask(End(task.key, effort.budget_s))
     if end.failure:
-        return end, tally
+        return end, timings
     if end.seen:
-        tally.fault = Status.PEEKED if end.seen[0].startswith("opened") else Status.TAMPERED, "; ".join(end.seen)
+        timings.fault = Status.PEEKED if end.seen[0].startswith("opened") else Status.TAMPERED, "; ".join(end.seen)
     if outcome.returned:
-        tally.fault = tally.fault or (Status.LAZY, f"returned a {outcome.returned} and no array")
-    answers = np.concatenate(tally.answers)
-    tally.gaps = _judged(fresh, answers)
-    tally.fault = tally.fault or _of_other_data(form, fresh, outcome, answers, tally.gaps)
-    return replace(outcome, update_ns=np.concatenate(tally.updates), solve_ns=np.concatenate(tally.solves), preemptions=tally.preemptions,
-                   setup_ns=end.setup_ns, repeatable=end.repeatable, mutated=end.mutated), tally
+        timings.fault = timings.fault or (Status.LAZY, f"returned a {outcome.returned} and no array")
+    answers = np.concatenate(timings.answers)
+    timings.gaps = _judged(fresh, answers)
+    timings.fault = timings.fault or _of_other_data(form, fresh, outcome, answers, timings.gaps)
+    return replace(outcome, update_ns=np.concatenate(timings.updates), solve_ns=np.concatenate(timings.solves), preemptions=timings.preemptions,
+                   setup_ns=end.setup_ns, repeatable=end.repeatable, mutated=end.mutated), timings
 
 
 def _remembers(child: SolverChild, task: Task, fresh: FreshData, each: float) -> tuple[Status, str] | None:

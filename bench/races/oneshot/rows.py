@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.passed.outcome import Outcome
-from bench.passed.row import Row, who
-from bench.passed.task import Task
+from bench.passed.request import Outcome
+from bench.passed.task import Row, Task
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
 from bench.timing.percentiles import percentile
@@ -41,7 +40,7 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, timed_gap: float 
     span_um = problem.validation.span_um if problem.validation is not None else NAN
     middle, tail = percentile(solve, 0.5), percentile(solve, 0.99)
     return {
-        **who(task, problem.d, outcome.asked), "task": key_of_all_repeats(task), **asdict(found),
+        **task.columns(outcome.asked), "task": key_of_all_repeats(task), **asdict(found),
         "model_error_um": found.model_error_percent / 100.0 * span_um,
         "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
         "noise_um": problem.validation.noise_um if problem.validation is not None else NAN,

@@ -1,15 +1,20 @@
-"""The second pass, after all settings were measured on all problems: turns, starts from the optimum before, and more calls of the fastest.
+"""The second pass, after all settings were measured on all problems: starts from the optimum before, more calls of the fastest, and turns.
 
 Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked, by first answers alone. Timed
 answers are to data that each race draws anew, and with them two races of the same problems would take turns at different settings, which
 cannot be compared. The run notes the settings when the pass begins, since it measures some of the rows again from which they follow, and a
-resumed race has to go on as it began. Solvers that take turns must sit in one place, so a problem is never divided between workers.
+resumed race has to go on as it began.
+
+Where solvers take turns, each sits ready in its own process, all on the same core, and has one update and solve a round, in a shuffled
+order; between two turns of one solver all others have had theirs, so that it finds the caches as they left them. A compensator that has
+other work in a sampling period sits between this and the hot figures. So a problem is never divided between workers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import random
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,19 +22,21 @@ import pandas as pd
 
 from bench.derived.measurements import at_tiers
 from bench.derived.tier_settings import tier_settings
-from bench.passed.row import Row
-from bench.passed.task import Task
+from bench.passed.task import Row, Task
 from bench.problems.fresh import FreshData
-from bench.processes.line_up import LineUp
+from bench.problems.protocol import CertifiedForm
+from bench.processes.solver_child import SolverChild
+from bench.processes.solver_pool import SolverPool
 from bench.races import null_solver
+from bench.races.driver import Tell
+from bench.races.oneshot.blocks import Timings, ask
+from bench.races.oneshot.first_pass import FirstPass, Pass, measure
 from bench.races.oneshot.rows import with_turns
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.turns import take_turns
-from bench.races.oneshot.unit import Pass, Tell, Unit, measure
-from bench.races.oneshot.worker import Forget
+from bench.races.oneshot.worker import Forget, OneShot
 from bench.store import Planned, Run
 from bench.timing.clock import Effort
-from solvers import Status, Tier
+from solvers import Lane, Status, Tier
 from solvers.registry import FAMILIES, Described
 
 LONGEST_US = 1000.0
@@ -39,72 +46,103 @@ NEAR = 2.0
 """How many times as long as the fastest of its lane a solver may take to be among the candidates for a decision."""
 ENOUGH = 3_000
 """Calls of a candidate over all problems, enough for p99.9."""
+WARM_UP = 1
+"""Calls before the first turn, of a solver that has been hot."""
 
-Who = tuple[str, str, str]
+SolverKey = tuple[str, str, str]
 """Scaling, solver and lane."""
 
 
 @dataclass(frozen=True)
 class SecondPass(Pass):
-    """The second pass; its tasks are measured already, one a solver lane."""
+    """One setting of each solver lane; the tasks are those that are measured longer and those that start warm."""
 
-    warm: tuple[Task, ...]
-    longer: tuple[Task, ...]
-    """Those to be measured again with ``calls``."""
+    cold: tuple[Task, ...]
+    """Those that are measured already."""
     calls: int
+    """Of those that are measured longer."""
 
-    @property
-    def name(self) -> str:
-        """A file name."""
-        return f"{super().name}--turns"
-
-    def timed(self, run: Run, line_up: LineUp, tell: Tell) -> list[Row]:
+    def timed(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
         """More calls of some, warm starts, and turns."""
         effort = self.settings.effort
-        for task in self.longer:
+        for task in self.tasks:
             tell(task)
-            if run.task(task)[0][0]["samples"] < self.calls:
-                measure(run, self.problem, task, FreshData(self.form, self.calls), line_up, Effort(1.0, 1, self.calls), look_closer=False)
-        for task in self.warm:
-            tell(task)
-            if not run.is_done(task):
-                measure(run, self.problem, task, FreshData(self.form, effort.most), line_up, effort, look_closer=True)
-        rows = [(task, run.task(task)[0][0]) for task in (*self.tasks, *self.warm)]
+            if task.start == "cold" and run.task(task)[0][0]["samples"] < self.calls:
+                measure(run, self.problem, task, FreshData(self.form, self.calls), pool, Effort(1.0, 1, self.calls), look_closer=False)
+            elif not run.is_done(task):
+                measure(run, self.problem, task, FreshData(self.form, effort.most), pool, effort, look_closer=True)
+        rows = {task.key: run.task(task)[0][0] for task in (*self.cold, *self.tasks)}
         if self.settings.rounds:
-            self._take_turns(run, line_up, [task for task, row in rows if row["update_us"] + row["solve_us_p50"] <= LONGEST_US])
-        return [row for task, row in rows if task in (*self.longer, *self.warm)]
+            quick = {task.key: task for task in (*self.cold, *self.tasks)
+                     if rows[task.key]["update_us"] + rows[task.key]["solve_us_p50"] <= LONGEST_US}
+            self._take_turns(run, pool, list(quick.values()))
+        return [rows[task.key] for task in self.tasks]
 
-    def _take_turns(self, run: Run, line_up: LineUp, tasks: Sequence[Task]) -> None:
+    def _take_turns(self, run: Run, pool: SolverPool, tasks: Sequence[Task]) -> None:
         """Rounds, whose figures are added to the tasks on disk."""
-        for task, tally in take_turns(tasks, line_up.children, self.form, FreshData(self.form, self.settings.effort.most), self.settings.rounds,
-                                      f"{self.settings.seed} {self.name}"):
+        fresh, seed = FreshData(self.form, self.settings.effort.most), f"{self.settings.seed} {self.name}"
+        for task, timings in take_turns(tasks, pool.children, self.form, fresh, self.settings.rounds, seed):
             (row,), times = run.task(task)
-            turns = {"interleaved_update": np.concatenate(tally.updates), "interleaved_solve": np.concatenate(tally.solves)}
-            run.save(task, with_turns(row, turns["interleaved_solve"]), {**times, **turns})
-        for child in line_up.children.values():
+            turns = {"interleaved_update": np.concatenate(timings.updates), "interleaved_solve": np.concatenate(timings.solves)}
+            run.save(task, [with_turns(row, turns["interleaved_solve"])], {**times, **turns})
+        for child in pool.children.values():
             if child.is_running:
                 child.ask(Forget())
 
 
-def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described], units: Sequence[Unit]) -> list[SecondPass]:
+def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], SolverChild], form: CertifiedForm, fresh: FreshData,
+               rounds: int, seed: str) -> list[tuple[Task, Timings]]:
+    """Times and answers of the turns of each task; a task that fails on the way has none.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        All on one problem in one scaling.
+    children : mapping
+        By name and lane.
+    form : CertifiedForm
+        What is set up.
+    fresh : FreshData
+        What is solved, one call a round.
+    rounds : int
+        Turns of each.
+    seed : str
+        The order in each round follows from it.
+    """
+    timings = {task.key: Timings() for task in tasks}
+    ready = []
+    for task in tasks:
+        child = children[task.solver, task.lane]
+        if not child.ask(OneShot.of(task, form, times_itself=child.entry.times_itself)).failure:
+            ready.append(task)
+    for task in list(ready):
+        if ask(children[task.solver, task.lane], task, *fresh.unseen(WARM_UP)).failure:
+            ready.remove(task)
+    chance = random.Random(seed)
+    for _ in range(rounds):
+        chance.shuffle(ready)
+        data = fresh.unseen(1)
+        ready = [task for task in ready if not timings[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure]
+    return [(task, timings[task.key]) for task in tasks if task in ready]
+
+
+def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[FirstPass]) -> list[SecondPass]:
     """The second pass over every problem, by what the first has found."""
     if "second_pass" not in run.settings:
         rows = pd.DataFrame(run.rows_so_far())
         run.note(second_pass=planned(rows[rows.solver != null_solver.ENTRY.name]))
-    plan = run.settings["second_pass"]
-    chosen = {(each["scaling"], each["solver"], each["lane"]): each["setting"] for each in plan}
-    near = {(each["scaling"], each["solver"], each["lane"]) for each in plan if each["longer"]}
-    calls = math.ceil(ENOUGH / max(1, len({unit.problem.name for unit in units}) * settings.repeats))
-    warm_startable = {(solver.name, str(solver.lane)) for solver in field if solver.warm_start}
+    plan = {(each["scaling"], each["solver"], each["lane"], each["setting"]): each["longer"] for each in run.settings["second_pass"]}
+    calls = math.ceil(ENOUGH / max(1, len({part.problem.name for part in first}) * settings.repeats))
+    warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
     found = []
-    for unit in units:
-        floor, *tasks = unit.tasks
-        tasks = [task for task in tasks if chosen.get((unit.scaling, task.solver, str(task.lane))) == task.setting.text
-                 and run.task(task)[0][0]["status"] == Status.OK]
-        follows = unit.form.warm_start is not None
-        warm = [replace(task, start="warm") for task in tasks if follows and (task.solver, str(task.lane)) in warm_startable]
-        longer = [task for task in tasks if (unit.scaling, task.solver, str(task.lane)) in near]
-        found.append(SecondPass(unit.run, settings, unit.problem, unit.scaling, unit.repeat, (floor, *tasks), tuple(warm), (floor, *longer), calls))
+    for part in first:
+        floor, *tasks = part.tasks
+        longer = [(task, plan.get((part.scaling, task.solver, str(task.lane), task.setting.text))) for task in tasks]
+        chosen = [(task, is_longer) for task, is_longer in longer if is_longer is not None and run.task(task)[0][0]["status"] == Status.OK]
+        warm = [replace(task, start="warm") for task, _ in chosen
+                if part.form.warm_start is not None and (task.solver, task.lane) in warm_startable]
+        found.append(SecondPass(part.run, f"{part.name}--turns", (floor, *(task for task, is_longer in chosen if is_longer), *warm), part.repeat,
+                                settings, part.problem, part.scaling, (floor, *(task for task, _ in chosen)), calls))
     return found
 
 
@@ -113,16 +151,16 @@ def planned(rows: pd.DataFrame) -> list[Planned]:
     rows = rows.assign(timed_gap=math.nan)
     tiers = tier_settings(rows)
     near = near_fastest(at_tiers(rows, tiers))
-    found: dict[Who, str] = {}
+    found: dict[SolverKey, str] = {}
     for tier in PREFERRED:
         for line in tiers[(tiers.tier == tier) & (tiers.setting != "")].to_dict("records"):
             found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
     for line in rows[rows.is_default].to_dict("records"):
         found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
-    return [{"scaling": who[0], "solver": who[1], "lane": who[2], "setting": setting, "longer": who in near} for who, setting in found.items()]
+    return [{"scaling": key[0], "solver": key[1], "lane": key[2], "setting": setting, "longer": key in near} for key, setting in found.items()]
 
 
-def near_fastest(rows: pd.DataFrame) -> set[Who]:
+def near_fastest(rows: pd.DataFrame) -> set[SolverKey]:
     """The solver lanes between which a decision may have to be made, wrappers left out."""
     rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in FAMILIES])]
     us = (rows.update_us + rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median()

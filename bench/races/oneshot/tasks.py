@@ -30,13 +30,13 @@ def tasks_of(settings: OneshotSettings, field: Sequence[Described], problems: Se
         if solver.lane is not Lane.CVXPY or number in spread(len(problems), MOST_OF_CVXPY):
             for setting in measured(solver) if scaling == settings.scalings[0] else settings_of(solver):
                 if setting.is_default or scaling == settings.scalings[0]:
-                    yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, repeat=repeat)
+                    yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, repeat=repeat, d=problem.d)
             if solver.iteration_setting and scaling == settings.scalings[0]:
                 rungs = {setting.text for setting in settings_of(solver)}
                 for limit in settings.iteration_limits:
                     if (setting := limited(solver, limit)).text not in rungs:
                         more = {solver.iteration_setting: limit}
-                        yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, more, repeat)
+                        yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, more, repeat, d=problem.d)
 
 
 def measured(solver: Described) -> Sequence[Setting]:

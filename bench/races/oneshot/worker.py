@@ -16,8 +16,7 @@ from typing import Any, Self
 import numpy as np
 from qpsolvers import Problem
 
-from bench.passed.outcome import Outcome
-from bench.passed.request import Request, attempt
+from bench.passed.request import Outcome, Request, attempt
 from bench.passed.said import Said, real
 from bench.passed.task import Task
 from bench.problem_files.program import copied, fields_of

@@ -9,40 +9,39 @@ A solver whose answers are late at each of the first ``give_up`` samples is stop
 
 from __future__ import annotations
 
+import json
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
-from bench.passed.outcome import Outcome
-from bench.passed.progress import Progress
-from bench.passed.row import Row, who
-from bench.passed.task import NO_SETTING, Task, settings_of
+from bench.passed.request import Outcome, Request
+from bench.passed.task import NO_SETTING, Row, Task, settings_of
 from bench.problem_files.program import fields_of
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
-from bench.processes.engine import Workers
-from bench.processes.line_up import LineUp
+from bench.processes.solver_pool import SolverPool
+from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.chosen_settings import DEFAULT, EACH, Choice, choices, table_of
-from bench.races.conditions import note_conditions, watched
-from bench.races.field import checked, field_of
+from bench.races.driver import Part, TaskRace
 from bench.races.settings import Positive, TierSettings, fixed, option
-from bench.races.settings import settings_of as settings_of_run
 from bench.races.stream.staleness import Judge
-from bench.races.stream.stream_problem import StreamProblem, make
+from bench.races.stream.stream_problem import make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
-from bench.store import Run, Schema
-from bench.timing import cores, latency_histogram
+from bench.store import Schema
+from bench.timing import latency_histogram
 from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, runs
 from piezo_model.json_file import decoded
 from solvers import Lane, Status, Tier
-from solvers.registry import Described, Entry
+from solvers.registry import Described
 
 KIND = "stream"
 FLOOR_EVERY = 10
@@ -81,111 +80,92 @@ class StreamSettings(TierSettings):
         return Experiment(self.plant, self.drive, drift_per_s=self.drift_per_s, seed=self.seed)
 
 
-def check(settings: StreamSettings) -> list[Entry]:
-    """The entries that are asked for; RaceError or RunError unless there is all that is asked for."""
-    table_of(settings.settings_run)
-    return checked(settings)
+class StreamRace(TaskRace[StreamSettings]):
+    """Every solver lane on the same rows."""
 
+    schema = STREAM
+    preload = ("bench.races.stream.worker",)
+    floor = True
+    failed = dict.fromkeys(("solves", "missed", "stalls", "unanswered", "exact_instants"), 0)
 
-def race(run: Run, progress: Progress, workers: Workers) -> None:
-    """Do whatever is not done yet."""
-    settings = settings_of_run(run, StreamSettings)
-    chosen = check(settings)
-    stream = _stream(run, settings, progress)
-    schedule_s = settings.samples * PERIOD_NS * 1e-9
-    limits = replace(settings.limits, time_limit_s=settings.time_limit_s + 2.0 * schedule_s)
-    progress("waiting for a core on which no other race times", 0, 1)
-    with cores.claim() as core, LineUp([null_solver.ENTRY, *chosen], limits, core.number) as line_up:
-        floor, *children = line_up.children.values()
-        floor.describe()
-        field = field_of(run, children)
-        _race(run, settings, stream, list(tasks_of(settings, field, stream)), line_up, progress)
-    note_conditions(run, workers)
+    @property
+    def child(self) -> ChildSettings:
+        """A solver may be as long again as the stream."""
+        return replace(super().child, time_limit_s=self.settings.time_limit_s + 2.0 * self.settings.samples * PERIOD_NS * 1e-9)
 
+    def prepare(self, resources: ExitStack) -> None:
+        """Make the stream."""
+        settings = self.settings
+        self.progress(f"{settings.samples} samples with {settings.certified} proven optima", 0, 1)
+        self.stream = make(settings.experiment, settings.samples, settings.time_constant_s, settings.certified)
 
-def _stream(run: Run, settings: StreamSettings, progress: Progress) -> StreamProblem:
-    """Make the stream and keep it, or load the one that was kept."""
-    path = run.problem_path(KIND, f"{settings.plant}-{settings.drive}")
-    if not path.is_file():
-        progress(f"{settings.samples} samples with {settings.certified} proven optima", 0, 1)
-        make(settings.experiment, settings.samples, settings.time_constant_s, settings.certified).save(path)
-    return StreamProblem.load(path)
+    @cached_property
+    def judge(self) -> Judge:
+        """The optima of the stream."""
+        return Judge.of(self.stream)
 
+    def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
+        """Each task is watched by itself."""
+        yield [self.part(task.key, task) for task in self.tasks(field)]
 
-def tasks_of(settings: StreamSettings, field: Sequence[Described], stream: StreamProblem) -> Iterator[tuple[Task, Choice]]:
-    """All tasks, round by round, each round in an order of its own; the null solver first and after every few.
+    def tasks(self, field: Sequence[Described]) -> Iterator[Task]:
+        """All tasks, round by round, each round in an order of its own; the null solver first and after every few.
 
-    A method that counts steps takes each of its numbers of them.
-    """
-    def task(name: str, lane: Lane, choice: Choice, repeat: int) -> tuple[Task, Choice]:
-        return Task(KIND, stream.name, "scaled", name, lane, choice.setting, repeat=repeat), choice
+        A method that counts steps takes each of its numbers of them.
+        """
+        table, run = table_of(self.settings.settings_run)
 
-    table, name = table_of(settings.settings_run)
+        def task(name: str, lane: Lane, choice: Choice, repeat: int) -> Task:
+            return Task(KIND, self.stream.name, "scaled", name, lane, choice.setting, repeat=repeat, d=self.stream.d, basis=choice.basis)
 
-    def of(solver: Described) -> Sequence[Choice]:
-        if "steps" in solver.ladder[0]:
-            return [Choice(setting, {settings.tiers[0]: EACH}) for setting in settings_of(solver) if setting.rung >= 0]
-        return choices(solver, settings.tiers, table, name)
+        def of(solver: Described) -> Sequence[Choice]:
+            if "steps" in solver.ladder[0]:
+                return [Choice(setting, {self.settings.tiers[0]: EACH}) for setting in settings_of(solver) if setting.rung >= 0]
+            return choices(solver, self.settings.tiers, table, run)
 
-    chance, floors = random.Random(settings.seed), 0
-    for repeat in range(settings.repeats):
-        tasks = [task(solver.name, solver.lane, choice, repeat) for solver in field for choice in of(solver)]
-        chance.shuffle(tasks)
-        for i, each in enumerate(tasks):
-            if i % FLOOR_EVERY == 0:
-                yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(NO_SETTING, {Tier.DEFAULT: DEFAULT}), floors)
-                floors += 1
-            yield each
+        chance, floors = random.Random(self.settings.seed), 0
+        for repeat in range(self.settings.repeats):
+            tasks = [task(solver.name, solver.lane, choice, repeat) for solver in field for choice in of(solver)]
+            chance.shuffle(tasks)
+            for i, each in enumerate(tasks):
+                if i % FLOOR_EVERY == 0:
+                    yield task(null_solver.ENTRY.name, null_solver.ENTRY.lane, Choice(NO_SETTING, {Tier.DEFAULT: DEFAULT}), floors)
+                    floors += 1
+                yield each
 
+    def in_loop(self, task: Task) -> int:
+        """How many samples its compiled loop is asked for; 0 on the schedule."""
+        return self.settings.kernel_samples if task.lane is Lane.KERNEL and self.entrants[task.solver, task.lane].times_itself else 0
 
-def _race(run: Run, settings: StreamSettings, stream: StreamProblem, tasks: Sequence[tuple[Task, Choice]], line_up: LineUp,
-          progress: Progress) -> None:
-    """Do the tasks that are not done, each in a fresh process."""
-    judge = Judge.of(stream)
-    fields = fields_of(stream.start)
-    for done, (task, choice) in enumerate(tasks):
-        progress(f"{task.solver} ({task.lane})", done, len(tasks))
-        if not run.is_done(task):
-            child = line_up.children[task.solver, task.lane]
-            in_loop = settings.kernel_samples if task.lane is Lane.KERNEL and child.entry.times_itself else 0
-            give_up = 0 if task.solver == null_solver.ENTRY.name else settings.give_up
-            with watched(run, task.key, line_up.sentinel):
-                outcome = child.ask(StreamRequest(task, fields, stream.c, stream.answer, stream.rows, stream.forgetting,
-                                                  in_loop, give_up))
-            child.close()
-            run.save(task, rows_of(task, choice, outcome, judge, in_loop), times_of(outcome))
+    def request(self, task: Task) -> Request:
+        """The whole stream."""
+        s, give_up = self.stream, 0 if task.solver == null_solver.ENTRY.name else self.settings.give_up
+        return StreamRequest(task, fields_of(s.start), s.c, s.answer, s.rows, s.forgetting, self.in_loop(task), give_up)
 
+    def measure(self, task: Task, pool: SolverPool) -> Outcome:
+        """Each task has a process of its own."""
+        outcome = super().measure(task, pool)
+        pool.child(task).close()
+        return outcome
 
-def times_of(outcome: Outcome) -> dict[str, Any]:
-    """Raw nanoseconds by what was timed."""
-    if not isinstance(outcome, Streamed):
-        return {}
-    if outcome.timeline is None:
-        return {"service": outcome.kernel_ns}
-    t = outcome.timeline
-    return {"service": t.service_ns, "response": t.response_ns, "data": t.data_ns, "update": t.updated - t.began,
-            "sample": t.solved, "began": t.began}
+    def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
+        """How it was timed, and of the settings the number of steps."""
+        steps = {name: count for name, count in decoded(task.setting.text, dict[str, Any]).items() if name == "steps"}
+        return {"settings": json.dumps(steps), "paced": not self.in_loop(task), "mutates_input": outcome.mutated}
 
+    def judged(self, task: Task, outcome: Streamed) -> Sequence[Mapping[str, Any]]:
+        """How many deadlines, and what the answers in use were worth."""
+        timed = _paced(outcome, self.judge) if outcome.timeline else _unpaced(outcome, self.in_loop(task))
+        return [{**timed, **_worth(outcome, self.judge)}]
 
-def rows_of(task: Task, choice: Choice, outcome: Outcome, judge: Judge, in_loop: int) -> list[Row]:
-    """The rows of a task, one a tier: who, how many deadlines, and what the answers in use were worth.
-
-    ``in_loop`` is how many samples its compiled loop was asked for; 0 on the schedule.
-    """
-    steps = {name: count for name, count in decoded(task.setting.text, dict[str, Any]).items() if name == "steps"}
-    row = STREAM.row(**who(task, judge.stream.d, steps), status=outcome.failure, message=outcome.message,
-                     paced=not in_loop, mutates_input=outcome.mutated,
-                     **dict.fromkeys(("solves", "missed", "stalls", "unanswered", "exact_instants"), 0))
-    if not isinstance(outcome, Streamed):
-        return [{**row, "tier": str(tier), "basis": basis} for tier, basis in choice.basis.items()]
-    row |= _paced(outcome, judge) if outcome.timeline else _unpaced(outcome, in_loop)
-    row |= _worth(outcome, judge)
-    return [{**row, "tier": str(tier), "basis": basis, "status": str(_status(row, tier))} for tier, basis in choice.basis.items()]
-
-
-def _status(row: Row, tier: Tier) -> Status:
-    """Whether the solver's own answers reach the tier; what the stage notices is not looked at here."""
-    return Status.OK if row["unanswered"] == 0 and row["own_gap_max"] <= TOLERANCE.get(tier, TOLERANCE[Tier.LOW]) else Status.MISSED
+    def rows(self, task: Task, outcome: Outcome) -> list[Row]:
+        """With the status at each tier: whether its own answers reach it; what the stage notices is not looked at here."""
+        rows = super().rows(task, outcome)
+        for row in rows:
+            if not outcome.failure:
+                reached = row["unanswered"] == 0 and row["own_gap_max"] <= TOLERANCE.get(row["tier"], TOLERANCE[Tier.LOW])
+                row["status"] = str(Status.OK if reached else Status.MISSED)
+        return rows
 
 
 def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:

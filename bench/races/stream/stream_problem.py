@@ -7,31 +7,22 @@ The building phase gives the start, P₀, q₀ and c₀ in slope coordinates, sc
 
 with T D the map from the scaled slopes to the weights of Ξ in unit amplitudes, fixed at the start, and λ = e^(−Ts/τ). The
 problem of sample k is the box QP of P(k), q(k). At a few hundred instants, spread evenly, its optimum is proven; at all
-others a solver of the caller's choice is the reference.
+others a solver of the caller's choice is the reference. All of it follows from the settings of a race to the last bit, so that none is kept.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, TypedDict
 
-import msgspec
 import numpy as np
 from qpsolvers import Problem
 
 import solvers
-from bench.problem_files.npz import opened, packed_program, unpacked_program
-from bench.problem_files.program import doubles
 from bench.problems.simulation import SAMPLE_TIME, Experiment
-from piezo_model import DataBasis, OperatorState
-from piezo_model.atomic_file import replacing
-from piezo_model.json_file import FileName, decoded
 from piezo_model.regressors import regressor_rows
 from solvers.arrays import Matrix, Vector
-from solvers.certificate import Certificate, Index, certify
+from solvers.certificate import Certificate, certify
 from solvers.forgetting import absorb
 
 
@@ -67,52 +58,15 @@ class StreamProblem:
         """Number of variables."""
         return int(self.answer.size)
 
-    def save(self, path: Path) -> None:
-        """Write everything as NPZ, whole or not at all."""
-        arrays = packed_program(self.start, "start/") | {
-            "answer": self.answer, "rows": self.rows, "P": np.array([instant.qp.P for instant in self.instants]),
-            "q": np.array([instant.qp.q for instant in self.instants])}
-        meta = {"name": self.name, "c": self.c, "forgetting": self.forgetting,
-                "instants": [(instant.sample, instant.c, instant.certificate.to_json()) for instant in self.instants]}
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
-
-    @classmethod
-    def load(cls, path: Path) -> StreamProblem:
-        """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
-        with opened(path) as data:
-            meta, start = decoded(str(data["meta"]), Meta), unpacked_program(data, "start/")
-            P, q, answer, rows = (doubles(name, data[name]) for name in ("P", "q", "answer", "rows"))
-            d, count = start.q.size, len(meta["instants"])
-            for name, array, shape in (("P", P, (count, d, d)), ("q", q, (count, d)), ("answer", answer, (d,)), ("rows", rows, (len(rows), d + 1))):
-                if array.shape != shape or not np.isfinite(array).all():
-                    raise ValueError(f"{name} must be finite numbers of shape {shape}, and its shape is {array.shape}")
-            instants = tuple(Instant(sample, Problem(P[i], q[i], lb=start.lb, ub=start.ub), c, Certificate.from_json(text))
-                             for i, (sample, c, text) in enumerate(meta["instants"]))
-        return cls(meta["name"], start, meta["c"], answer, rows, meta["forgetting"], instants)
-
-
-class Meta(TypedDict):
-    """What :meth:`StreamProblem.save` keeps beside the arrays."""
-
-    name: FileName
-    c: float
-    forgetting: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
-    instants: list[tuple[Index, float, str]]
-
 
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:
     """Drive, measure and turn the ``samples`` that follow the building phase into rows.
 
     Both forget with the time constant; so many instants get a proof as are to be ``certified``, at most every tenth sample and the last.
     """
-    plant = experiment.sensor()
-    x = experiment.reference(experiment.drive, experiment.build_s + samples * SAMPLE_TIME, plant)
-    y = plant.run(x)
-    built = x.size - samples
-    structure = experiment.structure(plant, x[:built], y[:built])
     forgetting = float(np.exp(-SAMPLE_TIME / time_constant_s))
-    basis = DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0), forgetting)
+    _, x, y, basis = experiment.measured(experiment.build_s + samples * SAMPLE_TIME, forgetting)
+    structure, built = basis.structure, x.size - samples
     basis.update(x[:built], y[:built])
     form = basis.problem(proximal=experiment.proximal).form("slope", "scaled")
     rows = regressor_rows(structure, basis.state.copy(), x[built:], y[built:])

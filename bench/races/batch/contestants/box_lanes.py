@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.races.batch.contestants.kernel import box_batch
+from bench.races.batch.contestants import box_batch
 
 
 class Lanes(box_batch.Batch):

@@ -1,4 +1,4 @@
-"""What the solvers behind CVXPYgen have in common: a problem with parameters, written as C around a solver's own C.
+"""Solvers behind CVXPYgen: a problem with parameters, written as C around a solver's own C.
 
     minimise ½ ‖S x‖² + qᵀx   subject to   lower ≤ x, x ≤ upper (where finite),   with parameters S, q, lower and upper
 
@@ -8,7 +8,7 @@ Control Systems Letters 6 (2022), pages 2653 to 2658.
 ``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming, so users hand over S with
 SᵀS = P, here the upper Cholesky factor; the solver sees d more variables S x and d more equations, and ECOS a cone. Timed:
 ``update`` factorises P into S and sets the parameters; ``solve`` is ``cpg_solve``, which fills them into the solver's data,
-has the solver factorise and solves, always cold.
+has the solver factorise and solves, always cold. SCS makes a new workspace for new data, for which its C allocates memory.
 """
 
 from __future__ import annotations
@@ -22,119 +22,35 @@ import shutil
 import sys
 import warnings
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from solvers.codegen._build import COMPILER, Sources, run
 from solvers.codegen._embedded import Embedded, Shape
+from solvers.protocol import Solver
 
 if importlib.util.find_spec("cvxpygen") is None:
     raise ImportError("No module named 'cvxpygen'")
 
-GLUE = r"""
-#include <float.h>
-#include <math.h>
-#include "cpg_solve.h"
-#include "embedded.h"
-
-/* S with S'S = P, upper triangular; a row of zeros where P has no more to give. */
-static void square_root(const double *P, double S[D][D])
-{
-    for (int i = 0; i < D; ++i) {
-        double row[D];
-        for (int j = i; j < D; ++j) {
-            row[j] = P[i * D + j];
-        }
-        for (int k = 0; k < i; ++k) {
-            for (int j = i; j < D; ++j) {
-                row[j] -= S[k][i] * S[k][j];
-            }
-        }
-        const double pivot = row[i] > D * DBL_EPSILON * P[i * D + i] ? 1 / sqrt(row[i]) : 0;
-        for (int j = i; j < D; ++j) {
-            S[i][j] = row[j] * pivot;
-        }
-    }
-}
-
-static void choose_tolerance(double tolerance);
-static void forget(void);
-
-void embedded_setup(const double *lb, const double *ub, const double *settings)
-{
-    if (settings[0] > 0) {
-        choose_tolerance(settings[0]);
-    }
-    for (int k = 0; k < BELOW; ++k) {
-        UPDATE_LOWER(k, lb[below[k]]);
-    }
-    for (int k = 0; k < ABOVE; ++k) {
-        UPDATE_UPPER(k, ub[above[k]]);
-    }
-}
-
-void embedded_update(const double *P, const double *q)
-{
-    static double S[D][D];
-    square_root(P, S);
-    for (int i = 0, k = 0; i < D; ++i) {
-        for (int j = i; j < D; ++j) {
-            cpg_update_S(k++, S[i][j]);
-        }
-    }
-    for (int i = 0; i < D; ++i) {
-        cpg_update_q(i, q[i]);
-    }
-}
-
-int embedded_solve(const double *start)
-{
-    forget();
-    cpg_solve();
-    return !(FOUND);
-}
-
-void embedded_answer(double *x)
-{
-    for (int i = 0; i < D; ++i) {
-        x[i] = CPG_Result.prim->x[i];
-    }
-}
-
-void embedded_multipliers(double *z)
-{
-    for (int i = 0; i < D; ++i) {
-        z[i] = 0;
-    }
-    for (int k = 0; k < BELOW; ++k) {
-        z[below[k]] -= CPG_Result.dual->DUAL_LOWER[k];
-    }
-    for (int k = 0; k < ABOVE; ++k) {
-        z[above[k]] += CPG_Result.dual->DUAL_UPPER[k];
-    }
-}
-
-int embedded_iterations(void) { return (int)CPG_Result.info->iter; }
-
-"""
+SOLVERS = {"ecos": ("interior point", "GPL-3.0-or-later"), "osqp": ("ADMM", "Apache-2.0"), "qoco": ("interior point", "BSD-3-Clause"),
+           "scs": ("ADMM, Anderson acceleration", "MIT")}
+"""Algorithm and licence of each; cvxpygen_<solver>.c has its ways in C."""
 
 
 class Cvxpygen(Embedded):
-    """One solver behind ``cvxpygen.cpg.generate_code``; a file of one adds its ways in C."""
+    """One solver behind ``cvxpygen.cpg.generate_code``; :func:`make` says which."""
 
-    licence = "Apache-2.0"
     distribution = "cvxpygen"
-    backend: ClassVar[str]
-    """CVXPYgen's name of the solver."""
+    glue = ("cvxpygen.c",)
 
-    def generate(self, shape: Shape, folder: Path) -> Sources:
+    def generate(self, shape: Shape, folder: Path) -> Sources:  # noqa: D102
         written = folder / "cpg"
         with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
             warnings.simplefilter("ignore")  # of cvxpy and CVXPYgen about each other
             from cvxpygen import cpg  # brings cvxpy, which takes seconds to load
 
-            cpg.generate_code(_problem(shape), code_dir=str(written), solver=self.backend, wrapper=False)
+            cpg.generate_code(_problem(shape), code_dir=str(written), solver=self.name.removeprefix("cvxpygen_").upper(), wrapper=False)
         lower, upper = ("d0" if shape.below else "none"), ("d1" if shape.below and shape.above else "d0")
         names = [f"-DDUAL_LOWER={lower if shape.below else upper}", f"-DDUAL_UPPER={upper if shape.above else lower}",
                  f"-DUPDATE_LOWER={'cpg_update_lower' if shape.below else 'cpg_update_q'}",
@@ -170,3 +86,18 @@ def _sources(folder: Path) -> Sources:
             files[entry["file"]] = None
             options |= {word: None for word in shlex.split(entry["command"]) if word.startswith(("-I", "-D"))}
     return Sources(tuple(map(Path, files)), tuple(options))
+
+
+def make(name: str) -> type[Solver]:
+    """The class of one solver, cvxpygen_osqp for OSQP.
+
+    Raises
+    ------
+    ImportError
+        There is none of that name.
+    """
+    solver = name.removeprefix("cvxpygen_")
+    if solver not in SOLVERS:
+        raise ImportError(f"CVXPYgen has no solver {solver!r} here")
+    algorithm, licence = SOLVERS[solver]
+    return type(name, (Cvxpygen,), {"__doc__": f"{solver} behind CVXPYgen.", "name": name, "algorithm": algorithm, "licence": licence})

@@ -1,1 +1,0 @@
-"""A batch is a loop in Python."""

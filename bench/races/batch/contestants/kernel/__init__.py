@@ -1,1 +1,0 @@
-"""A batch is one call of compiled code."""

@@ -1,0 +1,114 @@
+"""The first pass over a problem: every setting of every solver hot, one after the other, in one scaling and one repeat.
+
+The settings of a solver follow each other from loose to tight, and a crash, a timeout or an answer that takes longer than 0.1 s ends its
+ladder on this problem. At one of them, which is drawn here where no solver can know it, is looked whether the solver answers from memory
+or works while nobody times it; where that one has no answer, another that has is measured again for it.
+"""
+
+from __future__ import annotations
+
+import math
+import secrets
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+from bench.passed.task import Row, Task
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.sentinel import EVERY_S
+from bench.processes.solver_pool import SolverPool
+from bench.races import null_solver
+from bench.races.driver import Part, Tell
+from bench.races.oneshot.blocks import timed
+from bench.races.oneshot.rows import LONGEST_US, ends_ladder, not_run, row_of, times_of
+from bench.races.oneshot.settings import OneshotSettings
+from bench.store import Run
+from bench.timing.clock import Effort
+from piezo_model.identification_problem import Scaling
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Pass(Part):
+    """One problem in one scaling and one repeat.
+
+    Tasks of a solver lane follow each other; the solver that does nothing comes first.
+    """
+
+    settings: OneshotSettings
+    problem: RaceProblem
+    scaling: Scaling
+
+    @property
+    def form(self) -> CertifiedForm:
+        """The problem in this scaling."""
+        return self.problem.forms[self.scaling]
+
+    def work(self, run: Run, pool: SolverPool, tell: Tell) -> Mapping[str, Any]:
+        """Do the tasks that are not done, and count calls and preemptions."""
+        rows = self.timed(run, pool, tell)
+        return {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}
+
+    @abstractmethod
+    def timed(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
+        """The rows of the tasks that this pass times."""
+
+
+@dataclass(frozen=True)
+class FirstPass(Pass):
+    """Every setting."""
+
+    def timed(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
+        """One ladder after the other."""
+        ladders = [list(ladder) for _, ladder in groupby(self.tasks, key=lambda task: (task.solver, task.lane))]
+        # Each setting of a solver has data of its own: what was kept of the answers at another one is of no use to it.
+        fresh = [FreshData(self.form, self.settings.effort.most) for _ in range(max(map(len, ladders)))]
+        return [row for ladder in ladders for row in _ladder(self, run, fresh, pool, ladder, tell)]
+
+
+def _ladder(part: FirstPass, run: Run, fresh: Sequence[FreshData], pool: SolverPool, tasks: Sequence[Task], tell: Tell) -> list[Row]:
+    """The settings of one solver lane."""
+    rows: list[Row] = []
+    end: Row | None = None
+    left = [task for task in tasks if not run.is_done(task)]
+    drawn, looked = secrets.choice(left or tasks), not left
+    for task, data in zip(tasks, fresh, strict=False):
+        if rows and _came_to_its_end(tasks[len(rows) - 1], rows[-1]):
+            break
+        tell(task)
+        if run.is_done(task):
+            rows += run.task(task)[0]
+        elif end is not None and task.setting.rung >= 0:
+            rows.append(not_run(part.problem, task, end))
+            run.save(task, [rows[-1]], {})
+        else:
+            rows.append(measure(run, part.problem, task, data, pool, part.settings.effort, look_closer=task is drawn))
+            looked |= task is drawn and rows[-1]["samples"] > 0
+        if end is None and task.setting.rung >= 0 and ends_ladder(rows[-1]):
+            end = rows[-1]
+    answered = [i for i, row in enumerate(rows) if row["samples"]]
+    if answered and not looked:
+        i = secrets.choice(answered)
+        unseen = FreshData(part.form, part.settings.effort.most)
+        rows[i] = measure(run, part.problem, tasks[i], unseen, pool, part.settings.effort, look_closer=True)
+    return rows
+
+
+def _came_to_its_end(task: Task, row: Row) -> bool:
+    """Whether larger limits of iterations than that of a task change nothing, or take too long."""
+    limit = max(task.more.values(), default=math.inf)
+    return bool(task.setting.rung_text and (0 <= row["iterations"] < limit or row["update_us"] + row["solve_us_p50"] > LONGEST_US))
+
+
+def measure(run: Run, problem: RaceProblem, task: Task, fresh: FreshData, pool: SolverPool, effort: Effort, look_closer: bool) -> Row:
+    """Time a task, judge it and keep it."""
+    idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
+    outcome, timings = timed(pool.child(task), idle, task, problem, fresh, effort, look_closer)
+    row = row_of(problem, task, outcome, max(timings.gaps.values(), default=NAN), timings.fault)
+    run.save(task, [row], times_of(outcome))
+    pool.sentinel.look(unless_within_s=EVERY_S)
+    return row

@@ -1,0 +1,81 @@
+/* What CVXPYgen writes for any solver, with the functions of embedded.h; a file of one solver has the rest. */
+#include "cvxpygen.h"
+
+#include <float.h>
+#include <math.h>
+
+/* S with S'S = P, upper triangular; a row of zeros where P has no more to give. */
+static void square_root(const double *P, double S[D][D])
+{
+    for (int i = 0; i < D; ++i) {
+        double row[D];
+        for (int j = i; j < D; ++j) {
+            row[j] = P[i * D + j];
+        }
+        for (int k = 0; k < i; ++k) {
+            for (int j = i; j < D; ++j) {
+                row[j] -= S[k][i] * S[k][j];
+            }
+        }
+        const double pivot = row[i] > D * DBL_EPSILON * P[i * D + i] ? 1 / sqrt(row[i]) : 0;
+        for (int j = i; j < D; ++j) {
+            S[i][j] = row[j] * pivot;
+        }
+    }
+}
+
+void embedded_setup(const double *lb, const double *ub, const double *settings)
+{
+    if (settings[0] > 0) {
+        choose_tolerance(settings[0]);
+    }
+    for (int k = 0; k < BELOW; ++k) {
+        UPDATE_LOWER(k, lb[below[k]]);
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        UPDATE_UPPER(k, ub[above[k]]);
+    }
+}
+
+void embedded_update(const double *P, const double *q)
+{
+    static double S[D][D];
+    square_root(P, S);
+    for (int i = 0, k = 0; i < D; ++i) {
+        for (int j = i; j < D; ++j) {
+            cpg_update_S(k++, S[i][j]);
+        }
+    }
+    for (int i = 0; i < D; ++i) {
+        cpg_update_q(i, q[i]);
+    }
+}
+
+int embedded_solve(const double *start)
+{
+    forget();
+    cpg_solve();
+    return !found();
+}
+
+void embedded_answer(double *x)
+{
+    for (int i = 0; i < D; ++i) {
+        x[i] = CPG_Result.prim->x[i];
+    }
+}
+
+void embedded_multipliers(double *z)
+{
+    for (int i = 0; i < D; ++i) {
+        z[i] = 0;
+    }
+    for (int k = 0; k < BELOW; ++k) {
+        z[below[k]] -= CPG_Result.dual->DUAL_LOWER[k];
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        z[above[k]] += CPG_Result.dual->DUAL_UPPER[k];
+    }
+}
+
+int embedded_iterations(void) { return (int)CPG_Result.info->iter; }

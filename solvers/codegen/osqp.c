@@ -1,0 +1,66 @@
+/* The files that OSQP writes (workspace.h has its solver), with the functions of embedded.h. */
+#include <math.h>
+#include "osqp.h"
+#include "workspace.h"
+#include "embedded.h"
+
+static OSQPFloat triangle[D * (D + 1) / 2], low[BOUNDED], high[BOUNDED], zero_x[D], zero_y[BOUNDED];
+
+void embedded_setup(const double *lb, const double *ub, const double *settings)
+{
+    if (settings[0] > 0) {
+        OSQPSettings wanted = *solver.settings;
+        wanted.eps_abs = settings[0];
+        wanted.eps_rel = settings[0];
+        wanted.max_iter = 200000;
+        osqp_update_settings(&solver, &wanted);
+    }
+    for (int k = 0; k < BOUNDED; ++k) {
+        low[k] = fmax(lb[bounded[k]], -OSQP_INFTY);
+        high[k] = fmin(ub[bounded[k]], OSQP_INFTY);
+    }
+    osqp_update_data_vec(&solver, OSQP_NULL, low, high);
+}
+
+void embedded_update(const double *P, const double *q)
+{
+    for (int j = 0, k = 0; j < D; ++j) {
+        for (int i = 0; i <= j; ++i) {
+            triangle[k++] = P[j * D + i];
+        }
+    }
+    osqp_update_data_mat(&solver, triangle, OSQP_NULL, D * (D + 1) / 2, OSQP_NULL, OSQP_NULL, 0);
+    osqp_update_data_vec(&solver, q, OSQP_NULL, OSQP_NULL);
+}
+
+int embedded_solve(const double *start)
+{
+    if (start) {
+        osqp_warm_start(&solver, start, OSQP_NULL);
+    } else {
+        osqp_warm_start(&solver, zero_x, zero_y);
+    }
+    osqp_solve(&solver);
+    return solver.info->status_val != OSQP_SOLVED;
+}
+
+void embedded_answer(double *x)
+{
+    for (int i = 0; i < D; ++i) {
+        x[i] = solver.solution->x[i];
+    }
+}
+
+void embedded_multipliers(double *z)
+{
+    for (int i = 0; i < D; ++i) {
+        z[i] = 0;
+    }
+    for (int k = 0; k < BOUNDED; ++k) {
+        z[bounded[k]] = solver.solution->y[k];
+    }
+}
+
+const char *embedded_status(void) { return solver.info->status; }
+
+int embedded_iterations(void) { return (int)solver.info->iter; }

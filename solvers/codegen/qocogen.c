@@ -1,0 +1,63 @@
+/* The files that QOCOGEN writes, with the functions of embedded.h. */
+#include "qoco_custom.h"
+#include "embedded.h"
+
+static Workspace work;
+
+void embedded_setup(const double *lb, const double *ub, const double *settings)
+{
+    double right[BELOW + ABOVE];
+    set_default_settings(&work);
+    if (settings[0] > 0) {
+        work.settings.abstol = settings[0];
+        work.settings.reltol = settings[0];
+    }
+    load_data(&work);
+    for (int k = 0; k < BELOW; ++k) {
+        right[k] = -lb[below[k]];
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        right[BELOW + k] = ub[above[k]];
+    }
+    update_h(&work, right);
+}
+
+void embedded_update(const double *P, const double *q)
+{
+    for (int j = 0, k = 0; j < D; ++j) {
+        for (int i = 0; i <= j; ++i) {
+            work.P[k++] = P[j * D + i];
+        }
+    }
+    update_c(&work, (double *)q);
+}
+
+int embedded_solve(const double *start)
+{
+    qoco_custom_solve(&work);
+    return work.sol.status != QOCO_CUSTOM_SOLVED;
+}
+
+void embedded_answer(double *x)
+{
+    for (int i = 0; i < D; ++i) {
+        x[i] = work.sol.x[i];
+    }
+}
+
+void embedded_multipliers(double *z)
+{
+    for (int i = 0; i < D; ++i) {
+        z[i] = 0;
+    }
+    for (int k = 0; k < BELOW; ++k) {
+        z[below[k]] -= work.sol.z[k];
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        z[above[k]] += work.sol.z[BELOW + k];
+    }
+}
+
+const char *embedded_status(void) { return QOCO_CUSTOM_SOLVE_STATUS_MESSAGE[work.sol.status]; }
+
+int embedded_iterations(void) { return work.sol.iters; }

@@ -1,0 +1,106 @@
+/* DAQP in the timed loop, by the C interface of the package daqp 0.11.0 (types.h, api.h), and the rows that a point touches. */
+#include "library.h"
+
+#include "face_solvers.h"
+
+enum { UPDATE_RINV = 1, UPDATE_V = 4, UPDATE_SENSE = 16 };
+
+typedef struct {
+    int n, m, ms; /* variables; rows, of which the first ms are bounds */
+    const double *H, *f;
+    double *A, *bupper, *blower;
+    int *sense;
+} Problem;
+
+typedef struct {
+    double *x, *lam, fval, soft_slack;
+    int exitflag;
+} Result;
+
+typedef struct {
+    const double *R, *l, *u; /* rows l <= R x <= u, the first d of R those of the identity */
+    int64_t count, d;
+} Rows;
+
+typedef struct {
+    Data data;
+    Problem *problem;
+    void *workspace;
+    Result *result;
+    int (*update)(int mask, void *workspace, Problem *problem);
+    void (*solve)(Result *result, void *workspace);
+    Rows rows;
+    int *cold, *sense;
+    const double *tolerance;
+    int64_t is_cold;
+} State;
+
+/* DAQP's sense of each row at x, as in `cold` unless that is 0: 1 at the upper side, 3 at the lower one. */
+static void mark_active(const Rows *r, double tolerance, const double *x, const int *cold, int *sense)
+{
+    enum { AT_UPPER = 1, AT_LOWER = 3 };
+    for (int64_t i = 0; i < r->count; ++i) {
+        double value = i < r->d ? x[i] : 0;
+        for (int64_t j = 0; i >= r->d && j < r->d; ++j) {
+            value += r->R[i * r->d + j] * x[j];
+        }
+        sense[i] = cold[i] != 0 ? cold[i] : value <= r->l[i] + tolerance ? AT_LOWER : value >= r->u[i] - tolerance ? AT_UPPER : 0;
+    }
+}
+
+FACE(active_rows)
+{
+    Rows r;
+    const double *const R = take_array(a, ANY_LENGTH, ANY_LENGTH);
+    const Py_ssize_t count = taken_length(a), d = good(a) ? a->views[a->arrays - 1].shape[1] : 0;
+    const double *const l = take_array(a, VECTOR, count);
+    const double *const u = take_array(a, VECTOR, count);
+    const double tolerance = take_number(a);
+    const double *const x = take_array(a, VECTOR, d);
+    const int *const cold = take_ints(a, count);
+    int *const sense = take_ints(a, count);
+    if (good(a)) {
+        r = (Rows){R, l, u, count, d};
+        mark_active(&r, tolerance, x, cold, sense);
+    }
+    return finish_integer(a, 0);
+}
+
+/* The library reads the data where they are. */
+static int update_problem(State *s, int mask, int *sense)
+{
+    s->problem->H = s->data.P;
+    s->problem->f = s->data.q;
+    s->problem->sense = sense;
+    return s->update(mask | UPDATE_SENSE, s->workspace, s->problem);
+}
+
+static int update(void *state, const double *P, const double *q)
+{
+    State *const s = state;
+    int flag;
+    take_data(&s->data, P, q);
+    flag = update_problem(s, UPDATE_RINV | UPDATE_V, s->cold);
+    s->is_cold = 1;
+    return flag < 0 ? flag : OK;
+}
+
+/* From the rows that `start` touches, or from none: left alone the library goes on from its last active set. */
+static int solve(void *state, const double *start, double *x)
+{
+    State *const s = state;
+    if (start != NULL) {
+        mark_active(&s->rows, *s->tolerance, start, s->cold, s->sense);
+        update_problem(s, 0, s->sense);
+    } else if (!s->is_cold) {
+        update_problem(s, 0, s->cold);
+    }
+    s->is_cold = 0;
+    s->solve(s->result, s->workspace);
+    if (s->result->exitflag > 0) {
+        memcpy(x, s->result->x, (size_t)s->data.d * sizeof(double));
+    }
+    return OK;
+}
+
+LIBRARY(daqp)

@@ -1,0 +1,32 @@
+"""quadprog by its C function: the algorithm of the direct lane, see :mod:`solvers.direct.quadprog`.
+
+Timed inside compiled code: ``update`` hands over pointers to the new P and q; ``solve`` copies both, since the library overwrites them, and
+calls its function, which leaves its answer in our array.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import quadprog
+from qpsolvers import Problem
+
+from solvers.direct import quadprog as direct
+from solvers.kernel._library import CompiledLibrary, opened
+
+QUADPROG = opened("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
+SAID = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")
+
+
+class Quadprog(CompiledLibrary, direct.Quadprog):
+    """The library's ``qpgen2_``."""
+
+    def setup(self, problem: Problem) -> None:  # noqa: D102
+        super().setup(problem)
+        d, rows = self.program.d, self._rows
+        least = min(d, rows.r.size)
+        self._lagrangian, self._counts = np.zeros(rows.r.size), np.zeros(2, dtype=np.intc)
+        self.bind(np.empty((d, d)), np.empty(d), self._lagrangian, -rows.R, -rows.r, np.empty(2 * (d + rows.r.size) + least * (least + 5) // 2),
+                  np.empty(max(d, rows.r.size), dtype=np.intc), self._counts, rows.r.size, rows.equal, QUADPROG.qpgen2_, 0)
+
+    def read(self) -> None:  # noqa: D102
+        self._found, self._status, self._iterations, self._x = self.found, SAID[self.state[-1]], int(self._counts[0]), self.x

@@ -1,0 +1,52 @@
+"""A model that was forced past its refusal says so in whatever is made of it."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+
+from piezo_model.recordings import write_table
+
+SAMPLE_TIME = 1e-3
+WARNING = "The model was forced although the output is noise that does not follow the drive"
+
+
+@pytest.fixture(scope="module")
+def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder, chance, k = tmp_path_factory.mktemp("desk"), np.random.default_rng(0), np.arange(4000)
+    write_table(folder / "noise.csv", {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": chance.standard_normal(k.size)})
+    write_table(folder / "wish.csv", {"time_s": k[:500] * SAMPLE_TIME, "reference_um": 0.1 * np.sin(k[:500] / 100)})
+    assert piezobench("identify", "noise.csv", "--out", "model.json", "--force", "--n", 2, "--m", 1, folder=folder).status == 0
+    return folder
+
+
+def test_exported_sources_and_their_description_carry_the_warning(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+    call = piezobench("export-c", desk / "model.json", tmp_path / "c")
+    assert call.status == 0
+    assert WARNING in call.stderr.replace("\n", " ")
+    for name in ("README.md", "piezo_parameters.h"):
+        assert WARNING in (tmp_path / "c" / name).read_text(), name
+
+
+@pytest.mark.needs("cc")
+def test_an_fmu_carries_the_warning_in_its_description(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+    assert piezobench("export-fmu", desk / "model.json", tmp_path / "it.fmu").status == 0
+    with zipfile.ZipFile(tmp_path / "it.fmu") as archive:
+        assert WARNING in archive.read("modelDescription.xml").decode()
+
+
+@pytest.mark.parametrize("words", [("compensate", "model.json", "wish.csv", "--out", "drive.csv"),
+                                   ("simulate", "model.json", "noise.csv", "--out", "output.csv"), ("validate", "model.json", "noise.csv")])
+def test_what_a_forced_model_computes_is_said_with_the_warning(piezobench: CommandLine, desk: Path, words: tuple[str, ...]) -> None:
+    assert WARNING in piezobench(*words, folder=desk).stdout
+    found = json.loads(piezobench(*words, "--json", folder=desk).stdout)
+    assert WARNING in (found["sentences"][0] if words[0] == "validate" else found["forced"])
+
+
+def test_the_table_of_a_fleet_marks_forced_models(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+    assert piezobench("identify", desk / "noise.csv", "--out-dir", tmp_path, "--force", "--n", 1, "--m", 0).status == 0
+    assert WARNING in pd.read_csv(tmp_path / "fleet.csv").forced[0]
