@@ -57,7 +57,7 @@ fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SEC
 lint: core            ## style and types
 	$(BIN)/ruff check
 	$(BIN)/mypy
-	$(BIN)/mypy examples/*/*.py tests/benchmarks/[!t]*.py
+	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters experiment problem_sets)) tests/benchmarks/[!t]*.py
 
 docs: $(VENV)/.docs   ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
@@ -79,5 +79,5 @@ experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with 
 	$(BIN)/piezobench experiment
 
 clean:                ## remove caches of compiled code and tools
-	find bench piezo_model solvers tests -name __pycache__ -type d -prune -exec rm -r {} +
+	find bench piezo_model solvers tests examples -name __pycache__ -type d -prune -exec rm -r {} +
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build site *.egg-info solvers/core/_core_* piezo_model/core/_core_*

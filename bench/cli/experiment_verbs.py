@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.solver_option import check_solver
+from bench.cli.solver_option import SolverName
 from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
 from bench.rig.rig import Rig
 
@@ -18,13 +18,12 @@ def experiment_verb(
     out: Annotated[Path, typer.Option(help="Folder of the report, the figures and their numbers.")] = FOLDER,
     quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
-    solver: Annotated[str, typer.Option(help="Any registered solver; the paper's by default.")] = "projected_difference",
+    solver: SolverName = "projected_difference",
     as_json: AsJson = False,
 ) -> None:
     """Let a simulated stage learn while it moves, and draw it."""
     from bench.experiment.experiment import run  # the figures' library takes a while to load
 
-    check_solver(solver)
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
     rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)

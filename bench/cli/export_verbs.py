@@ -13,7 +13,7 @@ from bench.export.numbers import Precision
 from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
 from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part
 from bench.export.step_cost import StepCost, step_cost
-from bench.report.console import AsJson, console, errors, plain_json, print_json, print_table
+from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
 from piezo_model import HysteresisCreepModel
 from piezo_model.deployment import Deployment
@@ -74,8 +74,7 @@ def export_fmu_verb(
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():
         raise ExportError(f"{out}: is there already; name a new file")
-    if not out.parent.is_dir():
-        raise ExportError(f"{out}: the folder {out.parent} does not exist")
+    check_writable(out, "out")
     write_fmu(loaded, settings, out, fmi)
     console.print(f"FMU: {out}, FMI {fmi}.0 Co-Simulation with a fixed step of {loaded.structure.sample_time:g} s.")
 
@@ -98,8 +97,8 @@ def realtime_verb(
     """Run the exported C on this machine on an absolute schedule and count its misses."""
     from piezo_model.atomic_file import write_text
 
-    if out is not None and not out.parent.is_dir():
-        raise ExportError(f"{out}: the folder {out.parent} does not exist")
+    if out is not None:
+        check_writable(out)
     loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
     with RealTime(loaded, settings, priority, core) as machine:
         step, null = machine.run(rate, seconds), machine.run(rate, seconds, null=True)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 
 from solvers import find
 
 
-def check_solver(name: str) -> None:
-    """Refuse a solver that is not known, or not installed."""
+def installed(name: str) -> str:
+    """The name of a solver that is known and installed here; any other is refused."""
     try:
         find(name).load()
     except KeyError as error:
-        raise typer.BadParameter(str(error.args[0]), param_hint="--solver") from None
+        raise typer.BadParameter(str(error.args[0])) from None
     except ImportError as error:
-        raise typer.BadParameter(f"{name} is not installed here ({error})", param_hint="--solver") from None
+        raise typer.BadParameter(f"{name} is not installed here ({error})") from None
+    return name
+
+
+SolverName = Annotated[str, typer.Option("--solver", callback=installed, help="Any registered solver.")]

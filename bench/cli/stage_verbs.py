@@ -18,7 +18,7 @@ from bench.cli.recording_options import (
     Time,
     reads_a_recording,
 )
-from bench.cli.solver_option import check_solver
+from bench.cli.solver_option import SolverName
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
 from bench.fleet.identifying import Identifying
@@ -64,7 +64,7 @@ def identify_verb(
     lag: Annotated[
         LagChoice, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or ignored.")
     ] = "estimate",
-    solver: Annotated[str, typer.Option(help="Any registered solver.")] = "box_active_set",
+    solver: SolverName = "box_active_set",
     force: Annotated[
         bool, typer.Option("--force", help="Write a model even of data that it does not describe.")
     ] = False,
@@ -78,7 +78,6 @@ def identify_verb(
 
     It says how well the model fits and what it found out about the recording; --page draws it.
     """
-    check_solver(solver)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force)
     if out is None:

@@ -96,14 +96,11 @@ def replay(program: Path, samples: ArrayLike, repetitions: int = 0) -> Replay:
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise ExportError(f"the exported C ended with status {done.returncode}: {done.stderr.strip()[:400]}")
-    x = np.fromfile(target)
-    source.unlink()
-    target.unlink()
     time = None
     if repetitions:
         fastest, both, size = done.stdout.split()
         time = StepTime(float(fastest), float(both), int(size))
-    return Replay(x, tuple(int(word) for word in done.stderr.split()), time)
+    return Replay(np.fromfile(target), tuple(int(word) for word in done.stderr.split()), time)
 
 
 def instructions_per_step(program: Path, samples: ArrayLike, function: str = "piezo_step") -> float:
@@ -117,6 +114,4 @@ def instructions_per_step(program: Path, samples: ArrayLike, function: str = "pi
     found = re.search(r"Collected : (\d+)", done.stderr)
     if done.returncode != 0 or found is None:
         raise ExportError(f"valgrind did not count: {done.stderr.strip()[-200:]}")
-    for path in (source, target, counts):
-        path.unlink()
     return int(found[1]) / samples.shape[0]

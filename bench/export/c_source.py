@@ -46,11 +46,8 @@ def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
     """
     settings = settings or ExportSettings()
     data = {**known(model, settings, title), **(more or {})}
-    try:
-        return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
-                for name, template in files.items()}
-    except numbers.Unfit as error:
-        raise ExportError(str(error)) from None
+    return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
+            for name, template in files.items()}
 
 
 def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
@@ -104,8 +101,8 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
     outer = RegressorArrays.of(s, "slope").outer
     kind = SOLVERS.index(settings.solver) if settings.learning else 0
     return {
-        "title": f"{title}. {model.warning}" if model.warning else title, "model": model,
-        "s": s, "settings": settings.numbers(s), "precision": precision,
+        "title": f"{title}. {model.warning}" if model.warning else title, "model": model, "s": s,
+        "settings": settings.numbers(s), "precision": precision,
         "learning": settings.learning, "cyclic": settings.cyclic, "learning_kind": kind + 1 if settings.learning else 0,
         "what_learns": LEARNS[kind], "solver": settings.solver,
         "number": partial(numbers.literal, precision=precision), "double": numbers.literal,

@@ -89,15 +89,6 @@ def image_bytes(image: Path) -> tuple[int, int]:
     return text + data, data + bss
 
 
-def emulate(image: Path, samples: ArrayLike) -> Vector:
-    """Drives (N,) for samples, (N,) or (N, 2) as of `building.replay`."""
-    done = subprocess.run([tool(EMULATOR, package=PACKAGES[EMULATOR]), "-cpu", "max", str(image)],
-                          input=np.ascontiguousarray(samples, dtype=np.float64).tobytes(), capture_output=True, check=False)
-    if done.returncode != 0:
-        raise ExportError(f"{image.name} ended with status {done.returncode} under {EMULATOR}")
-    return np.frombuffer(done.stdout)
-
-
 def instructions(image: Path, samples: ArrayLike, enough: int = ENOUGH) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Instructions of each step and of each block's learning, all that they call included, until ``enough`` are listed.
 

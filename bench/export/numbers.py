@@ -1,4 +1,4 @@
-"""Numbers as C writes them."""
+"""Numbers as C writes them, and what cannot be written."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
 """Of the normal numbers of single precision."""
 
 
-class Unfit(ValueError):
-    """A constant that the precision cannot hold; the message is one sentence."""
+class ExportError(ValueError):
+    """An export that cannot be; the message is one sentence that says why."""
 
 
 def literal(value: float, precision: Precision = "double") -> str:
-    """A constant that reads back as the number; Unfit where single precision would make it infinite or lose its digits.
+    """A constant that reads back as the number; ExportError where single precision would make it infinite or lose its digits.
 
     Examples
     --------
@@ -29,7 +29,7 @@ def literal(value: float, precision: Precision = "double") -> str:
     if math.isnan(value):
         raise ValueError("NaN is no constant")
     if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise Unfit(f"the constant {value:g} does not fit into single precision; export it with --precision double")
+        raise ExportError(f"the constant {value:g} does not fit into single precision; export it with --precision double")
     return repr(value)
 
 

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from bench.export.numbers import ExportError as ExportError
 from bench.export.numbers import Precision
 from bench.rendering import c_identifier
 from piezo_model.compensator import integral_share
@@ -29,10 +30,6 @@ BLOCKS = 8
 
 LONGEST_NAME = 31
 """Characters of an external identifier that C99 promises to look at."""
-
-
-class ExportError(ValueError):
-    """An export that cannot be; the message is one sentence that says why."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming p
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,11 @@ from bench.problem_files.program import (
 FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47), slice(49, 61))
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
 SECTIONS = ("NAME", "OBJSENSE", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", *QUADRATIC, "ENDATA")
+SENSES = {"MIN": 1.0, "MINIMIZE": 1.0, "MAX": -1.0, "MAXIMIZE": -1.0}
+WITHOUT_VALUE = ("FR", "MI", "PL")
+BOUNDS = ("LO", "UP", "FX", *WITHOUT_VALUE)
+Fields = tuple[str, str, list[tuple[str, str]]]
+"""Kind, head, and pairs of a name and a number as text."""
 
 
 def read_qps(path: Path) -> ReadProgram:
@@ -58,31 +64,22 @@ class _Reading:
     """What has been read of a file so far."""
 
     def __init__(self, fixed: bool) -> None:
-        self.fixed = fixed
+        self.fixed, self.section, self.sign, self.whole_P = fixed, "", 1.0, False
         self.kinds: dict[str, str] = {}
+        """Of rows."""
         self.columns: dict[str, int] = {}
-        self.linear: dict[tuple[str, str], float] = {}
-        self.right: dict[str, float] = {}
-        self.ranges: dict[str, float] = {}
-        self.lower: dict[str, float] = {}
-        self.upper: dict[str, float] = {}
-        self.quadratic: dict[tuple[str, str], float] = {}
-        self.sign = 1.0
+        self.values: dict[str, dict[Any, float]] = defaultdict(dict)
+        """Numbers by section, those of BOUNDS as lower and upper, and by row, column or a pair of them."""
         self.vectors: dict[str, str] = {}
         """Name of the one right-hand side, range and bound vector."""
-        self.section = ""
         self.seen: set[str] = set()
-        self.whole_P = False
 
     def take(self, lines: Sequence[str]) -> ReadProgram:
         for number, line in enumerate(lines, 1):
             if not line.strip() or line[0] == "*":
                 continue
             try:
-                if not line[0].isspace():
-                    self._header(line.split())
-                else:
-                    self._line(line)
+                self._line(line) if line[0].isspace() else self._header(line.split())
             except ValueError as error:
                 raise ValueError(f"line {number}: {error}") from None
             if self.section == "ENDATA":
@@ -95,120 +92,105 @@ class _Reading:
         kind = "quadratic" if self.section in QUADRATIC else self.section
         require(kind not in self.seen, f"a second {kind} section")
         self.seen.add(kind)
-        if self.section in QUADRATIC:
-            self.whole_P = self.section == "QMATRIX"
-        elif self.section == "OBJSENSE" and len(words) > 1:
+        self.whole_P |= self.section == "QMATRIX"
+        if self.section == "OBJSENSE" and len(words) > 1:
             self._sense(words[1])
 
     def _line(self, line: str) -> None:
-        words = line.split()
         if self.section == "OBJSENSE":
-            self._sense(words[0])
-        elif self.section == "ROWS":
-            kind, name = (line[FIXED[0]].strip(), line[FIXED[1]].strip()) if self.fixed else _exactly(words, 2)
+            self._sense(line.split()[0])
+            return
+        require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
+        kind, head, pairs = self._fixed_fields(line) if self.fixed else self._free_fields(line.split())
+        if self.section == "ROWS":
             require(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
-            _put(self.kinds, name, kind.upper(), "row")
+            _put(self.kinds, head, kind.upper(), "row")
         elif self.section == "BOUNDS":
-            self._bound(*self._bound_fields(line, words))
-        elif self.section in ("COLUMNS", "RHS", "RANGES", *QUADRATIC):
-            head, pairs = self._pairs(line, words)
+            self._bound(kind.upper(), head, *pairs[0])
+        else:
             for name, text in pairs:
                 self._element(head, name, text)
-        else:
-            raise ValueError(f"data in the section {self.section or 'before any section'}")
 
     def _sense(self, word: str) -> None:
-        require(word.upper() in ("MIN", "MINIMIZE", "MAX", "MAXIMIZE"), f"the sense {word!r} is neither MIN nor MAX")
-        self.sign = -1.0 if word.upper().startswith("MAX") else 1.0
+        require(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
+        self.sign = SENSES[word.upper()]
 
-    def _pairs(self, line: str, words: list[str]) -> tuple[str, list[tuple[str, str]]]:
-        """Head of a line, and its one or two pairs of name and number."""
+    def _fixed_fields(self, line: str) -> Fields:
+        kind, head, *rest = (line[field].strip() for field in FIXED)
+        pairs = [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
+        return kind, head, pairs or [("", "")]
+
+    def _free_fields(self, words: list[str]) -> Fields:
+        """A name of a vector may be left out, and so may the value of a bound that has none."""
         require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
-        if self.fixed:
-            _, head, *rest = (line[field].strip() for field in FIXED)
-            return head, [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
-        head = words.pop(0) if len(words) % 2 else ""  # the name of a vector may be left out
-        require(2 <= len(words) <= 4 and (head or self.section not in ("COLUMNS", *QUADRATIC)),
-                "is no name followed by one or two pairs of name and number")
-        return head, list(zip(words[::2], words[1::2], strict=True))
+        kind = words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
+        if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # though some files give one
+            words = [*words[:2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
+        if self.section == "ROWS":
+            require(len(words) == 1, f"has {len(words) + 1} fields where 2 are needed")
+            return kind, words[0], []
+        head = words.pop(0) if len(words) in (3, 5) else ""
+        if self.section == "BOUNDS":
+            require(len(words) == 2, f"has {len(words)} fields where 2 are needed")
+        else:
+            require(2 <= len(words) <= 4 and (head or self.section in ("RHS", "RANGES")),
+                    "is no name followed by one or two pairs of name and number")
+        return kind, head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
-        value = _number(text)
-        if self.section != "RANGES" and (self.section != "RHS" or self.kinds.get(name) in ("N", "E")):
-            value = _finite(value, text)
-        if self.section in QUADRATIC:
-            for column in (head, name):
-                require(column in self.columns, f"there is no column {column!r}")
-            require(self.whole_P or head == name or (name, head) not in self.quadratic,
+        value, quadratic = _number(text), self.section in QUADRATIC
+        may_be_infinite = self.section == "RANGES" or (self.section == "RHS" and self.kinds.get(name) not in ("N", "E"))
+        require(may_be_infinite or np.isfinite(value), f"{text!r} is no finite number")
+        for column in (head, name):
+            require(not quadratic or column in self.columns, f"there is no column {column!r}")
+        require(quadratic or name in self.kinds, f"there is no row {name!r}")
+        if quadratic:
+            require(self.whole_P or head == name or (name, head) not in self.values["quadratic"],
                     f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
-            _put(self.quadratic, (head, name), value, "element")
-            return
-        require(name in self.kinds, f"there is no row {name!r}")
-        if self.section == "COLUMNS":
+            _put(self.values["quadratic"], (head, name), value, "element")
+        elif self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
-            _put(self.linear, (name, head), value, "element")
+            _put(self.values["COLUMNS"], (name, head), value, "element")
         else:
             self._only_vector(head)
-            if self.section == "RHS" and with_infinities(value) == {"L": -np.inf, "G": np.inf}.get(self.kinds[name]):
-                raise ValueError(f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
-            _put(self.right if self.section == "RHS" else self.ranges, name, value, "row")
+            require(self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
+                    f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
+            _put(self.values[self.section], name, value, "row")
 
     def _only_vector(self, head: str) -> None:
         require(self.vectors.setdefault(self.section, head) == head, f"a second vector {head!r} in the section {self.section}")
 
-    def _bound_fields(self, line: str, words: list[str]) -> tuple[str, str, str, str]:
-        """Kind, vector, column and value."""
-        if self.fixed:
-            kind, head, column, value = (line[field].strip() for field in FIXED[:4])
-            return kind, head, column, value
-        kind, *rest = words
-        if kind.upper() in ("FR", "MI", "PL"):  # without a value, though some files give one
-            named = len(rest) > 1 and rest[1] in self.columns
-            rest = [*rest[:1 + named], "0"]
-        head = rest.pop(0) if len(rest) == 3 else ""
-        column, value = _exactly(rest, 2)
-        return kind, head, column, value
-
     def _bound(self, kind: str, head: str, column: str, text: str) -> None:
         self._only_vector(head)
         require(column in self.columns, f"there is no column {column!r}")
-        kind = kind.upper()
-        require(kind in ("FR", "MI", "PL", "LO", "UP", "FX"), f"the kind of bound {kind!r} is not one of LO, UP, FX, FR, MI, PL")
-        value = 0.0 if kind in ("FR", "MI", "PL") else float(with_infinities(_number(text)))
-        require(value != {"LO": np.inf, "UP": -np.inf}.get(kind) and not (kind == "FX" and np.isinf(value)),
+        require(kind in BOUNDS, f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
+        value = 0.0 if kind in WITHOUT_VALUE else float(with_infinities(_number(text)))
+        require(value != {"LO": np.inf, "UP": -np.inf}.get(kind) and (kind != "FX" or np.isfinite(value)),
                 f"no number of the column {column!r} is within the bound {text}")
-        if kind in ("FR", "MI", "LO", "FX"):
-            self._side(self.lower, column, -np.inf if kind in ("FR", "MI") else value, "lower")
-        if kind in ("FR", "PL", "UP", "FX"):
-            self._side(self.upper, column, np.inf if kind in ("FR", "PL") else value, "upper")
-
-    @staticmethod
-    def _side(sides: dict[str, float], column: str, value: float, which: str) -> None:
-        require(sides.setdefault(column, value) == value,
-                f"the {which} bound of the column {column!r} is given twice, as {sides[column]:g} and as {value:g}")
+        sides = {"LO": {"lower": value}, "UP": {"upper": value}, "FX": {"lower": value, "upper": value}, "MI": {"lower": -np.inf},
+                 "PL": {"upper": np.inf}, "FR": {"lower": -np.inf, "upper": np.inf}}
+        for which, side in sides[kind].items():
+            before = self.values[which].setdefault(column, side)
+            require(before == side, f"the {which} bound of the column {column!r} is given twice, as {before:g} and as {side:g}")
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
         d = len(self.columns)
         require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
+        linear, right, ranges, lower, upper = (self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper"))
         rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
-        q = np.zeros(d)
-        for (row, column), value in self.linear.items():
-            if row == objective:
-                q[self.columns[column]] = value
-        inside = [(rows[row], self.columns[column], value) for (row, column), value in self.linear.items() if row in rows]
-        sides = np.array([_interval(self.kinds[name], self.right.get(name, 0.0), self.ranges.get(name)) for name in rows])
+        q = _sparse([(0, self.columns[column], value) for (row, column), value in linear.items() if row == objective], (1, d)).toarray()[0]
+        C = _sparse([(rows[row], self.columns[column], value) for (row, column), value in linear.items() if row in rows], (len(rows), d))
+        sides = np.array([_interval(self.kinds[name], right.get(name, 0.0), ranges.get(name)) for name in rows])
         l, u = sides.reshape(-1, 2).T  # noqa: E741
-        lb, ub = np.zeros(d), np.full(d, np.inf)
-        for column, i in self.columns.items():
-            ub[i] = self.upper.get(column, np.inf)
-            lb[i] = self.lower.get(column, -np.inf if ub[i] < 0.0 else 0.0)
-        elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.quadratic.items()]
+        ub = np.array([upper.get(column, np.inf) for column in self.columns])
+        lb = np.array([lower.get(column, -np.inf if high < 0.0 else 0.0) for column, high in zip(self.columns, ub, strict=True)])
+        elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.values["quadratic"].items()]
         if not self.whole_P:
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
-        qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, _sparse(inside, (len(rows), d)), l, u, lb, ub)
-        return ReadProgram(checked(qp), -self.sign * self.right.get(str(objective), 0.0))
+        qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, C, l, u, lb, ub)
+        return ReadProgram(checked(qp), -self.sign * right.get(str(objective), 0.0))
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
@@ -223,11 +205,6 @@ def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) 
     return csc_matrix((values, (i.astype(np.int32), j.astype(np.int32))), shape=shape)
 
 
-def _exactly(words: list[str], count: int) -> list[str]:
-    require(len(words) == count, f"has {len(words)} fields where {count} are needed")
-    return words
-
-
 def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
     require(name not in into, f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
     into[name] = value
@@ -239,9 +216,4 @@ def _number(text: str) -> float:
     except ValueError:
         value = np.nan
     require(not np.isnan(value) and "_" not in text, f"{text!r} is no number")
-    return value
-
-
-def _finite(value: float, text: str) -> float:
-    require(not np.isinf(value), f"{text!r} is no finite number")
     return value

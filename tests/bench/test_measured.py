@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from make_measured import PROGRAMS
+from make_measured import make as made_from
 
 from bench.problems import RaceProblem, make
 from bench.problems.measured import FOLDER, read
-from bench.problems.measured.making import PROGRAMS
-from bench.problems.measured.making import make as made_from
 from bench.races.oneshot.settings import OneshotSettings
 from piezo_model import DataBasis, plants
 from piezo_model.recordings import write_table

@@ -14,7 +14,7 @@ from programs import program
 
 from bench.export import building, cortex_m
 from bench.export.building import instructions_per_step, write_sources
-from bench.export.cortex_m import CORES, controller_cost, cross_build, emulate, instructions
+from bench.export.cortex_m import CORES, controller_cost, cross_build, instructions
 from bench.export.realtime import RealTime, highest, histogram
 from bench.export.settings import ExportError, ExportSettings
 from bench.export.step_cost import in_blocks, loop_samples, shortened, step_cost
@@ -167,6 +167,12 @@ def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
 
 
 # Controllers.
+
+
+def emulate(image: Path, samples: np.ndarray) -> np.ndarray:
+    """Drives (N,) for samples, (N,) or (N, 2) as of `building.replay`, by an emulated controller."""
+    return np.frombuffer(subprocess.run([cortex_m.EMULATOR, "-cpu", "max", str(image)], input=np.ascontiguousarray(samples).tobytes(),
+                                        capture_output=True, check=True).stdout)
 
 
 @needs_arm

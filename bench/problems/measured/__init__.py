@@ -1,7 +1,7 @@
 """Three actuators that were measured, not simulated: P, q and c of their recordings, with the samples that followed.
 
-One NPZ file a recording lies beside this one; README.md says where the recordings come from and under which licence, and
-`making` makes the files again. The operators follow every sample of the first four fifths of a recording. The program of seed s
+One NPZ file a recording lies beside this one; README.md says where the recordings come from, under which licence, and how the files
+are made again. The operators follow every sample of the first four fifths of a recording. The program of seed s
 counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor; the first half of them makes
 its neighbouring window.
 """

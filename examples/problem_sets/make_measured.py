@@ -1,6 +1,6 @@
-"""Make the files of the set `measured` from the recordings that README.md names.
+"""Make the files of the problem set `measured` from the recordings that its README.md names.
 
-    python -m bench.problems.measured.making dbo=dbo_identification.csv afm_scanner=afm_single.csv afm_head=fmt-tab-fd_version_0.13.3.tab
+    python examples/problem_sets/make_measured.py dbo=dbo_identification.csv afm_scanner=afm_single.csv afm_head=fmt-tab-fd_version_0.13.3.tab
 
 Each argument names a file of the set and the recording that it is made from. Lengths in metres become micrometres.
 """
