@@ -140,4 +140,5 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
-    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning, _outlier(recording, s.output_unit))
+    beyond_percent = max(0.0, 50.0 * (farthest - 1.0))
+    return Validation(fit, shift, start, reported, beyond_percent, s.output_unit, model.warning, _outlier(recording, s.output_unit))
