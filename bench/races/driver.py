@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
@@ -20,7 +20,6 @@ from bench.messages.progress import Progress
 from bench.messages.task import Outcome, Request, Row, Task
 from bench.processes import engine, sentinel
 from bench.processes.engine import Workers
-from bench.processes.sentinel import Sentinel
 from bench.processes.solver_pool import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
@@ -36,18 +35,6 @@ Tell = Callable[[Task], None]
 """Told what comes next."""
 
 
-@contextmanager
-def monitor_machine(run: Run, name: str, watcher: Sentinel) -> Iterator[dict[str, Any]]:
-    """Watch what is done inside; the notes of that name, with what is put into the mapping, are written when it is done."""
-    more: dict[str, Any] = {}
-    watcher.look()
-    before = machine.counters()
-    yield more
-    between = machine.between(before, machine.counters())
-    watcher.look()
-    run.save_notes(name, {"host": os.uname().nodename, "core": watcher.core, "sentinel": watcher.taken(), **between, **more})
-
-
 @dataclass(frozen=True)
 class Part(ABC):
     """Tasks that one worker does in one go; it can be sent anywhere from where the run's folder is reached."""
@@ -60,17 +47,22 @@ class Part(ABC):
     """Another one has fresh processes."""
 
     def do(self, pool: SolverPool, tell: Tell) -> None:
-        """Do what is not done yet."""
+        """Do what is not done yet; where it is timed, watch the machine, and note what was seen when all is done."""
         run = Run(self.run)
         if run.has_notes(self.name):
             return
         pool.begin(self.repeat)
         if pool.core is None:
             self.work(run, pool, tell)
-        else:
-            with monitor_machine(run, self.name, pool.sentinel) as notes:
-                rows = self.work(run, pool, tell)
-                notes |= {"preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)}
+            return
+        pool.sentinel.look()
+        before = machine.counters()
+        rows = self.work(run, pool, tell)
+        between = machine.between(before, machine.counters())
+        pool.sentinel.look()
+        run.save_notes(self.name, {
+            "host": os.uname().nodename, "core": pool.core, "sentinel": pool.sentinel.taken(), **between,
+            "preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)})
 
     @abstractmethod
     def work(self, run: Run, pool: SolverPool, tell: Tell) -> Sequence[Row]:
@@ -105,7 +97,7 @@ class Race(ABC, Generic[S]):
     @property
     def child(self) -> ChildSettings:
         """What the process of a solver may take and see."""
-        return self.settings.child
+        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb)
 
     def prepare(self, resources: ExitStack) -> None:
         """Make what is raced on, or load it; what has to be given back in the end goes onto ``resources``."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
-from bench.messages import user_cache
 from bench.messages.progress import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
 from bench.races.settings import RaceSettings
@@ -60,11 +59,6 @@ def _keep_model(run: Run, made: ProblemSet, progress: Progress) -> None:
         model.save(path)
         note = {"error_percent": error_percent}
     run.note(models={**run.settings.get("models", {}), made.name: note})
-
-
-def watched_folders(run: Run) -> tuple[str, ...]:
-    """What solvers must not look into."""
-    return str(run.path.resolve()), str(user_cache.folder())
 
 
 def keep_proofs(run: Run, problems: Iterable[RaceProblem]) -> None:

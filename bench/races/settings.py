@@ -8,7 +8,6 @@ from typing import Annotated, Any, TypeVar
 from msgspec import Meta
 
 from bench.problems.protocol import SCALINGS
-from bench.processes.worker import ChildSettings
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
@@ -62,11 +61,6 @@ class RaceSettings:
         for each in fields(self):
             if "least" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
                 raise ValueError(f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}")
-
-    @property
-    def child(self) -> ChildSettings:
-        """What the process of a solver may take."""
-        return ChildSettings(self.time_limit_s, self.memory_mb)
 
     def to_dict(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""

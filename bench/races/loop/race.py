@@ -145,7 +145,7 @@ class LoopRace(TaskRace[LoopSettings]):
                 taken = [figures for figures in seen if figures]
                 rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
                 rows.append({"status": str(status), "message": message, "axis": axis, "window": window, "rms_um": rms_um,
-                             "max_um": max_um, "rms_percent": in_percent(rms_um), "max_percent": in_percent(max_um),
+                             "max_um": max_um, "rms_percent": 100.0 / RANGE_UM * rms_um, "max_percent": 100.0 / RANGE_UM * max_um,
                              "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
                              "refused": len(seen) - len(taken), "faults": outcome.faults, **(taken[-1] if taken else {})})
         return rows
@@ -157,11 +157,6 @@ def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
         return Status.OK, ""
     message = decisions[-1].message if decisions else "no learning phase came to its end"
     return Status.SOLVER_FAILED if message.startswith("the solver") else Status.MISSED, message
-
-
-def in_percent(error_um: float) -> float:
-    """An error in percent of the reference's range."""
-    return 100.0 / RANGE_UM * error_um
 
 
 @lru_cache(maxsize=8)

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from bench.derived.table import ONESHOT
+from bench.messages import user_cache
 from bench.messages.task import NO_SETTING, Task
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
@@ -18,7 +19,7 @@ from bench.races.driver import Part, Race
 from bench.races.oneshot.first_pass import FirstPass
 from bench.races.oneshot.second_pass import second_pass
 from bench.races.oneshot.settings import OneshotSettings, tasks_of
-from bench.races.run_problems import keep_proofs, problems_of, watched_folders
+from bench.races.run_problems import keep_proofs, problems_of
 from solvers.registry import Described
 
 
@@ -32,7 +33,7 @@ class OneshotRace(Race[OneshotSettings]):
     @property
     def child(self) -> ChildSettings:
         """Solvers must not look into what they are judged by."""
-        return replace(super().child, hidden=watched_folders(self.run))
+        return replace(super().child, hidden=(str(self.run.path.resolve()), str(user_cache.folder())))
 
     def prepare(self, resources: ExitStack) -> None:
         """Make the problems, or load them."""
