@@ -16,8 +16,8 @@ from piezo_model.identification.counting import head_of, longest_transient, tran
 from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
-from piezo_model.identification.lag_identification import without_lag
 from piezo_model.identification.judgement import outlier_sentence
+from piezo_model.identification.lag_identification import without_lag
 from piezo_model.identification.rivals import outlier
 from piezo_model.identification.start import find_start
 from piezo_model.model import HysteresisCreepModel
@@ -139,4 +139,5 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
-    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning, _outlier(recording, s.output_unit))
+    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning,
+                      _outlier(recording, s.output_unit))
