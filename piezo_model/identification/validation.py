@@ -1,6 +1,6 @@
 """A model on a recording that its identification has not seen.
 
-The weights stay. What no recording holds is found as in the identification: the states before the first sample (`start`), here by
+The weights stay. What no recording holds is found as in the identification: the states before the first sample (`initial_state`), here by
 the variance of the output's error, and the sensor's offset between the two sessions, which is the mean of it.
 """
 
@@ -8,23 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from piezo_model.identification.counting import head_of, longest_transient, transient_end, y_range
+from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
-from piezo_model.identification.judgement import outlier_sentence
+from piezo_model.identification.initial_state import find_initial_state
 from piezo_model.identification.lag_identification import without_lag
-from piezo_model.identification.rivals import outlier
-from piezo_model.identification.start import find_start
-from piezo_model.model import HysteresisCreepModel
+from piezo_model.identification.transient import longest_transient, transient_end
+from piezo_model.identification.travel import head_of, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
+
+if TYPE_CHECKING:
+    from piezo_model.model import HysteresisCreepModel
 
 LOOKED_AT = 1_000_000
 """Samples among which an outlier is looked for."""
@@ -117,9 +119,9 @@ def _start_and_transient(model: HysteresisCreepModel, recording: Recording) -> t
         own = error(model.start, fit["skipped"])
         if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.mean(own**2)) <= SAME * fit["rms"]:
             return model.start.copy(), transient(model.start, fit["skipped"])
-    state = find_start(head, s, lambda state: float(np.var(error(state, 0))))[0]
+    state = find_initial_state(head, s, lambda state: float(np.var(error(state, 0))))[0]
     if look and np.max(np.abs(error(state, 0)[:look])) > np.max(np.abs(error(state, look))):
-        settled = find_start(head, s, lambda state: float(np.var(error(state, look))))[0]
+        settled = find_initial_state(head, s, lambda state: float(np.var(error(state, look))))[0]
         if skip := transient(settled, look):
             return settled, skip
     return state, 0
