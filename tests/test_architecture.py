@@ -74,6 +74,40 @@ def test_nothing_inside_the_bench_looks_up() -> None:
     assert looking_up(ROOT) == []
 
 
+def imported_modules(path: Path) -> set[str]:
+    """Modules that a file imports at any time, those for the types alone left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    typing = {id(node) for block in ast.walk(tree) if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING"
+              for node in ast.walk(block)}
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and id(node) not in typing:
+            found |= {node.module, *(f"{node.module}.{name.name}" for name in node.names)}
+        elif isinstance(node, ast.Import) and id(node) not in typing:
+            found |= {name.name for name in node.names}
+    return found
+
+
+def circles(root: Path, package: str) -> list[str]:
+    """Modules of a package's rooms that import each other, in whatever number of steps; packages' own files are doors and not counted."""
+    paths = {".".join(path.relative_to(root).with_suffix("").parts): path for path in (root / package).rglob("*.py") if path.name != "__init__.py"}
+    reached = {name: imported_modules(path) & paths.keys() for name, path in paths.items()}
+    for _ in paths:
+        wider = {name: set().union(others, *(reached[other] for other in others)) for name, others in reached.items()}
+        if wider == reached:
+            break
+        reached = wider
+    return sorted(name for name, others in reached.items() if name in others)
+
+
+def test_no_modules_of_the_model_library_import_each_other_in_a_circle(tmp_path: Path) -> None:
+    assert circles(ROOT, "piezo_model") == []
+    (tmp_path / "p").mkdir()
+    for name, line in {"a": "from p import b", "b": "def f():\n from p.c import g", "c": "import p.a", "d": "import p.a"}.items():
+        (tmp_path / "p" / f"{name}.py").write_text(line)
+    assert circles(tmp_path, "p") == ["p.a", "p.b", "p.c"]
+
+
 def test_every_file_opens_by_saying_what_it_is() -> None:
     assert [path for floor in FLOORS for path in files(ROOT, floor)
             if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))] == []

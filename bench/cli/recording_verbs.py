@@ -10,9 +10,10 @@ import typer
 from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
 from bench.report.console import AsJson, console, print_json, print_table
 from piezo_model.recordings import Recording, RecordingError
+from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.profile import profiles
 from piezo_model.recordings.tables import Reading as TableReading
-from piezo_model.recordings.tables import Table, open_table
+from piezo_model.recordings.tables import Table
 from piezo_model.units import quantity, shown
 
 

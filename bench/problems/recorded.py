@@ -1,7 +1,7 @@
 """Anybody's recording, seen by models of several orders over several windows.
 
 The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first sample
-on, from the states and with the sign that `piezo_model.identification.counting` finds, and counted from the end of a switch-on
+on, from the states and with the sign that `piezo_model.identification.preprocessing` finds, and counted from the end of a switch-on
 transient or the start of the window, whichever is later. A recording has an unknown constant, so every model has an offset, a
 variable without bounds.
 
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, ModelStructure, Recording, identify
-from piezo_model.identification.counting import Counted, count
 from piezo_model.identification.identify import check_direction, choose_creep_rates
+from piezo_model.identification.preprocessing import Preprocessed, preprocess
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
@@ -127,9 +127,9 @@ def part(whole: Recording, samples: slice) -> Recording:
                                  name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}")
 
 
-def counted(recording: Recording, n: int, m: int) -> Counted:
+def counted(recording: Recording, n: int, m: int) -> Preprocessed:
     """A structure over the ranges of the counted part, the first sample of it, and the states at the start."""
     s = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range,
                                    choose_creep_rates(recording.sample_time, recording.duration_s), recording.sample_time,
                                    offset=True, input_unit=recording.input_unit, output_unit=recording.output_unit)
-    return count(recording, s, SOLVER, PROXIMAL, None, fit_range=True)
+    return preprocess(recording, s, SOLVER, PROXIMAL, None, fit_range=True)

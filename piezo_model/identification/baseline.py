@@ -7,13 +7,13 @@ other way round; the operators of the model run through all of them. Errors are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.fit_report import Baseline
 from piezo_model.identification.fitting import optimum
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -24,20 +24,6 @@ from solvers.arrays import Mask, Vector
 BLOCKS = 16
 """Blocks to a way through the whole range, up to about MOST_BLOCKS in all."""
 FEWEST_BLOCKS, MOST_BLOCKS = 64, 2000
-
-
-@dataclass(frozen=True)
-class Baseline:
-    """RMS errors of the output on data left out, per cent of its full range."""
-
-    line_percent: float
-    cubic_percent: float
-    model_percent: float
-
-    @property
-    def pays(self) -> bool:
-        """Whether the model is better than the line."""
-        return self.model_percent < 0.9 * self.line_percent
 
 
 def alternate_blocks(x: Vector) -> Mask:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from piezo_model.identification.baseline import Baseline
 from piezo_model.identification.fitting import Certificate
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
@@ -59,6 +58,20 @@ class Fit:
         return (f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this model{where and ' ' + where}: RMS error "
                 f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
                 f"({quantity(self.max, unit, 2)}{'' if unit else ' in the unit of the output, which the file does not say'}).")
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """RMS errors of the output on data left out, per cent of its full range."""
+
+    line_percent: float
+    cubic_percent: float
+    model_percent: float
+
+    @property
+    def pays(self) -> bool:
+        """Whether the model is better than the line."""
+        return self.model_percent < 0.9 * self.line_percent
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,17 @@ Line and cubic are fitted by their normal equations in Chebyshev polynomials of 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.identification.fit_report import Fit
-from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+
+if TYPE_CHECKING:
+    from piezo_model.model import HysteresisCreepModel
 
 ENOUGH = 1_000_000
 """Samples that a line and a cubic are fitted to, of a longer recording spread over all of it."""

@@ -1,8 +1,8 @@
 """From a recording to a model: the whole of equations (3) to (6) in one call.
 
 What a recording does not say is found out and reported: sign, transient and the states that the actuator started with
-(`counting`), an offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can tell apart. Data that
-the model class does not describe are refused (`judgement`).
+(`preprocessing`), an offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can tell apart. Data that
+the model class does not describe are refused (`adequacy`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from typing import Any, Literal, get_args
 
 from numpy.typing import ArrayLike
 
-from piezo_model.identification.counting import count, moving_from, require, y_range
+from piezo_model.identification.adequacy import check_adequacy
 from piezo_model.identification.direction import directed
 from piezo_model.identification.fit_report import Fit, FitReport, Offset
 from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
 from piezo_model.identification.forward_error import forward_error
-from piezo_model.identification.judgement import judge
 from piezo_model.identification.lag_identification import estimate_lag, without_lag
 from piezo_model.identification.model_selection import (
     HYSTERESIS_ORDERS,
@@ -29,7 +28,9 @@ from piezo_model.identification.model_selection import (
     Progress,
     select,
 )
+from piezo_model.identification.preprocessing import preprocess, require
 from piezo_model.identification.remedies import remedy
+from piezo_model.identification.travel import moving_from, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -183,7 +184,7 @@ def _fitted(recording: Recording, structure: ModelStructure | None, n: int, m: i
     recording.require(structure.d + 1)
     rest = None
     if state is None:
-        found = count(recording, structure, solver, proximal, skip, fit_range=own_structure)
+        found = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
         structure, state, skip, rest = found.structure, found.state, found.skip, found.rest
     else:
         skip = skip or 0
@@ -198,7 +199,7 @@ def _fitted(recording: Recording, structure: ModelStructure | None, n: int, m: i
     w = optimum(problem, solver)
     model = HysteresisCreepModel.from_weights(structure, w)
     fit, _ = forward_error(model, recording, skip, state, high - low)
-    judged = judge(recording, model, skip, state, fit, solver, proximal)
+    judged = check_adequacy(recording, model, skip, state, fit, solver, proximal)
     if judged.refusal is not None and not force:
         raise InadequateError(f"{recording.name}: {judged.refusal}")
     straight = judged.straight and fit.line[1] > 0.0

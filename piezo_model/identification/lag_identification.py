@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.counting import moving_from
 from piezo_model.identification.fit_report import Lag
 from piezo_model.identification.fitting import IdentificationError, error_percent, optimum
 from piezo_model.identification.sensor_lag import HALF_WIDTH, minimise_over_lag, shift_output
+from piezo_model.identification.travel import moving_from
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure

@@ -1,6 +1,6 @@
 """A model on a recording that its identification has not seen.
 
-The weights stay. What no recording holds is found as in the identification: the states before the first sample (`start`), here by
+The weights stay. What no recording holds is found as in the identification: the states before the first sample (`initial_state`), here by
 the variance of the output's error, and the sensor's offset between the two sessions, which is the mean of it.
 """
 
@@ -8,23 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from piezo_model.identification.counting import head_of, longest_transient, transient_end, y_range
+from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
-from piezo_model.identification.judgement import outlier_sentence
+from piezo_model.identification.initial_state import find_initial_state
 from piezo_model.identification.lag_identification import without_lag
-from piezo_model.identification.rivals import outlier
-from piezo_model.identification.start import find_start
-from piezo_model.model import HysteresisCreepModel
+from piezo_model.identification.transient import longest_transient, transient_end
+from piezo_model.identification.travel import head_of, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
+
+if TYPE_CHECKING:
+    from piezo_model.model import HysteresisCreepModel
 
 LOOKED_AT = 1_000_000
 """Samples among which an outlier is looked for."""
@@ -65,18 +67,17 @@ class Validation:
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
-            yield (f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up "
-                   f"to {percent(self.fit.skipped_max_percent)}.")
+            yield (f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up to "
+                   f"{percent(self.fit.skipped_max_percent)}.")
         if abs(self.shift) > 0.1 * self.fit.rms:
-            yield (f"The sensor's offset has changed by {quantity(self.shift, self.unit, 3)} "
-                   f"({percent(100.0 * abs(self.shift) / self.fit.span)} of the range) since the identification; that "
-                   "is removed.")
+            yield (f"The sensor's offset has changed by {quantity(self.shift, self.unit, 3)} ({percent(100.0 * abs(self.shift) / self.fit.span)} "
+                   f"of the range) since the identification; that is removed.")
         if self.fitted_rms_percent is not None and self.fit.rms_percent > 2.0 * self.fitted_rms_percent:
-            yield (f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the "
-                   f"{percent(self.fitted_rms_percent)} of the recording that it was identified from.")
+            yield (f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the {percent(self.fitted_rms_percent)} "
+                   f"of the recording that it was identified from.")
         if self.beyond_percent > 1.0:
-            yield (f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
-                   "where the model extrapolates; an offset of the sensor is looked for within that range alone.")
+            yield (f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, where the model "
+                   f"extrapolates; an offset of the sensor is looked for within that range alone.")
 
 
 def _outlier(recording: Recording, unit: str) -> str:
@@ -118,9 +119,9 @@ def _start_and_transient(model: HysteresisCreepModel, recording: Recording) -> t
         own = error(model.start, fit["skipped"])
         if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.mean(own**2)) <= SAME * fit["rms"]:
             return model.start.copy(), transient(model.start, fit["skipped"])
-    state = find_start(head, s, lambda state: float(np.var(error(state, 0))))[0]
+    state = find_initial_state(head, s, lambda state: float(np.var(error(state, 0))))[0]
     if look and np.max(np.abs(error(state, 0)[:look])) > np.max(np.abs(error(state, look))):
-        settled = find_start(head, s, lambda state: float(np.var(error(state, look))))[0]
+        settled = find_initial_state(head, s, lambda state: float(np.var(error(state, look))))[0]
         if skip := transient(settled, look):
             return settled, skip
     return state, 0
@@ -140,5 +141,5 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
-    beyond_percent = max(0.0, 50.0 * (farthest - 1.0))
-    return Validation(fit, shift, start, reported, beyond_percent, s.output_unit, model.warning, _outlier(recording, s.output_unit))
+    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning,
+                      _outlier(recording, s.output_unit))

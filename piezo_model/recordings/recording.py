@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, Scan, ValueCheck, scan
+from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.pieces import RecordingError, check_sample_time, limited, rechunk
 from piezo_model.recordings.resampling import resampled, resampled_length
 from piezo_model.recordings.roles import Roles, choose_roles, seconds_per_unit
-from piezo_model.recordings.tables import Column, Reading, Table, open_table
+from piezo_model.recordings.tables import Column, Reading, Table
 from piezo_model.structure import SMALLEST
 from piezo_model.units import canonical, quantity, shown
 from solvers.arrays import Matrix, Vector

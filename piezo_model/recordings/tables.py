@@ -9,15 +9,12 @@ A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the 
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -220,49 +217,3 @@ def array_slice(values: NDArray) -> Callable[[int, int], NDArray]:
 
 def _rows(values: NDArray, start: int, stop: int) -> NDArray:
     return values[start:stop]
-
-
-def open_table(path: str | Path, reading: Reading | None = None) -> Table:
-    """Open a table of any known format.
-
-    Raises
-    ------
-    RecordingError
-        The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
-    """
-    from piezo_model.recordings import apart  # which makes tables of this module
-
-    path = Path(path)
-    try:
-        if path.is_dir():
-            raise RecordingError(f"{path}: is a folder, not a file")
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-        if not head:
-            raise RecordingError(f"{path}: is an empty file")
-        known = next(module for module in _registered() if module.recognises(path, head))
-        reading = reading or Reading()
-        for name in ("header_row", "decimal", "sheet"):
-            if getattr(reading, name) is not None and name not in getattr(known, "READS", ()):
-                raise RecordingError(f"{path}: is {known.NAME}, for which no {name.replace('_', ' ')} can be given")
-        if getattr(known, "APART", False):
-            return apart.open_table(known, path, reading)
-        table: Table = known.open_table(path, reading)
-        return table
-    except ModuleNotFoundError as error:
-        if error.name == "pyarrow":  # on which the registry of formats stands
-            raise RecordingError(f"{path}: reading a file needs the package pyarrow: install piezobench[bench]") from None
-        raise RecordingError(f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install "
-                             "piezobench[formats]") from None
-    except FileNotFoundError:
-        raise RecordingError(f"{path}: no such file") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or first_line(error)}") from None
-
-
-@cache
-def _registered() -> list[ModuleType]:
-    """Every format, plain text last: it is what remains."""
-    formats = importlib.import_module("piezo_model.recordings.formats")
-    names = [f"{formats.__name__}.{module.name}" for module in pkgutil.iter_modules(formats.__path__)]
-    return sorted(map(importlib.import_module, names), key=lambda module: module.ORDER)

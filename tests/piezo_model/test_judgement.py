@@ -10,8 +10,8 @@ from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, d
 from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, Recording, identify
-from piezo_model.identification import rivals
-from piezo_model.identification.judgement import LOOK
+from piezo_model.identification import alternative_models
+from piezo_model.identification.adequacy import LOOK
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError
 from piezo_model.units import quantity
@@ -44,7 +44,7 @@ def test_data_that_the_model_class_describes_are_taken(kind: str) -> None:
 def test_one_channel_is_never_taken_for_two(kind: str, seed: int) -> None:
     x, y = ({**DESCRIBABLE, **{name: made for name, (made, _) in UNDESCRIBABLE.items()}})[kind](np.random.default_rng(seed))
     u, v = ((signal - signal.min()) / np.ptp(signal) for signal in (x, y))
-    assert rivals.channels(u, v, LOOK).error == np.inf
+    assert alternative_models.channels(u, v, LOOK).error == np.inf
 
 
 @settings(max_examples=30)
@@ -52,7 +52,7 @@ def test_one_channel_is_never_taken_for_two(kind: str, seed: int) -> None:
 def test_two_channels_in_turn_are_told_from_one(seed: int) -> None:
     x, y = UNDESCRIBABLE["two interleaved channels"][0](np.random.default_rng(seed))
     u, v = ((signal - signal.min()) / np.ptp(signal) for signal in (x, y))
-    assert rivals.channels(u, v, LOOK).error < 0.2
+    assert alternative_models.channels(u, v, LOOK).error < 0.2
 
 
 @pytest.mark.parametrize("seed", [5, 7, 8, 19])

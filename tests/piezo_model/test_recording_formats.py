@@ -24,7 +24,7 @@ import scipy.io
 from recording_files import refusal
 
 from piezo_model.recordings import Recording
-from piezo_model.recordings.tables import open_table
+from piezo_model.recordings.opening import open_table
 
 N, PERIOD = 2500, 5e-4
 T = np.arange(N) * PERIOD

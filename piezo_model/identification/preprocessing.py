@@ -1,6 +1,6 @@
 """What an identification counts, and from which states on: the sign of the output, a switch-on transient, the start.
 
-A recording is counted from its first sample, since the start is found (`start`). Left out is only what no start explains: first
+A recording is counted from its first sample, since the start is found (`initial_state`). Left out is only what no start explains: first
 samples at which the model of the whole, and that of the rest, errs far more than anywhere later, as where an amplifier was switched on.
 """
 
@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_model.identification.fitting import IdentificationError, accumulate, optimum
-from piezo_model.identification.start import find_start
+from piezo_model.identification.initial_state import find_initial_state
+from piezo_model.identification.transient import longest_transient, transient_end
+from piezo_model.identification.travel import head_of, moving_from, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -20,20 +22,12 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
-HEAD, LONGEST_HEAD = 200_000, 500_000
-"""Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
-TRANSIENT_SHARE = 0.1
-"""Longest transient, as a share of the recording."""
-MOVED = 0.01
-"""Share of its range that a drive covers within the noise of its rest."""
-FAR_MORE, NOTABLE = 4.0, 0.03
-"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the range."""
 SPOILED = 3.0
 """First samples spoil a fit that errs so many times as much after them as the fit without them."""
 
 
 @dataclass(frozen=True)
-class Counted:
+class Preprocessed:
     """Structure with the sign and ranges of the counted part, first counted sample, states before the first sample.
 
     ``rest`` is the input in unit amplitudes at which creep had rested, None where it rested with the plays.
@@ -45,49 +39,7 @@ class Counted:
     rest: float | None
 
 
-def head_of(recording: Recording, s: ModelStructure) -> Recording:
-    """The samples that starts are tried on."""
-    settled = settled_from(recording, s)
-    return recording.head(max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
-
-
-def settled_from(recording: Recording, s: ModelStructure) -> int:
-    """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
-    span = recording.x_range[1] - recording.x_range[0]
-    return covered_from(recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0))
-
-
-def moving_from(recording: Recording, skip: int) -> int:
-    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if it stays so."""
-    return covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
-
-
-def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
-    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it never does."""
-    low, high, seen = math.inf, -math.inf, 0
-    for x, _ in recording.chunks():
-        after = max(skip - seen, 0)
-        lows, highs = np.minimum.accumulate(np.minimum(x[after:], low)), np.maximum.accumulate(np.maximum(x[after:], high))
-        covered = np.flatnonzero(highs - lows >= span)
-        if covered.size:
-            return seen + after + int(covered[0])
-        low, high, seen = np.min(lows, initial=low), np.max(highs, initial=high), seen + x.size
-    return seen
-
-
-def y_range(recording: Recording, skip: int) -> tuple[float, float]:
-    """Range of the output after the first ``skip`` samples."""
-    if skip == 0:
-        return recording.y_range
-    low, high, seen = math.inf, -math.inf, 0
-    for _, y in recording.chunks():
-        counted = y[max(skip - seen, 0):]
-        low, high = float(np.min(counted, initial=low)), float(np.max(counted, initial=high))
-        seen += y.size
-    return low, high
-
-
-def count(recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool) -> Counted:
+def preprocess(recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool) -> Preprocessed:
     """Find the sign of the output, what to leave out at the start, and the states before the first sample.
 
     First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure becomes that of the counted
@@ -111,7 +63,7 @@ def count(recording: Recording, s: ModelStructure, solver: str, proximal: float,
         return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
     def found(s: ModelStructure, skip: int, refine: bool = True) -> tuple[OperatorState, float | None]:
-        return find_start(head, s, lambda state: cost(s, skip, state), refine)
+        return find_initial_state(head, s, lambda state: cost(s, skip, state), refine)
 
     def errors(s: ModelStructure, skip: int, state: OperatorState) -> Vector:
         x, y = head.arrays()
@@ -136,7 +88,7 @@ def count(recording: Recording, s: ModelStructure, solver: str, proximal: float,
         look = longest_transient(head, s)
         skip = transient(look) if look else 0
         s = ranged(s, skip)
-    return Counted(s, skip, *found(s, skip))
+    return Preprocessed(s, skip, *found(s, skip))
 
 
 def require(recording: Recording, s: ModelStructure, skip: int) -> None:
@@ -146,17 +98,3 @@ def require(recording: Recording, s: ModelStructure, skip: int) -> None:
                                   f"are left after skipping {skip}, too few for {s.d} weights")
     if skip and moving_from(recording, skip) == recording.length:
         raise IdentificationError(f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped")
-
-
-def longest_transient(head: Recording, s: ModelStructure) -> int:
-    """Samples at the start within which a transient may lie; 0 where the drive does not move after them."""
-    look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
-    return look if look and moving_from(head, look) < head.length else 0
-
-
-def transient_end(error: Vector, look: int) -> int:
-    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after them; 0 for none."""
-    later = float(np.max(error[look:]))
-    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
-        return 0
-    return int(np.flatnonzero(error[:look] > later)[-1]) + 1

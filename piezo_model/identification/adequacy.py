@@ -1,7 +1,7 @@
 """Whether a model of hysteresis and creep is what a recording asks for.
 
 A fit is held against the best line and the best cubic on data left out (`baseline`). No better than the line, or less than half as
-good as an explanation that the model class has no part in (`rivals`), it is refused in one sentence that names the explanation.
+good as an explanation that the model class has no part in (`alternative_models`), it is refused in one sentence that names the explanation.
 Data that are on a curve and in noise are no reason to refuse: they have no hysteresis, and where the fit is no better than the line,
 whose slope noise in the output does not bias as it does that of (6), the line is the model.
 """
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.identification import rivals
-from piezo_model.identification.baseline import Baseline, cross_validate
-from piezo_model.identification.counting import HEAD, moving_from
-from piezo_model.identification.fit_report import Fit, percent
+from piezo_model.identification import alternative_models
+from piezo_model.identification.baseline import cross_validate
+from piezo_model.identification.fit_report import Baseline, Fit, percent
+from piezo_model.identification.travel import HEAD, moving_from
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -47,7 +47,7 @@ ONE_WAY = 0.9
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Adequacy:
     """Errors on data left out, whether there is hysteresis, whether a line says all, what speaks against a model, and whether
     there is one branch alone."""
 
@@ -58,8 +58,8 @@ class Judgement:
     one_way: bool
 
 
-def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: OperatorState, fit: Fit, solver: str, proximal: float,
-          ) -> Judgement:
+def check_adequacy(recording: Recording, model: HysteresisCreepModel, skip: int, state: OperatorState, fit: Fit, solver: str, proximal: float,
+          ) -> Adequacy:
     """Hold a fit against a line, a cubic and what else would explain the recording."""
     s = model.structure
     moving = moving_from(recording, skip)
@@ -80,18 +80,18 @@ def judge(recording: Recording, model: HysteresisCreepModel, skip: int, state: O
     way = np.diff(u[::stride])
     turned = max(float(way[way > 0].sum()), -float(way[way < 0].sum())) / max(float(np.abs(way).sum()), 1e-300)
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
-    residual = rivals.left_over(rivals.hats(u[::stride]), v[::stride])
-    curve, monotone = rivals.rms(residual), abs(rivals.rise(u[::stride], v[::stride])) > 0.8
-    noise = curve < EXACT or rivals.noise(u[look], rivals.left_over(rivals.hats(u[look]), v[look]), WHITE)
+    residual = alternative_models.left_over(alternative_models.hats(u[::stride]), v[::stride])
+    curve, monotone = alternative_models.rms(residual), abs(alternative_models.rise(u[::stride], v[::stride])) > 0.8
+    noise = curve < EXACT or alternative_models.noise(u[look], alternative_models.left_over(alternative_models.hats(u[look]), v[look]), WHITE)
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
-    refusal, at = None, rivals.outlier(y)
-    if at is not None and rivals.outlier(x) != at:
-        on_curve, refusal = False, outlier_sentence(y, at, skip, s.output_unit)
-    elif on_curve and curve > NOISY and (resonant := rivals.resonance(u[look], v[look])).error < MUCH_BETTER * curve:
+    refusal, at = None, alternative_models.outlier(y)
+    if at is not None and alternative_models.outlier(x) != at:
+        on_curve, refusal = False, alternative_models.outlier_sentence(y, at, skip, s.output_unit)
+    elif on_curve and curve > NOISY and (resonant := alternative_models.resonance(u[look], v[look])).error < MUCH_BETTER * curve:
         on_curve, refusal = False, _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range")
     elif not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
         refusal = _refusal(u, v, own, look, s, error, line)
-    return Judgement(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
+    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
 
 
 def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, error: float, line: float) -> str | None:
@@ -99,32 +99,33 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
 
     Explanations are tried on all of the data, thinned, and on the stretch ``look`` of neighbours.
     """
-    stride, channels = math.ceil(u.size / LOOK), rivals.channels(u, v, LOOK)
+    stride, channels = math.ceil(u.size / LOOK), alternative_models.channels(u, v, LOOK)
     thin_u, thin_v, u, v = u[::stride], v[::stride], u[look], v[look]
     no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
-    cubic, cubic_first = (rivals.rms(rivals.left_over(rivals.polynomials(2.0 * a - 1.0, 3), b)) for a, b in ((thin_u, thin_v), (u, v)))
+    cubic, cubic_first = (alternative_models.rms(alternative_models.left_over(alternative_models.polynomials(2.0 * a - 1.0, 3), b))
+                          for a, b in ((thin_u, thin_v), (u, v)))
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
-    noise = no_better and rivals.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better
-    few = rivals.roughness(u) > FEW
-    undersampled = few and error > RIGHT * line and rivals.unforeseen(u) < MUCH_BETTER
-    if (noise or undersampled) and (resonant := rivals.resonance(u, v)).error < far_better:
+    noise = no_better and alternative_models.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better
+    few = alternative_models.roughness(u) > FEW
+    undersampled = few and error > RIGHT * line and alternative_models.unforeseen(u) < MUCH_BETTER
+    if (noise or undersampled) and (resonant := alternative_models.resonance(u, v)).error < far_better:
         return _of_resonance(resonant, s, compared)
     if noise:
         return f"the output is noise that does not follow the drive: {compared}"
     if undersampled:
-        period = 2.0 * math.pi / math.acos(max(1.0 - rivals.roughness(u), -1.0))
+        period = 2.0 * math.pi / math.acos(max(1.0 - alternative_models.roughness(u), -1.0))
         return (f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, and hysteresis "
                 f"depends on them: {compared}")
-    if not few and error > MUCH_BETTER * line and rivals.sense(thin_u, thin_v) < REVERSED:
+    if not few and error > MUCH_BETTER * line and alternative_models.sense(thin_u, thin_v) < REVERSED:
         return f"the output leads the drive round its loops, as where the columns of input and output are swapped: {compared}"
     seconds = s.sample_time
-    found = {"channels": channels, "butterfly": rivals.butterfly(thin_u, thin_v)}
+    found = {"channels": channels, "butterfly": alternative_models.butterfly(thin_u, thin_v)}
     if no_better:  # where the model is better than a line: over one loop, time says as much as the drive does
-        found["drift"] = rivals.drift(thin_v)
+        found["drift"] = alternative_models.drift(thin_v)
     if min(found.values()).error > far_better:
-        resonance = rivals.resonance(u, v)  # of a stretch: to be held against what model and cubic leave of those
-        fair = max(rivals.rms(own) / max(rivals.rms(own[look]), 1e-300), cubic / max(cubic_first, 1e-300))
-        found |= {"delay": rivals.delay(thin_u, thin_v), "resonance": resonance._replace(error=fair * resonance.error)}
+        resonance = alternative_models.resonance(u, v)  # of a stretch: to be held against what model and cubic leave of those
+        fair = max(alternative_models.rms(own) / max(alternative_models.rms(own[look]), 1e-300), cubic / max(cubic_first, 1e-300))
+        found |= {"delay": alternative_models.delay(thin_u, thin_v), "resonance": resonance._replace(error=fair * resonance.error)}
     name, best = min(found.items(), key=lambda each: each[1])
     if best.error < (far_better if name == "butterfly" else min(far_better, MUCH_BETTER * cubic)):
         left = f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
@@ -136,12 +137,5 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
     return f"the model class does not describe these data: {compared}" if no_better else None
 
 
-def outlier_sentence(y: Vector, at: int, skip: int, unit: str) -> str:
-    """What a sample is that stands alone; without a full stop."""
-    others = np.delete(y, at)
-    return (f"the output is {quantity(float(y[at]), unit)} in sample {at + skip}, and from {quantity(float(others.min()), unit)} to "
-            f"{quantity(float(others.max()), unit)} in all others: an outlier")
-
-
-def _of_resonance(found: rivals.Rival, s: ModelStructure, why: str) -> str:
+def _of_resonance(found: alternative_models.AlternativeModel, s: ModelStructure, why: str) -> str:
     return f"the output has a resonance at {found.found / s.sample_time:.3g} Hz: {why}"

@@ -64,7 +64,7 @@ class Start:
         return state
 
 
-def find_start(recording: Recording, s: ModelStructure, cost: Callable[[OperatorState], float], refine: bool = True,
+def find_initial_state(recording: Recording, s: ModelStructure, cost: Callable[[OperatorState], float], refine: bool = True,
                ) -> tuple[OperatorState, float | None]:
     """Return the start of the smallest cost, and the input in unit amplitudes at which creep had rested, if it had.
 

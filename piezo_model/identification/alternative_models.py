@@ -17,6 +17,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
 KNOTS = 24
@@ -31,7 +32,7 @@ DAMPING = (0.003, 0.7)
 """Range of the damping ratio that makes a resonance."""
 
 
-class Rival(NamedTuple):
+class AlternativeModel(NamedTuple):
     """An explanation: the error that it leaves, and what it found."""
 
     error: float
@@ -104,29 +105,36 @@ def outlier(v: Vector) -> int | None:
     return at if away[at] > OUTLYING * np.max(np.delete(away, at), initial=0.0) else None
 
 
-def drift(v: Vector) -> Rival:
+def outlier_sentence(y: Vector, at: int, skip: int, unit: str) -> str:
+    """What a sample is that stands alone; without a full stop."""
+    others = np.delete(y, at)
+    return (f"the output is {quantity(float(y[at]), unit)} in sample {at + skip}, and from {quantity(float(others.min()), unit)} to "
+            f"{quantity(float(others.max()), unit)} in all others: an outlier")
+
+
+def drift(v: Vector) -> AlternativeModel:
     """A polynomial in time."""
-    return Rival(rms(left_over(polynomials(np.linspace(-1.0, 1.0, v.size), 5), v)))
+    return AlternativeModel(rms(left_over(polynomials(np.linspace(-1.0, 1.0, v.size), 5), v)))
 
 
-def channels(u: Vector, v: Vector, look: int) -> Rival:
+def channels(u: Vector, v: Vector, look: int) -> AlternativeModel:
     """One cubic for even samples and one for odd ones, over ``look`` samples spread in pairs; not where one for all does nearly as well."""
     even = 2 * np.arange(0, u.size // 2, max(1, u.size // look))
     if min(np.unique(u[even + i]).size for i in (0, 1)) <= 4:  # through four points goes a cubic, whatever they are
-        return Rival(np.inf)
+        return AlternativeModel(np.inf)
     columns, values = [polynomials(2 * u[even + i] - 1, 3) for i in (0, 1)], [v[even + i] for i in (0, 1)]
     apart = rms(np.concatenate([left_over(*each) for each in zip(columns, values, strict=True)]))
     together = rms(left_over(np.vstack(columns), np.concatenate(values)))
-    return Rival(apart if apart < APART * together and together > ROUNDING else np.inf)
+    return AlternativeModel(apart if apart < APART * together and together > ROUNDING else np.inf)
 
 
-def butterfly(u: Vector, v: Vector) -> Rival:
+def butterfly(u: Vector, v: Vector) -> AlternativeModel:
     """A curve that goes down and up for each direction of the drive."""
     direction = np.sign(np.gradient(np.convolve(u, np.ones(5) / 5, "same")))
     if abs(rise(u, v)) > 0.7:
-        return Rival(np.inf)
+        return AlternativeModel(np.inf)
     columns = polynomials(2 * u - 1, 6)
-    return Rival(rms(left_over(np.hstack([columns, columns * direction[:, None]]), v)))
+    return AlternativeModel(rms(left_over(np.hstack([columns, columns * direction[:, None]]), v)))
 
 
 def single_tone(u: Vector) -> bool:
@@ -136,11 +144,11 @@ def single_tone(u: Vector) -> bool:
     return bool(power[max(top - 2, 0):top + 3].sum() > PURE * power.sum())
 
 
-def delay(u: Vector, v: Vector) -> Rival:
+def delay(u: Vector, v: Vector) -> AlternativeModel:
     """A cubic in the drive of ``found`` samples before, up to a quarter of the recording."""
     longest = min(u.size // 4, 2000)
     if single_tone(u):
-        return Rival(np.inf)
+        return AlternativeModel(np.inf)
 
     def error(late: int) -> float:
         return rms(left_over(polynomials(2 * u[longest - late:u.size - late] - 1, 3), v[longest:]))
@@ -149,13 +157,13 @@ def delay(u: Vector, v: Vector) -> Rival:
     best = int(np.argmin([error(int(late)) for late in tried]))
     near = np.unique(np.linspace(tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)], 40).astype(int))
     errors = [error(int(late)) for late in near]
-    return Rival(min(errors), float(near[int(np.argmin(errors))]))
+    return AlternativeModel(min(errors), float(near[int(np.argmin(errors))]))
 
 
-def resonance(u: Vector, v: Vector) -> Rival:
+def resonance(u: Vector, v: Vector) -> AlternativeModel:
     """Two conjugate poles; ``found`` is the frequency in cycles a sample."""
     if single_tone(u):
-        return Rival(np.inf)
+        return AlternativeModel(np.inf)
     u = u - u[0]
 
     def error(at: Vector) -> float:
@@ -168,4 +176,4 @@ def resonance(u: Vector, v: Vector) -> Rival:
     best = minimize(error, min(grid, key=error), method="Nelder-Mead", options={"maxfev": 80})
     rho, phi = 1.0 / (1.0 + np.exp(-best.x[0])), float(np.exp(best.x[1]))
     damping = -np.log(rho) / np.hypot(np.log(rho), phi)
-    return Rival(float(best.fun) if DAMPING[0] < damping < DAMPING[1] and phi < np.pi else np.inf, phi / (2.0 * np.pi))
+    return AlternativeModel(float(best.fun) if DAMPING[0] < damping < DAMPING[1] and phi < np.pi else np.inf, phi / (2.0 * np.pi))

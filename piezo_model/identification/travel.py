@@ -1,0 +1,57 @@
+"""Where the drive of a recording moves, what it has covered by then, and how much of the recording its start is found from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+
+HEAD, LONGEST_HEAD = 200_000, 500_000
+"""Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
+MOVED = 0.01
+"""Share of its range that a drive covers within the noise of its rest."""
+
+
+def head_of(recording: Recording, s: ModelStructure) -> Recording:
+    """The samples that starts are tried on."""
+    settled = settled_from(recording, s)
+    return recording.head(max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
+
+
+def settled_from(recording: Recording, s: ModelStructure) -> int:
+    """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
+    span = recording.x_range[1] - recording.x_range[0]
+    return covered_from(recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0))
+
+
+def moving_from(recording: Recording, skip: int) -> int:
+    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if it stays so."""
+    return covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
+
+
+def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
+    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it never does."""
+    low, high, seen = math.inf, -math.inf, 0
+    for x, _ in recording.chunks():
+        after = max(skip - seen, 0)
+        lows, highs = np.minimum.accumulate(np.minimum(x[after:], low)), np.maximum.accumulate(np.maximum(x[after:], high))
+        covered = np.flatnonzero(highs - lows >= span)
+        if covered.size:
+            return seen + after + int(covered[0])
+        low, high, seen = np.min(lows, initial=low), np.max(highs, initial=high), seen + x.size
+    return seen
+
+
+def y_range(recording: Recording, skip: int) -> tuple[float, float]:
+    """Range of the output after the first ``skip`` samples."""
+    if skip == 0:
+        return recording.y_range
+    low, high, seen = math.inf, -math.inf, 0
+    for _, y in recording.chunks():
+        counted = y[max(skip - seen, 0):]
+        low, high = float(np.min(counted, initial=low)), float(np.max(counted, initial=high))
+        seen += y.size
+    return low, high
