@@ -21,6 +21,7 @@
 #define SMALLEST ((real)1e-30)   /* least diagonal */
 
 CORE_INLINE num *row_of(const Pivoting *s, int i) { return s->data + symmetric_row(s->d + 1, i); }
+
 /* The largest of a vector's lanes, and their sum, where these are entries of one program. */
 CORE_INLINE num largest_entry(vec8 a)
 {

@@ -24,7 +24,7 @@ typedef struct {
     num *scale;        /* d: about P_jj^(-1/2), a power of two */
     num *free, *step;  /* d: of a linear system, 1 where a variable is free, and what it solves for */
     Factor factor;
-    num *whole; /* P by rows, of a single program */
+    num *whole;        /* P by rows, of a single program */
 } Pivoting;
 
 CORE_INLINE int64_t pivoting_bytes(int d)

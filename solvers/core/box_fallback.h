@@ -1,7 +1,6 @@
 /* What the exchanges on the inverse leave: the program in the variables z as one of block_pivoting.h, with a factor of P_FF for each system.
  *
- * Singular P. Where a pivot of P or its smallest eigenvalue is below about 16 d eps, the program solved has the term
- * delta |z - c|^2 / 2 more (delta = BOX_PROXIMAL), and c moves to its answer until the term is below the rounding of g; see box_pivoting.c.
+ * It stands where the exchanges keep their columns, so it is made anew after them.
  */
 #ifndef CORE_BOX_FALLBACK_H
 #define CORE_BOX_FALLBACK_H
