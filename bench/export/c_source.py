@@ -27,8 +27,8 @@ FILES = {"piezo_parameters.h": "parameters.h.jinja", "main.c": "main.c.jinja", "
 """What is rendered."""
 INTERFACE = Path(__file__).parent / "c"
 SHARED = ("vec8.h", "num.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
-LEARNER = ("mailbox.h", "sensor_guard.h", "controller.h", "controller.c", "status.h", "product.h", "block_pivoting.h", "block_pivoting.c", "box.h",
-           *(f"box_{part}.c" for part in ("data", "dual", "exchange", "factor", "inverse", "pivoting")),
+LEARNER = ("mailbox.h", "sensor_guard.h", "controller.h", "controller.c", "status.h", "product.h", "factor.h", "block_pivoting.h", "block_pivoting.c",
+           "box.h", "box_fallback.h", *(f"box_{part}.c" for part in ("data", "dual", "exchange", "inverse", "pivoting")),
            "eigenvalue.h", "eigenvalue.c", "descent.h", "descent.c", "acceleration.c", "regressors.h",
            *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")), "learner.h")
 """The core's files, alone and with a learner; of the latter the compiler takes what the kind of learning needs."""

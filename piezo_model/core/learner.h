@@ -149,8 +149,8 @@ CORE_INLINE int64_t rows_nums(Shape s, int block) { return block * row_nums(s) +
 CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
 {
     const int d = unknowns(s);
-    const int64_t queue = WIDTH == 1 ? 0 : (int64_t)sizeof(num) * pivoting_nums(d) + 2 * LANES * 8;
-    const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(num) * pivoting_nums(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
+    const int64_t queue = WIDTH == 1 ? 0 : pivoting_bytes(d) + 2 * LANES * 8;
+    const int64_t optimum = way == CYCLIC ? 0 : pivoting_bytes(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
     return room_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
 CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)

@@ -27,6 +27,7 @@ void N(learner_program)(const Learner *l)
         const num rho = times(constant(l->settings->proximal), choose(reached, lowest(diagonal, mean), mean));
         row[i] = s->diagonal[i] = plus(diagonal, rho);
         s->q[i] = minus_times(row[d], rho, before);
+        s->x[i] = constant(0);
         s->lb[i] = lower;
         s->ub[i] = constant(REAL_INFINITY);
         s->side[i] = if_less(lower, before, constant(0), constant(-1)); /* the bounds that held the optimum before */

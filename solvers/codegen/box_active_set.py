@@ -20,7 +20,7 @@ class BoxActiveSet(OurOwn):
     algorithm = "primal-dual active set"
     warm_startable = True
     parameters = MappingProxyType({})
-    core = ("box_data", "box_inverse", "box_exchange", "box_factor", "box_pivoting", "box_dual")
+    core = ("box_data", "box_inverse", "box_exchange", "block_pivoting", "box_pivoting", "box_dual")
 
     def memory(self, d: int) -> int:  # noqa: D102
         return int(face.box_bytes(d))

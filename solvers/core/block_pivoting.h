@@ -6,48 +6,65 @@
 #ifndef CORE_BLOCK_PIVOTING_H
 #define CORE_BLOCK_PIVOTING_H
 
-#include "num.h"
+#include "factor.h"
 #include "room.h"
 
-enum { MOST_ROUNDS = 24 }; /* systems after which a program is left to whoever can do more */
+enum {
+    MOST_ROUNDS = 24, /* systems after which a program is left to whoever can do more */
+    GUESSED_FROM = 12 /* variables from which a guess costs less than the systems that it saves */
+};
 
 typedef struct {
     int d;
     num *data;         /* P, symmetric_nums(d + 1) */
     num *q, *diagonal; /* d; the second that of P */
-    num *lb, *ub, *x;  /* d */
+    num *lb, *ub;      /* d */
+    num *x, *g;        /* d: where it begins and what it found, and the gradient q + P x */
     num *side;         /* d: -1 at the lower bound, 1 at the upper, 0 free; where it begins and what it found */
-    num *U, *free, *inverse, *column, *g, *scale; /* room: symmetric_nums(d + 1), d + 1, and d each */
-    num *whole; /* P by rows, of a single program */
+    num *scale;        /* d: about P_jj^(-1/2), a power of two */
+    num *free, *step;  /* d: of a linear system, 1 where a variable is free, and what it solves for */
+    Factor factor;
+    num *whole;        /* P by rows, of a single program */
 } Pivoting;
 
-CORE_INLINE int64_t pivoting_nums(int d) { return 2 * (int64_t)symmetric_nums(d + 1) + 11 * NUMS(d + 1) + (WIDTH == 1 ? d * NUMS(d) : 0); }
+CORE_INLINE int64_t pivoting_bytes(int d)
+{
+    const int64_t whole = WIDTH == 1 ? d * NUMS(d) : 0;
+    return factor_bytes(d) + (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 10 * NUMS(d) + whole);
+}
 CORE_INLINE Pivoting pivoting_at(Room *room, int d)
 {
-    const int k = NUMS(d + 1);
     Pivoting s;
     s.d = d;
     s.data = nums(room, symmetric_nums(d + 1));
-    s.U = nums(room, symmetric_nums(d + 1));
-    s.lb = nums(room, k);
-    s.ub = nums(room, k);
-    s.x = nums(room, k);
-    s.side = nums(room, k);
-    s.free = nums(room, k);
-    s.inverse = nums(room, k);
-    s.column = nums(room, k);
-    s.g = nums(room, k);
-    s.scale = nums(room, k);
-    s.q = nums(room, k);
-    s.diagonal = nums(room, k);
+    s.q = nums(room, NUMS(d));
+    s.diagonal = nums(room, NUMS(d));
+    s.lb = nums(room, NUMS(d));
+    s.ub = nums(room, NUMS(d));
+    s.x = nums(room, NUMS(d));
+    s.g = nums(room, NUMS(d));
+    s.side = nums(room, NUMS(d));
+    s.scale = nums(room, NUMS(d));
+    s.free = nums(room, NUMS(d));
+    s.step = nums(room, NUMS(d));
+    s.factor = factor_at(room, d);
     s.whole = WIDTH == 1 ? nums(room, d * NUMS(d)) : NULL;
     return s;
 }
 
 /* Take the data; 1 where the diagonal is positive and finite. To be called again where a lane has another program. */
 CORE_API num N(pivoting_prepare)(const Pivoting *s);
-/* Solve one system with the sides as they are, and exchange; 1 where x is the minimiser. Programs in `broken` have another system to
- * solve; one in neither has no answer. The bounds are finite where a side says that a variable is at one, and lb < ub. */
+/* Of the programs in `which`, guess the sides by coordinate descent, one step a variable, from the point of the box next to 0. */
+CORE_API void N(pivoting_guess)(const Pivoting *s, num which);
+/* Bring every variable to its side, with the gradient; the bounds are finite where a side says that a variable is at one. */
+CORE_API void N(pivoting_place)(const Pivoting *s);
+/* Bring what is free to its minimiser from there; 1 where every pivot is more than the share `least` of the diagonal of P. */
+CORE_API num N(pivoting_newton)(const Pivoting *s, real least);
+/* What rounding may leave of an entry of S g that is zero. */
+CORE_API num N(pivoting_rounding)(const Pivoting *s);
+/* Exchange the sides that break a condition: how many, and in `residual` the largest |g_F| by the rounding of g, infinite where x or g is. */
+CORE_API num N(pivoting_exchange)(const Pivoting *s, num *residual);
+/* Both; 1 where x is the minimiser. Programs in `broken` have another system to solve; one in neither has no answer. */
 CORE_API num N(pivoting_round)(const Pivoting *s, num *broken);
 #ifdef CORE_TILE
 /* Let the program of a lane go on in a lane of another eight. */

@@ -1,7 +1,7 @@
 /* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
  *
  * New data are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). What is not safely positive definite, finite and
- * symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter rules (box_data.c,
+ * symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter rules (box_fallback.h,
  * box_pivoting.c, box_dual.c), which decides. Which path a cold problem takes follows from its data alone, so the answer does too.
  *
  * The variables are scaled, x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2): that is exact, so lb, ub and the
@@ -15,15 +15,13 @@
 #include "status.h"
 
 enum { BOX_KIND = 0x424f5831 };
-enum { LOWER = -1, FREE = 0, UPPER = 1, FIXED = 2 }; /* where a variable is */
+enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* where a variable is; one whose bounds are equal is never free at the end */
 
 /* What stands at the head of the state. */
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
-    int32_t inverted, factorised, singular; /* which of M and the factor are there; whether P has the proximal term */
-    int32_t rough;                          /* whether M, which is not safely accurate, is good enough to guess sides from */
-    int32_t free_count, factor_fits;        /* of the list of free variables; whether the factor is that of the list */
+    int32_t inverted, factorised, singular; /* which of M and the program of the fallback are there; whether that has the proximal term */
     int32_t cap;                            /* exchanges after which a solve ends with CAPPED; 0 for none */
     int32_t exchanges, systems, dual_steps, proximal_steps; /* what the last solve took */
     int32_t fallbacks;                      /* solves left to the factorisation */
@@ -37,14 +35,14 @@ typedef struct {
     real *raw_q, *lb, *ub;                         /* as the caller gave them */
     real *x, *g;                                   /* z and its gradient q + P z */
     real *r, *below, *above, *at, *is_free, *unit; /* see box_exchange.c */
-    real *diagonal, *weight, *gain, *masked, *inverse_diagonal, *inverse_weight, *zero;
+    real *diagonal, *weight, *gain, *masked, *step, *inverse_diagonal, *inverse_weight, *zero;
     real *factor, *share;                          /* 2 ld numbers, one an exchange */
     real *one;                                     /* 2 ld zeros but for a one in the middle: unit vectors by where one begins to read */
     real *skew, *sign;                             /* see box_inverse.c */
     real *pivots;                                  /* 2 rows */
-    int32_t *side, *wanted, *list;
+    int32_t *side;
     real *P, *M, *U;                               /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
-    real *step, *multiplier, *centre, *V, *L;      /* of the factorisation */
+    void *fallback;                                /* see box_fallback.h; it takes the place of U */
 } Box;
 
 CORE_API int64_t box_bytes(int d);
@@ -67,22 +65,10 @@ CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb
 CORE_API int box_solve_factorised(Box *s, int warm);
 
 /* What the files of this solver ask of each other. */
-#define BOX_PROXIMAL ((real)1e-11) /* of the diagonal of P, the proximal term where P is singular */
-#define BOX_LARGE ((real)1e7)      /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
+#define BOX_LARGE ((real)1e7) /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
 CORE_API int box_invert(Box *s, const real *P);
 CORE_API int box_exchange_all(Box *s, int warm);
 CORE_API int box_factorise_copy(Box *s);
-CORE_API int box_regularise(Box *s);
-CORE_API int box_newton(Box *s);
-CORE_API void box_list_free(Box *s);
-CORE_API void box_move(Box *s, int j, int side);
-CORE_API real box_gradient_tolerance(const Box *s);
-CORE_API void box_gradient(Box *s);
 CORE_API void box_rescale(Box *s);
-CORE_API int box_dual_active_set(Box *s);
-/* The smallest pivot of P_FF = L D L' with the list as it is, -inf where one is not a number. */
-CORE_API real box_factorise(Box *s);
-/* P_FF step = right (both by place in the list, in place). */
-CORE_API void box_back_solve(const Box *s, real *right);
 
 #endif

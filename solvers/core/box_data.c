@@ -1,20 +1,15 @@
 /* The data of a box problem: room for them, scaling, checks. */
-#include "box.h"
+#include "box_fallback.h"
 
-#include "product.h"
-
-enum { BOX_VECTORS = 37 };
+enum { BOX_VECTORS = 35 };
 #define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
 static int even(int d) { return (d + 1) / 2 * 2; }
 
-/* Rows of P, M, U, V and L. */
-static int64_t matrix_rows(int d) { return 2 * (int64_t)even(d) + 2 * (int64_t)padded(d) + 2 * (int64_t)d; }
-
 int64_t box_bytes(int d)
 {
-    const int64_t ld = padded(d);
-    return HEAD_BYTES + ld * (BOX_VECTORS + matrix_rows(d)) * (int64_t)sizeof(real) + 3 * ld * 8;
+    const int64_t ld = padded(d), each = (int64_t)sizeof(real), columns = 2 * ld * ld * each;
+    return HEAD_BYTES + ld * (BOX_VECTORS + 2 * even(d)) * each + 8 * ld + (columns > fallback_bytes(d) ? columns : fallback_bytes(d));
 }
 
 Box box_at(void *memory)
@@ -45,6 +40,7 @@ Box box_at(void *memory)
     s.weight = reals(&room, 1, ld);
     s.gain = reals(&room, 1, ld);
     s.masked = reals(&room, 1, ld);
+    s.step = reals(&room, 1, ld);
     s.inverse_diagonal = reals(&room, 1, ld);
     s.inverse_weight = reals(&room, 1, ld);
     s.zero = reals(&room, 1, ld);
@@ -58,13 +54,7 @@ Box box_at(void *memory)
     s.one = reals(&room, 2, ld);
     s.skew = reals(&room, 2, ld);
     s.U = reals(&room, 2 * ld, ld);
-    s.wanted = integers(&room, s.d);
-    s.list = integers(&room, s.d);
-    s.step = reals(&room, 1, ld);
-    s.multiplier = reals(&room, 1, ld);
-    s.centre = reals(&room, 1, ld);
-    s.V = reals(&room, s.d, ld);
-    s.L = reals(&room, s.d, ld);
+    s.fallback = s.U;
     return s;
 }
 
@@ -174,65 +164,92 @@ int box_take_hessian(Box *s, const real *P)
     return copy_checked(s, P);
 }
 
-/* Make the copy of P its symmetric part and factorise it; where that shows it near singular, add the proximal term. */
-int box_factorise_copy(Box *s)
+/* Put the symmetric part of the copy of P into the program of the fallback; NaN where it is not finite, else the largest difference. */
+static real symmetric_part(const Box *s, const Pivoting *p)
 {
     const int d = s->d, ld = s->ld;
-    real total = 0, longest = 0, irregular = 0;
+    real total = 0, unequal = 0;
     for (int i = 0; i < d; ++i) {
-        for (int j = 0; j <= i; ++j) {
+        for (int j = i; j < d; ++j) {
             const real a = s->P[i * ld + j], b = s->P[j * ld + i], mean = (a + b) / 2;
-            total += MAGNITUDE(mean);
-            if (MAGNITUDE(a - b) > ASYMMETRIC_SHARE) {
-                longest = 1;
-            }
-            if (!s->head->inverted) { /* what the exchanges may read again stays as it is */
-                s->P[i * ld + j] = s->P[j * ld + i] = mean;
-            }
+            total += mean - mean;
+            unequal = MAGNITUDE(a - b) > unequal ? MAGNITUDE(a - b) : unequal;
+            p->data[symmetric_row(d + 1, i) + j] = mean;
         }
     }
-    if (!(total < REAL_INFINITY)) {
-        return NOT_FINITE;
-    }
-    if (longest > 0) {
-        return ASYMMETRIC;
-    }
-    s->head->singular = 0;
-    s->head->factorised = 1;
-    s->head->free_count = d;
-    for (int j = 0; j < d; ++j) {
-        s->list[j] = j;
-    }
-    if (box_factorise(s) > 16 * (real)d * REAL_EPSILON || d == 0) {
-        /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the right-hand
-         * side is irregular, so that this is about 1/lambda_min. */
-        for (int j = 0; j < d; ++j) {
-            irregular += (real)0.618033988749895;
-            irregular -= irregular >= 1 ? 1 : 0;
-            s->step[j] = irregular - (real)0.5;
-        }
-        box_back_solve(s, s->step);
-        for (int j = 0; j < d; ++j) {
-            longest = MAGNITUDE(s->step[j]) > longest ? MAGNITUDE(s->step[j]) : longest;
-        }
-        if (longest * (real)d * REAL_EPSILON < (real)0.02) {
-            return OK;
-        }
-    }
-    return box_regularise(s);
+    return total + unequal;
 }
 
-int box_regularise(Box *s)
+/* The variables are scaled already. */
+static void prepare(const Pivoting *p)
 {
-    const int d = s->d;
-    for (int j = 0; j < d; ++j) {
-        s->P[j * s->ld + j] += BOX_PROXIMAL;
-        s->list[j] = j;
+    for (int i = 0; i < p->d; ++i) {
+        p->diagonal[i] = p->data[symmetric_row(p->d + 1, i) + i];
     }
-    s->head->singular = 1;
-    s->head->inverted = 0;
-    s->head->free_count = d;
-    return box_factorise(s) > 0 ? OK : INDEFINITE;
+    pivoting_prepare(p);
+    for (int i = 0; i < p->d; ++i) {
+        p->diagonal[i] = p->scale[i] = 1;
+    }
+}
+
+/* Solve for a right-hand side with everything free; the largest entry, infinite where a pivot is not safe. */
+static real length_of_solution(const Pivoting *p, real least, const real *right)
+{
+    real longest = 0;
+    for (int i = 0; i < p->d; ++i) {
+        p->free[i] = 1;
+        p->factor.rows[i] = i;
+        p->data[symmetric_row(p->d + 1, i) + p->d] = right[i];
+    }
+    if (!(factorise(&p->factor, p->data, p->free, p->d, least) > 0)) {
+        return REAL_INFINITY;
+    }
+    substitute_back(&p->factor, p->d, p->step);
+    for (int i = 0; i < p->d; ++i) {
+        longest = MAGNITUDE(p->step[i]) > longest ? MAGNITUDE(p->step[i]) : longest;
+    }
+    return longest;
+}
+
+/* Factorise the symmetric part of the copy of P; where that shows it near singular, add the proximal term. */
+int box_factorise_copy(Box *s)
+{
+    const Fallback f = fallback_at(s);
+    const Pivoting *const p = &f.program;
+    const real unequal = symmetric_part(s, p);
+    real irregular = 0;
+    if (!(unequal < REAL_INFINITY)) {
+        return NOT_FINITE;
+    }
+    if (unequal > ASYMMETRIC_SHARE) {
+        return ASYMMETRIC;
+    }
+    prepare(p);
+    s->head->singular = 0;
+    s->head->factorised = 1;
+    /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the right-hand side is
+     * irregular, so that this is about 1/lambda_min. */
+    for (int j = 0; j < s->d; ++j) {
+        irregular += (real)0.618033988749895;
+        irregular -= irregular >= 1 ? 1 : 0;
+        f.centre[j] = irregular - (real)0.5;
+    }
+    if (length_of_solution(p, 16 * (real)s->d * REAL_EPSILON, f.centre) * (real)s->d * REAL_EPSILON < (real)0.02) {
+        return OK;
+    }
+    return box_regularise(&f);
+}
+
+int box_regularise(const Fallback *f)
+{
+    const Pivoting *const p = &f->program;
+    for (int j = 0; j < p->d; ++j) {
+        p->data[symmetric_row(p->d + 1, j) + j] += BOX_PROXIMAL;
+    }
+    prepare(p);
+    f->head->singular = 1;
+    f->head->inverted = 0;
+    return length_of_solution(p, 0, f->centre) < REAL_INFINITY ? OK : INDEFINITE;
 }
 
 int box_take_linear(Box *s, const real *q)

@@ -6,39 +6,40 @@
  * and the path bends; t = 1 is j at its bound and the other multipliers right. The dual objective strictly rises with each bound
  * pushed home (at most |A| bends come before), so no set returns.
  */
-#include "box.h"
+#include "box_fallback.h"
 
 /* Free bounds whose multiplier has the wrong sign until none has; at the latest, when no bound is left. */
-static int free_wrong_signs(Box *s)
+static int free_wrong_signs(const Fallback *f)
 {
+    const Pivoting *const p = &f->program;
     for (;;) {
-        const real tolerance = box_gradient_tolerance(s);
+        const real tolerance = pivoting_rounding(p);
         int freed = 0;
-        for (int j = 0; j < s->d; ++j) {
-            if (s->side[j] != FIXED && (real)s->side[j] * s->g[j] > tolerance) {
-                s->side[j] = FREE;
+        for (int j = 0; j < p->d; ++j) {
+            if (p->lb[j] < p->ub[j] && p->side[j] * p->g[j] > tolerance) {
+                p->side[j] = FREE;
                 ++freed;
             }
         }
         if (freed == 0) {
             return 1;
         }
-        box_list_free(s);
-        if (!box_newton(s)) {
+        if (!box_newton(f)) {
             return 0;
         }
     }
 }
 
 /* The bound whose multiplier is zero first on the way to the candidate, and in `length` where; -1 and 1 if none is. */
-static int first_to_vanish(const Box *s, int pushed, real *length)
+static int first_to_vanish(const Fallback *f, int pushed, real *length)
 {
-    const real tolerance = box_gradient_tolerance(s);
+    const Pivoting *const p = &f->program;
+    const real tolerance = pivoting_rounding(p);
     int let_go = -1;
     *length = 1;
-    for (int j = 0; j < s->d; ++j) {
-        const real u = s->multiplier[j], g = s->g[j];
-        if (j != pushed && s->side[j] != FIXED && (real)s->side[j] * g > tolerance) {
+    for (int j = 0; j < p->d; ++j) {
+        const real u = f->multiplier[j], g = p->g[j];
+        if (j != pushed && p->lb[j] < p->ub[j] && p->side[j] * g > tolerance) {
             const real along = u / (u - g), t = along > 0 ? along : 0;
             if (let_go < 0 || t < *length) {
                 let_go = j;
@@ -50,13 +51,13 @@ static int first_to_vanish(const Box *s, int pushed, real *length)
 }
 
 /* The free variable that breaks a bound most; -1 where none does. */
-static int most_violated(const Box *s)
+static int most_violated(const Pivoting *p)
 {
     int chosen = -1;
     real worst = 0;
-    for (int j = 0; j < s->d; ++j) {
-        const real under = s->lo[j] - s->x[j], over_it = s->x[j] - s->hi[j], violation = under > over_it ? under : over_it;
-        if (s->side[j] == FREE && violation > worst) {
+    for (int j = 0; j < p->d; ++j) {
+        const real under = p->lb[j] - p->x[j], over_it = p->x[j] - p->ub[j], violation = under > over_it ? under : over_it;
+        if (p->side[j] == FREE && violation > worst) {
             chosen = j;
             worst = violation;
         }
@@ -64,35 +65,35 @@ static int most_violated(const Box *s)
     return chosen;
 }
 
-/* Solve from the sides as they are, after a Newton step on them; OK, BREAKDOWN or ENDLESS. */
-int box_dual_active_set(Box *s)
+/* Solve from the sides as they are; OK, BREAKDOWN or ENDLESS. */
+int box_dual_active_set(const Fallback *f)
 {
-    if (!free_wrong_signs(s)) {
+    const Pivoting *const p = &f->program;
+    if (!box_newton(f) || !free_wrong_signs(f)) {
         return BREAKDOWN;
     }
-    memcpy(s->multiplier, s->g, (size_t)s->ld * sizeof(real));
-    for (int most = 100 + 20 * s->d; most > 0; --most) {
-        const int pushed = most_violated(s);
+    memcpy(f->multiplier, p->g, (size_t)p->d * sizeof(real));
+    for (int most = 100 + 20 * p->d; most > 0; --most) {
+        const int pushed = most_violated(p);
         int let_go = pushed;
         if (pushed < 0) {
             return OK;
         }
-        box_move(s, pushed, s->x[pushed] < s->lo[pushed] ? LOWER : UPPER);
-        s->multiplier[pushed] = 0;
+        p->side[pushed] = p->x[pushed] < p->lb[pushed] ? LOWER : UPPER;
+        f->multiplier[pushed] = 0;
         while (let_go >= 0) {
             real t;
-            ++s->head->dual_steps;
-            box_list_free(s);
-            if (!box_newton(s)) {
+            ++f->head->dual_steps;
+            if (!box_newton(f)) {
                 return BREAKDOWN;
             }
-            let_go = first_to_vanish(s, pushed, &t);
-            for (int j = 0; j < s->d; ++j) {
-                s->multiplier[j] += t * (s->g[j] - s->multiplier[j]);
+            let_go = first_to_vanish(f, pushed, &t);
+            for (int j = 0; j < p->d; ++j) {
+                f->multiplier[j] += t * (p->g[j] - f->multiplier[j]);
             }
             if (let_go >= 0) {
-                s->side[let_go] = FREE;
-                s->multiplier[let_go] = 0;
+                p->side[let_go] = FREE;
+                f->multiplier[let_go] = 0;
             }
         }
     }

@@ -147,6 +147,9 @@ static real exchange(const Box *s, int j, int side, int count)
         s->is_free[j] = 0;
         s->unit[j] = -p;
     }
+    if (count % 4 == 0) { /* four columns are read at a time */
+        memset(s->U + (size_t)count * (size_t)s->ld, 0, 4 * (size_t)s->ld * sizeof(real));
+    }
     for (; PRODUCT_BLOCKS > 2 && b + 24 <= s->ld; b += 24) {
         most = larger(most, exchange_blocks(s, &e, b, 3));
     }
@@ -173,7 +176,7 @@ static int refine(const Box *s, int count, real *top, real *negligible)
     for (int b = 0; b < ld; b += LANES) {
         store(s->masked + b, mul(load(s->g + b), load(s->is_free + b)));
     }
-    affine(s->M, ld, d, s->masked, s->zero, s->gain);
+    affine(s->M, ld, d, s->masked, s->zero, s->step);
     for (int k = 0; k < count; ++k) {
         const real *const u = s->U + (size_t)k * (size_t)ld;
         vec8 product = zeros();
@@ -184,7 +187,7 @@ static int refine(const Box *s, int count, real *top, real *negligible)
     }
     for (int b = 0; b < ld; b += LANES) {
         const vec8 q = load(s->q + b);
-        vec8 step = load(s->gain + b), x;
+        vec8 step = load(s->step + b), x;
         for (int k = 0; k < count; ++k) {
             step = less_product(step, load(s->U + (size_t)k * (size_t)ld + b), splat(s->share[k]));
         }
@@ -213,9 +216,6 @@ static int refine(const Box *s, int count, real *top, real *negligible)
         && (x_size <= BOX_LARGE * q_size || x_size == 0);
 }
 
-/* Zero what may not be finite, since columns from before are read with a factor of zero. */
-static void forget_columns(const Box *s, int count) { memset(s->U, 0, (size_t)count * (size_t)s->ld * sizeof(real)); }
-
 static void write_answer(const Box *s)
 {
     for (int b = 0; b < s->ld; b += LANES) {
@@ -231,6 +231,7 @@ int box_exchange_all(Box *s, int warm)
     int count = 0, most_exchanges = limit, steps = 0, exact = 0;
     real negligible = 0, top;
     memset(s->factor, 0, (size_t)limit * sizeof(real));
+    s->head->factorised = 0; /* the columns of the exchanges take the place of the program of the fallback */
     top = start(s);
     for (int j = 0; j < s->d; ++j) {
         const int side = s->side[j];
@@ -251,7 +252,6 @@ int box_exchange_all(Box *s, int warm)
             ++count;
         }
         if (steps == REFINEMENTS || count == limit) {
-            forget_columns(s, count);
             return BREAKDOWN;
         }
         exact = refine(s, count, &top, &negligible);

@@ -30,14 +30,11 @@ static real copy_scaled(Box *s, const real *P)
 {
     const int d = s->d, ld = s->ld;
     vec8 total = zeros();
-    for (int j = 0; j < d; ++j) {
-        s->gain[j] = P[j * d + j];
-    }
-    for (int j = d; j < ld; ++j) {
-        s->gain[j] = 1;
+    for (int j = 0; j < ld; ++j) {
+        s->scale[j] = j < d ? P[j * d + j] : 1;
     }
     for (int j = 0; j < ld; j += LANES) {
-        store(s->scale + j, root_scale(load(s->gain + j)));
+        store(s->scale + j, root_scale(load(s->scale + j)));
     }
     for (int i = 0; i < d; ++i) {
         const real *const row = P + (size_t)i * (size_t)d, *const skew = s->skew + ld - i;
@@ -131,7 +128,7 @@ int box_invert(Box *s, const real *P)
 {
     const int d = s->d, ld = s->ld;
     vec8 longest = zeros();
-    s->head->inverted = s->head->rough = 0;
+    s->head->inverted = 0;
     if (d == 0 || !(MAGNITUDE(copy_scaled(s, P)) <= (real)d * (real)d * REAL_EPSILON / 2) || !sweep_all(s)) {
         return d == 0; /* nothing to invert */
     }
@@ -144,6 +141,5 @@ int box_invert(Box *s, const real *P)
         longest = larger(longest, diagonal);
     }
     s->head->inverted = largest8(longest) <= LARGEST_INVERSE;
-    s->head->rough = !s->head->inverted && largest8(longest) < REAL_INFINITY;
     return s->head->inverted;
 }

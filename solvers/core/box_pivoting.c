@@ -1,11 +1,8 @@
-/* The exact minimiser over a box by block principal pivoting on a factor, for data that exchanges on the inverse do not bring home.
+/* The exact minimiser over a box by block pivoting, for data that exchanges on the inverse do not bring home.
  *
- * A guess of which variables F are free and which A sit at a bound leaves one candidate (box_newton). It is the minimiser iff
- * lb <= x_F <= ub, g_i >= 0 at lower and g_i <= 0 at upper bounds. Block principal pivoting (Judice & Pires, Computers & Operations
- * Research 21 (1994) 587; Kim & Park, SIAM J. Sci. Comput. 33 (2011) 3261) exchanges every variable that breaks this, all at once;
- * from "all free" it takes three systems at d = 18 and eight at d = 60. It may cycle, so where the number of broken conditions has
- * not reached a new low for PATIENCE rounds, box_dual.c ends the search. A bound has no tolerance; a multiplier below the rounding
- * of g counts as zero, which is what keeps ties from cycling.
+ * The rounds are those of block_pivoting.c, cold from its guess, and the last of them refine the answer. They may cycle, so where the
+ * number of broken conditions has not reached a new low for PATIENCE rounds, box_dual.c ends the search (Kim & Park, SIAM J. Sci.
+ * Comput. 33 (2011) 3261).
  *
  * Singular P. Where a pivot of P or its smallest eigenvalue is below about 16 d eps, the problem solved has the term
  * delta |z - c|^2 / 2 more, in the scaled variables z (delta = BOX_PROXIMAL), and c moves to its answer until the term is below the
@@ -13,7 +10,7 @@
  * directions that P does not see, x stays where it was. P that has a pivot <= 0 even so is refused as indefinite; an x that walks on
  * at constant pace is taken to the next bound in its way, and where there is none the problem is unbounded.
  */
-#include "box.h"
+#include "box_fallback.h"
 
 enum { PATIENCE = 5 }; /* 2 to 10 rounds take as many systems on average, 5 has the shortest tail */
 
@@ -25,13 +22,13 @@ enum { PATIENCE = 5 }; /* 2 to 10 rounds take as many systems on average, 5 has 
 
 /* g = q + P x to about twice the precision, then rounded once (Ogita, Rump & Oishi, SIAM J. Sci. Comput. 26 (2005) 1955). What
  * rounding takes from a product is found from the halves of its factors (Dekker, Numer. Math. 18 (1971) 224). */
-static void gradient_compensated(Box *s)
+static void gradient_compensated(const Pivoting *p)
 {
     const vec8 splitter = splat(SPLITTER);
-    for (int b = 0; b < s->ld; b += LANES) {
-        vec8 high = load(s->q + b), low = zeros();
-        for (int j = 0; j < s->d; ++j) {
-            const vec8 m = load(s->P + (size_t)j * (size_t)s->ld + b), t = splat(s->x[j]), product = mul(m, t);
+    for (int b = 0; b < VECTORS(p->d); ++b) {
+        vec8 high = vector(p->q, b), low = zeros();
+        for (int j = 0; j < p->d; ++j) {
+            const vec8 m = vector(p->whole + j * NUMS(p->d), b), t = splat(p->x[j]), product = mul(m, t);
             const vec8 total = add(high, product), added = sub(total, high);
             const vec8 of_sum = add(sub(high, sub(total, added)), sub(product, added));
             const vec8 m_wide = mul(splitter, m), m1 = sub(m_wide, sub(m_wide, m)), m2 = sub(m, m1);
@@ -40,187 +37,172 @@ static void gradient_compensated(Box *s)
             low = add(low, add(of_sum, of_product));
             high = total;
         }
-        store(s->g + b, add(high, low));
+        set_vector(p->g, b, add(high, low));
     }
 }
 
-/* Write the side that each variable wants; how many want another, and in `residual` max |g_F|. */
-static int judge(Box *s, real tolerance, real *residual)
+/* A linear system with the sides as they are; 0 where P_FF is not positive definite to rounding. */
+static int newton(const Fallback *f, int precise)
 {
-    int broken = 0;
-    *residual = 0;
-    for (int j = 0; j < s->d; ++j) {
-        const int side = s->side[j], outside = s->x[j] > s->hi[j] ? UPPER : s->x[j] < s->lo[j] ? LOWER : FREE;
-        const int held = side == FIXED || (real)side * s->g[j] <= tolerance ? side : FREE;
-        const int wanted = side == FREE ? outside : held;
-        s->wanted[j] = wanted;
-        broken += wanted != side;
-        if (side == FREE && MAGNITUDE(s->g[j]) > *residual) {
-            *residual = MAGNITUDE(s->g[j]);
-        }
+    pivoting_place(&f->program);
+    if (precise) {
+        gradient_compensated(&f->program);
     }
-    return broken;
+    ++f->head->systems;
+    return pivoting_newton(&f->program, 0) > 0;
 }
 
-/* Block principal pivoting from the sides as they are, with x and g = q + P x in step. */
-static int pivot(Box *s)
+int box_newton(const Fallback *f) { return newton(f, 0); }
+
+static real largest(const real *a, int d)
 {
-    int best = s->d + 1, patience = PATIENCE, refined = 0;
-    real linear = 0;
-    for (int j = 0; j < s->d; ++j) {
-        linear = MAGNITUDE(s->q[j]) > linear ? MAGNITUDE(s->q[j]) : linear;
+    real most = 0;
+    for (int j = 0; j < d; ++j) {
+        most = MAGNITUDE(a[j]) > most ? MAGNITUDE(a[j]) : most;
     }
-    linear *= 4 * (real)s->d * REAL_EPSILON;
-    while (box_newton(s)) {
-        const real tolerance = box_gradient_tolerance(s);
+    return most;
+}
+
+/* Block principal pivoting from the sides as they are. */
+static int pivot(const Fallback *f)
+{
+    const Pivoting *const p = &f->program;
+    int best = p->d + 1, patience = PATIENCE, refined = 0, large = 0;
+    while (newton(f, refined > 0 && large)) {
         real residual;
-        const int broken = judge(s, tolerance, &residual);
+        const int broken = (int)pivoting_exchange(p, &residual);
         if (broken == 0) {
-            const int large = tolerance > BOX_LARGE * linear;
-            if (refined >= (large ? 2 : 1) || (!large && residual <= tolerance / 8)) {
+            large = largest(p->x, p->d) > BOX_LARGE * largest(p->q, p->d);
+            if (residual == REAL_INFINITY) {
+                return BREAKDOWN;
+            }
+            if (refined >= (large ? 2 : 1) || (!large && residual <= (real)0.125)) {
                 return OK;
             }
             ++refined;
-            if (large) {
-                gradient_compensated(s);
-            }
             continue;
         }
         refined = 0;
         patience = broken < best ? PATIENCE : patience - 1;
         best = broken < best ? broken : best;
-        if (s->head->cap > 0 && s->head->systems > s->head->cap) {
+        if (f->head->cap > 0 && f->head->systems > f->head->cap) {
             return CAPPED;
         }
         if (patience == 0) {
-            return box_dual_active_set(s);
+            return box_dual_active_set(f);
         }
-        for (int j = 0; j < s->d; ++j) {
-            if (s->wanted[j] != s->side[j]) {
-                box_move(s, j, s->wanted[j]);
-            }
-        }
-        box_list_free(s);
     }
     return BREAKDOWN;
 }
 
 /* How many times the last proximal step fits before it meets a bound. */
-static real reach_of(const Box *s, real negligible)
+static real reach_of(const Fallback *f, real negligible)
 {
+    const Pivoting *const p = &f->program;
     real reach = REAL_INFINITY;
-    for (int j = 0; j < s->d; ++j) {
-        const real v = s->x[j] - s->centre[j];
+    for (int j = 0; j < p->d; ++j) {
+        const real v = p->x[j] - f->centre[j];
         if (MAGNITUDE(v) > negligible) {
-            const real times = ((v > 0 ? s->hi[j] : s->lo[j]) - s->x[j]) / v;
-            reach = times < reach ? times : reach;
+            const real times_it = ((v > 0 ? p->ub[j] : p->lb[j]) - p->x[j]) / v;
+            reach = times_it < reach ? times_it : reach;
         }
     }
     return reach;
 }
 
-/* Solve the regularised problem again and again round its own answer. */
-static int proximal_point(Box *s)
+/* Solve the regularised problem, with the linear term q but for c, again and again round its own answer. */
+static int proximal_point(const Fallback *f, const real *q)
 {
-    const int d = s->d;
+    const Pivoting *const p = &f->program;
+    const int d = p->d;
     real last = REAL_INFINITY;
     int status = OK;
-    memcpy(s->centre, s->x, (size_t)s->ld * sizeof(real));
+    memcpy(f->centre, p->x, (size_t)d * sizeof(real));
     for (int most = 20 + 2 * d; most > 0; --most) {
         real length = 0, rounding, reach = 0;
-        ++s->head->proximal_steps;
+        ++f->head->proximal_steps;
         for (int j = 0; j < d; ++j) {
-            s->q[j] = s->raw_q[j] * s->scale[j] - BOX_PROXIMAL * s->centre[j];
+            p->q[j] = q[j] - BOX_PROXIMAL * f->centre[j];
         }
-        box_list_free(s);
-        box_gradient(s);
-        status = pivot(s);
+        status = pivot(f);
         if (status != OK) {
             break;
         }
         for (int j = 0; j < d; ++j) {
-            const real moved = MAGNITUDE(s->x[j] - s->centre[j]);
+            const real moved = MAGNITUDE(p->x[j] - f->centre[j]);
             length = moved > length ? moved : length;
         }
-        rounding = box_gradient_tolerance(s);
+        rounding = pivoting_rounding(p);
         if (BOX_PROXIMAL * length <= rounding / 8) { /* the residual that is asked of g_F everywhere */
             break;
         }
         if ((real)0.99 * last < length && length < (real)1.01 * last && BOX_PROXIMAL * length > 16 * rounding) {
-            reach = reach_of(s, (real)1e-9 * length);
+            reach = reach_of(f, (real)1e-9 * length);
             if (reach == REAL_INFINITY) {
-                status = UNBOUNDED;
-                break;
+                return UNBOUNDED;
             }
         }
         for (int j = 0; j < d; ++j) {
-            s->x[j] += reach * (s->x[j] - s->centre[j]);
-            s->centre[j] = s->x[j];
+            p->x[j] += reach * (p->x[j] - f->centre[j]);
+            f->centre[j] = p->x[j];
         }
         last = length;
     }
-    for (int j = 0; j < d; ++j) {
-        s->q[j] = s->raw_q[j] * s->scale[j];
-    }
     return status;
 }
 
-/* Cold, it starts with every variable free at 0 and the answer is a function of the data alone. Warm, it starts from the answer and
- * the sides in the state. */
-/* From "all free", from the answer and its sides, or from sides alone. */
-enum { COLD, WARM, GUESSED };
-
-static int solve_from(Box *s, int start)
+/* The data, and where to begin: warm at the answer and its sides, cold at a guess, which makes the answer a function of the data alone. */
+static void begin(const Fallback *f, const Box *s, int warm)
 {
-    int status = BREAKDOWN;
-    if (!s->head->factorised) {
-        status = box_factorise_copy(s);
-        if (status != OK) {
-            return status;
-        }
+    const Pivoting *const p = &f->program;
+    for (int j = 0; j < s->d; ++j) {
+        p->q[j] = s->q[j];
+        p->lb[j] = s->lo[j];
+        p->ub[j] = s->hi[j];
+    }
+    if (!warm) {
+        pivoting_guess(p, 1);
     }
     for (int j = 0; j < s->d; ++j) {
-        real x = 0;
-        int side = FREE;
-        if (start == WARM) {
-            x = s->answer[j] / s->scale[j];
-        }
-        if (start != COLD) {
-            side = s->side[j];
-        }
-        if (s->lo[j] == s->hi[j]) {
-            side = FIXED;
-        } else if (side == FIXED || (side == LOWER && s->lo[j] == -REAL_INFINITY) || (side == UPPER && s->hi[j] == REAL_INFINITY)) {
-            side = FREE;
-        }
-        s->x[j] = side == FREE ? x : side == UPPER ? s->hi[j] : s->lo[j];
-        s->side[j] = side;
+        const real lo = s->lo[j], hi = s->hi[j], x = s->answer[j] / s->scale[j], side = warm ? (real)s->side[j] : p->side[j];
+        const int held = (side < 0 && lo > -REAL_INFINITY) || (side > 0 && hi < REAL_INFINITY);
+        p->x[j] = warm && MAGNITUDE(x) < REAL_INFINITY ? x : 0;
+        p->side[j] = lo == hi ? LOWER : held ? side : FREE;
     }
-    s->head->systems = 0;
-    box_list_free(s);
-    status = BREAKDOWN;
-    if (!s->head->singular) {
-        box_gradient(s);
-        status = pivot(s);
-        if (status == BREAKDOWN && box_regularise(s) != OK) {
+    pivoting_place(p);
+}
+
+int box_solve_factorised(Box *s, int warm)
+{
+    const Fallback f = fallback_at(s);
+    const Pivoting *const p = &f.program;
+    int status = s->head->factorised ? OK : box_factorise_copy(s);
+    if (status != OK) {
+        return status;
+    }
+    f.head->systems = 0;
+    if (!f.head->singular) {
+        begin(&f, s, warm);
+        status = pivot(&f);
+        if (status == BREAKDOWN && box_regularise(&f) != OK) {
             return INDEFINITE;
         }
     }
-    if (status == BREAKDOWN) {
-        status = proximal_point(s);
+    if (f.head->singular) {
+        begin(&f, s, warm);
+        status = proximal_point(&f, s->q);
     }
     for (int j = 0; j < s->d; ++j) { /* inside already, but for what rounding left the dual method */
-        const real below = s->x[j] < s->hi[j] ? s->x[j] : s->hi[j];
-        s->answer[j] = s->scale[j] * (below > s->lo[j] ? below : s->lo[j]);
+        s->x[j] = within(p->x[j], s->lo[j], s->hi[j]);
+        s->answer[j] = s->scale[j] * s->x[j];
+        s->g[j] = p->g[j];
+        s->side[j] = (int32_t)p->side[j];
     }
     return status;
 }
 
-int box_solve_factorised(Box *s, int warm) { return solve_from(s, warm ? WARM : COLD); }
-
 int box_solve(Box *s, int warm)
 {
-    int start = warm ? WARM : COLD;
     s->head->exchanges = 0;
     s->head->systems = 0;
     s->head->dual_steps = 0;
@@ -230,12 +212,9 @@ int box_solve(Box *s, int warm)
         if (status != BREAKDOWN) {
             return status;
         }
-    } else if (s->head->rough && !s->head->singular && s->head->cap == 0 && start == COLD) {
-        box_exchange_all(s, 0); /* whatever its end, most of its sides are right */
-        start = GUESSED;
     }
     ++s->head->fallbacks;
-    return solve_from(s, start);
+    return box_solve_factorised(s, warm);
 }
 
 int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)

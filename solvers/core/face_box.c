@@ -1,5 +1,5 @@
 /* The exact solver as Python calls it; see box.h. */
-#include "box.h"
+#include "box_fallback.h"
 #include "clock.h"
 #include "face_solvers.h"
 #include "forgetting.h"
@@ -84,15 +84,44 @@ FACE(box_dual_from)
     const int64_t *const sides = take_integers(a, s.d);
     int status = BREAKDOWN;
     if (good(a)) {
+        const Fallback f = fallback_at(&s);
         for (int j = 0; j < s.d; ++j) {
-            if (s.side[j] != FIXED) {
-                box_move(&s, j, (int)sides[j]);
-            }
+            f.program.side[j] = s.lo[j] < s.hi[j] ? (double)sides[j] : LOWER;
         }
-        box_list_free(&s);
-        status = box_newton(&s) ? box_dual_active_set(&s) : BREAKDOWN;
+        status = box_dual_active_set(&f);
+        memcpy(s.x, f.program.x, (size_t)s.d * sizeof(double));
+        memcpy(s.g, f.program.g, (size_t)s.d * sizeof(double));
     }
     return finish_integer(a, status);
+}
+
+FACE(factor_bytes)
+{
+    const int d = (int)take_integer(a, 1, 1000);
+    return finish_integer(a, good(a) ? factor_bytes(d) : 0);
+}
+
+FACE(factor_solve)
+{
+    void *const memory = take_state(a, 0);
+    const double *const free = take_array(a, VECTOR, ANY_LENGTH);
+    const int d = (int)taken_length(a);
+    const double *const P = take_array(a, d, padded(d + 1));
+    const double least = take_number(a);
+    double *const x = take_output(a, VECTOR, d);
+    int safe = 0, count = 0;
+    need_bytes(a, 0, factor_bytes(d));
+    if (good(a)) {
+        Room room = {memory};
+        const Factor f = factor_at(&room, d);
+        for (int i = 0; i < d; ++i) {
+            f.rows[count] = i;
+            count += free[i] > 0;
+        }
+        safe = factorise(&f, P, free, count, least) > 0;
+        substitute_back(&f, count, x);
+    }
+    return finish_integer(a, safe);
 }
 
 typedef struct {

@@ -1,6 +1,6 @@
 /* Many box programs of one size as Python calls them, one after the other (box.h) or eight at a time (block_pivoting.h).
  *
- * A lane whose program is done takes the next one. Cold that is somewhat faster than one after the other at d = 18, and half as fast at
+ * A lane whose program is done takes the next one. Cold that is faster than one after the other up to about d = 18, and slower at
  * d = 60, where a factor for each lane no longer fits into the first-level cache.
  */
 #define CORE_TILE
@@ -26,7 +26,7 @@ static Workspace workspace_at(void *memory, int d)
 FACE(box_many_bytes)
 {
     const int d = (int)take_integer(a, 1, 1000);
-    return finish_integer(a, good(a) ? pivoting_nums(d) * (int64_t)sizeof(num) + box_bytes(d) : 0);
+    return finish_integer(a, good(a) ? pivoting_bytes(d) + box_bytes(d) : 0);
 }
 
 static void put(num *to, int i, int l, real a) { ((real *)(to + i))[l] = a; }
@@ -43,6 +43,7 @@ static void fill_lane(const Pivoting *s, int l, const double *P, const double *q
         put(s->q, i, l, q[i]);
         put(s->lb, i, l, lb[i]);
         put(s->ub, i, l, ub[i]);
+        put(s->x, i, l, 0);
         put(s->side, i, l, 0);
     }
 }
@@ -73,17 +74,22 @@ static void solve_in_lanes(Batch *many, const Pivoting *s, Box *single, int firs
         program[l] = -1;
     }
     do {
+        real begins[LANES] = {0};
         num more, fine;
         for (int l = 0; l < LANES && next < last; ++l) {
             if (program[l] < 0) {
                 const size_t vector = (size_t)next * (size_t)d;
                 fill_lane(s, l, many->P + vector * (size_t)d, many->q + vector, many->lb + vector, many->ub + vector);
                 program[l] = next++;
+                begins[l] = 1;
                 rounds[l] = 0;
                 ++busy;
             }
         }
         fine = tile_pivoting_prepare(s);
+        if (d >= GUESSED_FROM && any(load(begins))) {
+            tile_pivoting_guess(s, load(begins));
+        }
         store(solved, both(fine, tile_pivoting_round(s, &more)));
         store(broken, both(fine, more));
         for (int l = 0; l < LANES; ++l) {
@@ -121,7 +127,7 @@ FACE(box_many)
     double *const x = take_output(a, programs, d);
     int *const statuses = take_ints(a, programs);
     void *const room = take_state(a, 0);
-    need_bytes(a, 6, pivoting_nums(d) * (int64_t)sizeof(num) + box_bytes(d));
+    need_bytes(a, 6, pivoting_bytes(d) + box_bytes(d));
     const int first = (int)take_integer(a, 0, programs);
     const int last = (int)take_integer(a, first, programs);
     const int in_lanes = (int)take_integer(a, 0, 1);

@@ -15,6 +15,8 @@
     F(box_solve, 2, "state, warm", "solve; a status.") \
     F(box_solve_factorised, 2, "state, warm", "solve without the inverse; a status.") \
     F(box_dual_from, 2, "state, sides", "solve by the dual method alone; a status.") \
+    F(factor_bytes, 1, "d", "size of the room that factor_solve needs.") \
+    F(factor_solve, 5, "room, free, P, least, x", "solve by the factor of P_FF, the right-hand side in column d of P; 1 if every pivot is safe.") \
     F(time_box, 2 + TIMED_COUNT, "state, warm, " TIMED, "time updates and solves; a status, and how many.") \
     F(box_follow, 1 + FOLLOWED_COUNT, "state, " FOLLOWED, "time a solve after each row; a status.") \
     F(box_many_bytes, 1, "d", "size of the room that box_many needs.") \

@@ -17,7 +17,6 @@
 #include "core/box_data.c"
 #include "core/box_dual.c"
 #include "core/box_exchange.c"
-#include "core/box_factor.c"
 #include "core/box_inverse.c"
 #include "core/box_pivoting.c"
 #include "core/eigenvalue.c"
