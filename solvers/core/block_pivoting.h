@@ -29,8 +29,8 @@ typedef struct {
 
 CORE_INLINE int64_t pivoting_bytes(int d)
 {
-    const int64_t whole = WIDTH == 1 ? d * NUMS(d) : 0;
-    return factor_bytes(d) + (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 10 * NUMS(d) + whole);
+    const int rows = WIDTH == 1 ? d : 0; /* of the whole P */
+    return factor_bytes(d) + (int64_t)sizeof(num) * (symmetric_nums(d + 1) + (10 + rows) * NUMS(d));
 }
 CORE_INLINE Pivoting pivoting_at(Room *room, int d)
 {
