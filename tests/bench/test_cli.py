@@ -155,7 +155,8 @@ def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
     settings = {name.replace("_", "-") for name in own_options()}
     assert settings <= known
     assert {option.replace("_", "-").replace("problem-set", "set") for option in SETTING_OF} - {
-        "input", "output", "sample-time", "sample-rate", "header-row", "decimal"} <= known  # these go with time and sheet
+        "input", "output", "input-unit", "output-unit", "resample", "sample-time", "sample-rate", "header-row",
+        "decimal"} <= known  # these go with time and sheet
 
 
 @pytest.mark.parametrize("option", VALUES)
@@ -307,7 +308,7 @@ def test_race_refuses_what_it_cannot_race(piezobench: CommandLine, tmp_path: Pat
 
 def test_race_refuses_a_solver_in_a_lane_that_it_is_not_in(piezobench: CommandLine, tmp_path: Path) -> None:
     assert "no solver of those asked for is in the lane kernel" in refused(piezobench, tmp_path, "race", "--lane", "kernel",
-                                                                          "--solver", "quadprog")
+                                                                          "--solver", "clarabel")
 
 
 @pytest.mark.parametrize("verb", ["report", "resume"])

@@ -140,7 +140,7 @@ def errors_percent(y: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
 
 def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named(tmp_path: Path) -> None:
     recording = real_recording()
-    model = identify(recording, n=5, m=3)
+    model = identify(recording, n=5, m=3, creep_rates=(10.0, 1.0, 0.1))
     fit = model.report["fit"]
     assert fit["rms_percent"] <= 0.289
     assert fit["max_percent"] <= 1.03
