@@ -107,8 +107,7 @@ def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
     found = like_with_like(Measurements(run.rows(ONESHOT), run.times()))
     for lane, word in ((Lane.KERNEL, "compiled"), (Lane.DIRECT, "from Python")):
         of_size = found[(found.lane == lane) & (found.d == 18)].set_index("timed")
-        hot = of_size.loc["hot"]
-        cells = (word, f"{hot.ours} {number(hot.ours_us)} µs", f"{hot.other} {number(hot.other_us)} µs", f"{hot.ratio:.2f}",
-                 f"{of_size.ratio['in turns']:.2f}")
+        hot, turns = of_size.loc[["hot"]].iloc[0], of_size.loc[["in turns"]].iloc[0]  # the best of the others
+        cells = (word, f"{hot.ours} {number(hot.ours_us)} µs", f"{hot.other} {number(hot.other_us)} µs", f"{hot.ratio:.2f}", f"{turns.ratio:.2f}")
         assert f"| {' | '.join(cells)} |" in README.read_text(encoding="utf-8")
     assert f"on one core with {run.settings['machine']['core'].partition(',')[0]}:" in README.read_text(encoding="utf-8")

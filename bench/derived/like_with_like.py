@@ -1,6 +1,6 @@
-"""Our solvers beside the best of the others, in the same lane, at the same accuracy, on the same problems.
+"""Our solvers beside each of the others, in the same lane, at the same accuracy, on the same problems.
 
-    ratio = median over the problems of a size of ours / that of the others' fastest
+    ratio = median over the problems of a size of ours / that of the other
 
 at the settings that stand for 1e-9, from a cold start, for each number of unknowns; ours is the one that is fastest in the lane on all of
 them. *Hot* calls follow each other, and *in turns* each finds the caches that the other solvers left.
@@ -23,7 +23,7 @@ COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_
 
 
 def like_with_like(found: Measurements) -> pd.DataFrame:
-    """One row a lane, way of timing and number of unknowns d: COLUMNS; none where one of the two does not reach 1e-9."""
+    """One row a lane, way of timing, number of unknowns d and other solver, the fastest first: COLUMNS; of those that reach 1e-9."""
     rows = found.tiers[(found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)]
     lines = []
     for timed, way in WAYS.items():
@@ -39,6 +39,7 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
                 mine = ours[(ours.solver == best) & (ours.d == d)]
                 medians = size.groupby("solver").us.median()
                 if len(mine):
-                    lines.append((lane, timed, d, len(mine), marked(str(best)), float(mine.us.median()), str(medians.idxmin()), float(medians.min()),
-                                  float(mine.us.median() / medians.min())))
+                    us = float(mine.us.median())
+                    lines += [(lane, timed, d, len(mine), marked(str(best)), us, other, median, us / median)
+                              for other, median in medians.sort_values().items()]
     return pd.DataFrame(lines, columns=COLUMNS)

@@ -48,7 +48,12 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard out
 @contextmanager
 def progress_bar() -> Iterator[Report]:
     """Yield a function that is told (what, done, total); silent when standard error is not a terminal."""
-    columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False))
+    columns = (
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         shown = bar.add_task("", total=None)
         yield lambda what, done, total: bar.update(shown, description=terminal(what), completed=done, total=total)
@@ -66,7 +71,11 @@ def check_writable(out: Path, option: str = "--out") -> None:
 
 def lines_of(texts: Iterable[str]) -> list[str]:
     """Sentences in lines of at most COLUMNS."""
-    return [line for text in texts for line in textwrap.wrap(text, min(COLUMNS, console.width) if console.is_terminal else COLUMNS)]
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(text, min(COLUMNS, console.width) if console.is_terminal else COLUMNS)
+    ]
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int = 240) -> None:
@@ -87,7 +96,7 @@ def print_report(report: Written, below: Sequence[str] = ()) -> None:
     for line in above:
         console.print(line)
     if shown is not None and shown.rows:
-        rows = shown.rows[:max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
+        rows = shown.rows[: max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
         print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
         if (more := len((report.table or shown).rows) - len(rows)) > 0:
             console.print(f"{more} more rows are on the page.")

@@ -60,6 +60,7 @@ class Mark:
     """Column that orders the points of a line, if it is not the horizontal one, or the parts of a bar."""
     x: str = ""
     """Column in place of the one of the axis; likewise for the other end of a bar or range."""
+    y: str = ""
     x2: str = ""
     y2: str = ""
     share: bool = False

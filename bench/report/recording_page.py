@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
+from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
 from bench.report.writing import write_page
 from piezo_model.identification.fit_review import Review
@@ -28,36 +28,67 @@ def report(name: str, review: Review) -> Report:
     s = review.model.structure
     input_unit, output_unit = (unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
     first, *more = review.sentences
+    tried, tables = _tried(review)
     return Report(
         [first, *review.advice()],
         notes=more,
         title=f"Recording {name}",
-        tables=_tried(review),
+        tables=tables,
         figures=[
             _loops(review, input_unit, output_unit),
             _error(review, output_unit),
             _weights(review),
             _spectrum(review, output_unit),
+            *tried,
         ],
     )
 
 
-def _tried(review: Review) -> list[Table]:
-    """What cross-validation tried, where it chose."""
+def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
+    """What cross-validation tried, where it chose, as a picture and a table."""
     selection = review.model.report.get("selection")
     if not (selection and review.fitted):
-        return []
+        return [], []
+    data = pd.DataFrame(selection["table"])
+    rates = data.pop("creep_rates")
+    data = data.assign(
+        rates=[f"{len(some)} creep rate{'s' if len(some) != 1 else ''}" for some in rates],
+        low=data.error_percent - data.standard_error,
+        high=data.error_percent + data.standard_error,
+        per_s=[", ".join(f"{rate:.3g}" for rate in some) for some in rates],
+    )
+    marks = (
+        Mark("range", "rates", y="low", y2="high", opacity=0.5),
+        Mark("point", "rates", size=60.0),
+        Mark("hollow", where="indexof(datum.standing, 'chosen') >= 0", colour=INK, size=160.0),
+    )
+    figure = Figure(
+        "orders",
+        "Orders and creep rates",
+        "Error of the drive on data left out, with its standard error, against the number of unknowns; a point is a "
+        "model, the ring the one chosen.",
+        data.sort_values("rates", kind="stable", ignore_index=True),
+        [
+            Plot(
+                Axis("d", "unknowns"),
+                Axis("error_percent", "error of the drive, % of range"),
+                marks,
+                ("n", "m", "per_s", "error_percent"),
+                height=300,
+            )
+        ],
+    )
     rows = [
         [
             str(c["n"]),
             str(c["m"]),
-            ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
+            c["per_s"],
             str(c["d"]),
             f"{c['error_percent']:.4f}",
             f"{c['standard_error']:.4f}",
             c["standing"],
         ]
-        for c in selection["table"]
+        for c in data.to_dict("records")
     ]
     headings = (
         "n",
@@ -68,7 +99,9 @@ def _tried(review: Review) -> list[Table]:
         "standard error",
         "",
     )
-    return [Table("Orders and creep rates by cross-validation", headings, rows, 0, note=selection["sentence"])]
+    return [figure], [
+        Table("Orders and creep rates by cross-validation", headings, rows, 0, note=selection["sentence"])
+    ]
 
 
 def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:

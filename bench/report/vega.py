@@ -105,7 +105,10 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
         "height": plot.height,
         "config": CONFIG,
         "transform": [{"filter": "datum.view == view"}] if len(views) > 1 else [],
-        "layer": [*rules, *(_layers(shown, plot, where, [*marks]) for where, marks in groupby(plot.marks, _filter))],
+        "layer": [
+            *rules,
+            *(_layers(shown, plot, where, [*marks]) for where, marks in groupby(plot.marks, partial(_filter, plot))),
+        ],
     }
 
 
@@ -118,9 +121,9 @@ def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     ]
 
 
-def _filter(mark: Mark) -> str:
-    """What filters the rows of a mark, and its legend; a mark without colours is hidden, since nothing at all has no extent along an axis."""
-    return mark.where if mark.by else ""
+def _filter(plot: Plot, mark: Mark) -> str:
+    """What filters the rows of a mark and its legend; one without colours is hidden, since no rows have no extent."""
+    return mark.where if mark.by and not plot.colours else ""
 
 
 def _layers(table: pd.DataFrame, plot: Plot, where: str, marks: Sequence[Mark]) -> dict[str, Any]:
@@ -142,7 +145,7 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
     size = {"size": mark.size} if is_point else {} if mark.kind == "bar" else {"strokeWidth": mark.size}
     encoding: dict[str, Any] = {
         "x": _position(table, plot.x, mark.x, mark.share),
-        "y": _position(table, plot.y, "", False),
+        "y": _position(table, plot.y, mark.y, False),
     }
     encoding |= {name: {"field": column} for name, column in (("x2", mark.x2), ("y2", mark.y2)) if column}
     if mark.by:
@@ -157,7 +160,7 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
             for name in plot.tips
         ]
     hidden = {"condition": {"test": mark.where, "value": mark.opacity}, "value": 0}
-    encoding["opacity"] = hidden if mark.where and not _filter(mark) else {"value": mark.opacity}
+    encoding["opacity"] = hidden if mark.where and not _filter(plot, mark) else {"value": mark.opacity}
     colour = {} if mark.by or not mark.colour else {"color": mark.colour}
     return {"mark": {**KINDS[mark.kind], "clip": not is_point, **size, **colour}, "encoding": encoding}
 

@@ -27,7 +27,9 @@ def marked(solver: str) -> str:
 def settings_label(settings: str | Mapping[str, Any]) -> str:
     """Turn ``{"steps": 100, "eps": 1.23456e-9}``, or JSON that says so, into ``steps 100, eps 1.2e-09``."""
     known = decoded(settings, dict[str, Any]) if isinstance(settings, str) else settings
-    return ", ".join(f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in known.items())
+    return ", ".join(
+        f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in known.items()
+    )
 
 
 def number(value: float) -> str:

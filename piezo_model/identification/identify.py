@@ -155,7 +155,8 @@ def _selected(recording: Recording, model: HysteresisCreepModel, fitted: Callabl
         with suppress(InadequateError):
             other = fitted(n=found.chosen.n, m=found.chosen.m, creep_rates=found.chosen.creep_rates)
     if other is model or other.report["baseline"]["model_percent"] > model.report["baseline"]["model_percent"]:
-        found = replace(found, chosen=found.unchosen)  # which errs less at the output, on data left out
+        given_up = found.chosen if found.chosen != found.unchosen else None
+        found = replace(found, chosen=found.unchosen, given_up=given_up)  # since that errs less at the output, on data left out
     else:
         model = other
     return replace(model, report={**model.report, "selection": found.to_dict(), "sentences": [*model.report["sentences"], found.sentence]})

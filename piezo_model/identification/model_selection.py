@@ -79,6 +79,8 @@ class Selection:
     """The simplest within one standard error of it."""
     unchosen: Candidate
     """What is taken without a choice."""
+    given_up: Candidate | None = None
+    """The simplest, where the choice was given up since it errs more at the output on data left out."""
 
     @property
     def sentence(self) -> str:
@@ -86,6 +88,9 @@ class Selection:
         c, b = self.chosen, self.best
         before = "" if c == self.unchosen else f", {self.unchosen.error_percent:.3g} % without the choice"
         smallest = "" if c == b else f", {b.error_percent:.3g} % at best"
+        if (g := self.given_up) is not None:
+            smallest += (f"; n = {g.n}, m = {g.m} and {_said(g)} err less there, {g.error_percent:.3g} %, but more at the output on data left "
+                         "out")
         return (f"Cross-validation over {len(self.candidates)} structures takes n = {c.n}, m = {c.m} and {_said(c)}: an RMS error of the drive of "
                 f"{c.error_percent:.3g} % of its range on excursions left out{before}{smallest}.")
 
