@@ -56,7 +56,7 @@ def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, des
         assert browser.console() == []
         assert all(address.startswith(("file:", "data:", "blob:")) for address in browser.requests())
         plots = browser.plots()
-        assert len(plots) == 5
+        assert len(plots) == 6
         assert all(plot["marks"] > 0 and plot["right"] <= pixels for plot in plots)
         browser.picture(f"recording-{width}")
     assert browser.run("return document.title") == "Recording <u>stage.csv"
