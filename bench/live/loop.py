@@ -23,11 +23,14 @@ from bench.live.controller import Controller, Plan
 from bench.live.device import Declared, Device, DeviceFile, Simulated
 from bench.live.reference import Reference, constant
 from bench.timing import cores
-from bench.timing.schedule import wait_until
+from bench.timing.schedule import SPIN_NS, wait_until
 
 LEAD_NS = 20_000_000
 NULL_S = 1.0
 """Of the null loop, which does nothing on the same schedule before the stage is opened."""
+PRIORITY, WAKE_NS, SHORTEST_NS = 50, 40_000, 100_000
+"""With real-time scheduling: its priority, how long before a due time the loop watches the clock, and the shortest sampling
+period that leaves the system enough of the core, which otherwise stops such a loop for 50 ms of every second."""
 LOOK_AT_PARENT = 1_000
 """Samples between two looks whether the process that watches is still there."""
 
@@ -48,7 +51,13 @@ class Loop:
     """One run; ``controller`` is None where there is only the ramp to rest left, from the drive on the board."""
 
     def __init__(
-        self, board: Board, device: Device, declared: Declared, task: Task, controller: Controller | None
+        self,
+        board: Board,
+        device: Device,
+        declared: Declared,
+        task: Task,
+        controller: Controller | None,
+        spin_ns: int = SPIN_NS,
     ) -> None:
         self._board, self._device, self._declared, self._task, self._controller = (
             board,
@@ -61,6 +70,7 @@ class Loop:
         self._state = State.RAMPING if controller is None else State.FOLLOWING
         self._x = declared.rest if controller is not None else float(board.drive[0])
         self._silent = self._refused = 0
+        self._spin_ns = spin_ns
 
     def wanted(self, reference: float) -> float:
         """The drive of a sample: what the compensator wants, or rest, as far as limits and rate allow."""
@@ -128,7 +138,7 @@ class Loop:
             if board.commands > self._seen:
                 self.obey(k)
             due = start + k * period
-            wait_until(due, clock, time.sleep)
+            wait_until(due, clock, time.sleep, self._spin_ns)
             begin, reference = clock(), self._reference.at(k)
             self.exchange(
                 float(board.drive[0]) if self._refused else self.wanted(reference)
@@ -146,13 +156,24 @@ class Loop:
         return False
 
 
-def null_loop(board: Board, rate: float, seconds: float) -> None:
+def real_time(rate: float) -> int:
+    """Ask for real-time scheduling; how long before a due time to watch the clock, ns: a sleep ends late without it."""
+    if 1e9 / rate < SHORTEST_NS:
+        return SPIN_NS
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return SPIN_NS
+    return WAKE_NS
+
+
+def null_loop(board: Board, rate: float, seconds: float, spin_ns: int) -> None:
     """What the machine does to a loop that does nothing."""
     period, clock = round(1e9 / rate), time.perf_counter_ns
     start, count = clock() + LEAD_NS, max(1, round(seconds * rate))
     late = 0
     for k in range(count):
-        wait_until(start + k * period, clock, time.sleep)
+        wait_until(start + k * period, clock, time.sleep, spin_ns)
         response = clock() - start - k * period
         board.null[bin_of(response)] += 1
         late += response > period
@@ -169,10 +190,11 @@ def main(task: Task, ready: Callable[[str], None]) -> None:
     with cores.claim() as core:
         os.sched_setaffinity(0, {core.number})
         board.note(core=core.number)
-        null_loop(board, task.rate, NULL_S)
+        spin_ns = real_time(task.rate)
+        null_loop(board, task.rate, NULL_S, spin_ns)
         device = task.device.make()
         declared = Declared.of(device, str(task.device))
-        loop = Loop(board, device, declared, task, Controller.of(task.plan, declared, 1.0 / task.rate))
+        loop = Loop(board, device, declared, task, Controller.of(task.plan, declared, 1.0 / task.rate), spin_ns)
         try:
             device.open()
         except Exception as error:

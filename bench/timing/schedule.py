@@ -96,9 +96,9 @@ def runs(late: NDArray[np.bool_]) -> int:
     return int(np.count_nonzero(late[1:] & ~late[:-1])) + int(late.size > 0 and late[0])
 
 
-def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], None]) -> None:
-    """Sleep, then spin, until the clock shows the moment, ns."""
-    remaining = moment - clock() - SPIN_NS
+def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], None], spin_ns: int = SPIN_NS) -> None:
+    """Sleep, then spin for the last ``spin_ns``, until the clock shows the moment, ns."""
+    remaining = moment - clock() - spin_ns
     if remaining > 0:
         sleep(remaining * 1e-9)
     while clock() < moment:
