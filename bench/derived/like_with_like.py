@@ -39,7 +39,7 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
                 mine = ours[(ours.solver == best) & (ours.d == d)]
                 medians = size.groupby("solver").us.median()
                 if len(mine):
-                    us = float(mine.us.median())
-                    lines += [(lane, timed, d, len(mine), marked(str(best)), us, other, median, us / median)
+                    own = float(mine.us.median())
+                    lines += [(lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
                               for other, median in medians.sort_values().items()]
     return pd.DataFrame(lines, columns=COLUMNS)
