@@ -38,7 +38,7 @@ class DeviceError(ValueError):
 
 
 class Device(Protocol):
-    """What a stage has; what it declares besides is checked by :func:`declared`."""
+    """What a stage has; what it declares besides is checked by :meth:`Declared.of`."""
 
     def open(self) -> None:
         """Get ready; the drive is at rest."""

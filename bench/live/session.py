@@ -99,8 +99,9 @@ class Session:
         Controller.of(plan, self.declared, 1.0 / rate)
         if record is not None:
             recorder.check(record)
+        wanted = reference(self.declared)
         self._folder = Path(tempfile.mkdtemp(prefix="piezobench-live-", dir=IN_MEMORY if IN_MEMORY.is_dir() else None))
-        self.task = Task(self._folder / "board", device, plan, reference(self.declared), rate, seconds)
+        self.task = Task(self._folder / "board", device, plan, wanted, rate, seconds)
         self.board = Board(self.task.board, rate, make=True)
         self._context, self._signal = multiprocessing.get_context("spawn"), 0
 

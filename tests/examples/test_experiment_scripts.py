@@ -2,8 +2,12 @@
 
 from pathlib import Path
 
+import actuators
 import pandas as pd
+import pytest
 from example_scripts import run_example
+
+from bench.rig.rig import Rig
 
 
 def made(folder: Path, script: str, name: str, *words: object) -> tuple[pd.DataFrame, str]:
@@ -44,3 +48,11 @@ def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_t
     assert learned.lt(0.2 * last["best straight line"], axis=0).all(axis=None)
     assert (last["with hindsight"] < 1.1 * last["cyclic, n = 5, m = 3"]).all()  # else it would not be the best
     assert said.count(" times what hindsight gives") == learned.size
+
+
+@pytest.mark.parametrize("plant", sorted({case.plant for case in actuators.CASES}))
+def test_the_best_straight_line_is_no_worse_than_the_one_through_the_corners_of_the_ranges(plant: str) -> None:
+    rig = Rig.quick(seed=1)
+    sensor = actuators.sensor_of(plant, rig)
+    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, rig)[-rig.cycle:])
+    assert best <= straight
