@@ -15,7 +15,9 @@ process may open the stage after the first has died (True), which is what brings
 from __future__ import annotations
 
 import inspect
+import math
 import runpy
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -31,6 +33,8 @@ Finite = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
 RAMP_S = 0.01
 """Of the fastest ramp over the whole range of a simulated stage."""
+MOST_AT_ONCE = 1_000
+"""Samples that a simulated stage catches up with after a pause."""
 
 
 class DeviceError(ValueError):
@@ -129,7 +133,8 @@ class Simulated:
         if self.kind not in plants.names():
             raise DeviceError(f"there is no simulated actuator {self.kind!r}; known are {', '.join(plants.names())}")
         return SimulatedStage(
-            plants.Sensor(plants.get(self.kind, sample_time=self.sample_time), noise_um=self.noise, seed=self.seed)
+            plants.Sensor(plants.get(self.kind, sample_time=self.sample_time), noise_um=self.noise, seed=self.seed),
+            self.sample_time,
         )
 
     def __str__(self) -> str:
@@ -137,22 +142,30 @@ class Simulated:
 
 
 class SimulatedStage:
-    """A plant as a stage."""
+    """A plant as a stage, which goes on by the clock as hardware does: between two exchanges it keeps the drive of the first."""
 
     input_unit, output_unit = "V", "um"
     reopens = False
 
-    def __init__(self, plant: plants.Plant) -> None:
-        self._plant = plant
+    def __init__(self, plant: plants.Plant, sample_time: float) -> None:
+        self._plant, self._sample_time, self._opened, self._samples = plant, sample_time, math.nan, 0
         self.x_limits, self.y_range = plant.x_range, plant.y_range
         self.rest = self.x_limits[0]
         self.rate_limit = (self.x_limits[1] - self.x_limits[0]) / RAMP_S
+        self._x = self.rest
 
     def open(self) -> None:
         """Nothing to open."""
 
     def exchange(self, x: float) -> float:
-        """One sample of the plant."""
+        """The samples of the plant that are due, at least one."""
+        now = time.perf_counter()
+        if not self._samples:
+            self._opened = now
+        due = round((now - self._opened) / self._sample_time)
+        for _ in range(min(due - self._samples, MOST_AT_ONCE)):
+            self._plant.step(self._x)
+        self._samples, self._x = max(due, self._samples) + 1, x
         return self._plant.step(x)
 
     def close(self) -> None:
