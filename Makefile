@@ -56,6 +56,8 @@ fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SEC
 
 lint: core            ## style and types
 	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/clang-format --dry-run -Werror $$(find bench examples piezo_model solvers tests -name '*.[ch]')
 	$(BIN)/mypy
 	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters experiment problem_sets)) tests/benchmarks/[!t]*.py
 

@@ -1,8 +1,9 @@
 """What comes from outside, where it is shown: units of a recording's header, names of files, messages of solvers.
 
-Each target has one function that makes such text harmless there or refuses it, and one place that applies it: the console, and an
-environment of templates for HTML, XML, Markdown and C. HTML, XML and Markdown are escaped wherever a template names a value.
-Templates of C name the function as a filter, and what could end a comment or a string and has passed through none is refused.
+Each target has one function that makes such text harmless there or refuses it, and one place that applies it: the
+console, and an environment of templates for HTML, XML, Markdown and C. HTML, XML and Markdown are escaped wherever a
+template names a value. Templates of C name the function as a filter, and what could end a comment or a string and has
+passed through none is refused.
 """
 
 from __future__ import annotations
@@ -58,7 +59,11 @@ def xml(text: Any) -> Markup:
     >>> str(xml('1" <b>\\x00'))
     '1&#34; &lt;b&gt;\\ufffd'
     """
-    return escape(text if isinstance(text, Markup) else re.sub("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", str(text)))
+    return escape(
+        text
+        if isinstance(text, Markup)
+        else re.sub("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", str(text))
+    )
 
 
 def terminal(text: str) -> str:
@@ -98,7 +103,8 @@ def xml_templates(package: str) -> jinja2.Environment:
 
 
 def markdown_templates(package: str, *shared: str) -> jinja2.Environment:
-    """Templates of Markdown, which may build on those of shared packages; lists are escaped by the filter ``plain`` before they are joined."""
+    """Templates of Markdown, which may build on those of shared packages; lists are escaped by the filter ``plain``
+    before they are joined."""
     environment = _templates(package, *shared, autoescape=True, finalize=markdown)
     environment.filters["plain"] = markdown
     return environment
@@ -113,8 +119,9 @@ def c_templates(package: str) -> jinja2.Environment:
 
 def _templates(*packages: str, **options: Any) -> jinja2.Environment:
     loader = jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages])
-    return jinja2.Environment(loader=loader, trim_blocks=True, lstrip_blocks=True,
-                              undefined=jinja2.StrictUndefined, **options)
+    return jinja2.Environment(
+        loader=loader, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, **options
+    )
 
 
 def _harmless(value: Any) -> Any:

@@ -44,7 +44,8 @@ from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
 
 VERSION = 3
-"""Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are misread."""
+"""Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are
+misread."""
 
 
 TIMES = columns.schema(("task", "repeat", "what", "ns"))
@@ -126,7 +127,8 @@ class Planned(TypedDict):
 
 
 class ModelNote(TypedDict):
-    """What was found of the model of a recording: its error on what it has not seen, per cent of the range, or why there is none."""
+    """What was found of the model of a recording: its error on what it has not seen, per cent of the range, or why
+    there is none."""
 
     error_percent: NotRequired[float]
     refused: NotRequired[str]
@@ -164,7 +166,10 @@ class Run:
         """
         name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
         if not name or not name.isprintable() or Path(name).name != name or name.startswith((".", "-")):
-            raise RunError(f"a run has the name of one folder, on one line, without slash and leading dot or dash, and not {name!r}")
+            raise RunError(
+                "a run has the name of one folder, on one line, without slash and leading dot or dash, and "
+                f"not {name!r}"
+            )
         run = cls(results / name)
         if run.path.exists():
             raise RunError(f"{run.path} is there already; give another name or resume it")
@@ -191,7 +196,9 @@ class Run:
             raise RunError(f"{path} is not a run folder: it has no run.json")
         run = cls(path)
         if (version := json_file.read(path / "run.json", dict[str, Any], RunError).get("version", 1)) != VERSION:
-            raise RunError(f"{path / 'run.json'}: version {version!r:.60} is not {VERSION}, the one this program reads; race again")
+            raise RunError(
+                f"{path / 'run.json'}: version {version!r:.60} is not {VERSION}, the one this program reads; race again"
+            )
         return run
 
     def discard(self) -> None:

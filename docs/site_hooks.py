@@ -1,5 +1,5 @@
-"""What the site needs beside Markdown: formulas as MathML, which browsers draw without a script; roles of docstrings as plain code;
-and fences without the word ``fails``, which is for the tests."""
+"""What the site needs beside Markdown: formulas as MathML, which browsers draw without a script; roles of docstrings as
+plain code; and fences without the word ``fails``, which is for the tests."""
 
 import html
 import re
@@ -16,7 +16,9 @@ ROLE = re.compile(r":(?:attr|class|func|meth|mod):(?=<code>)")
 
 def _mathml(found: re.Match[str]) -> str:
     latex = re.sub(r"\\tag\{(.*?)\}", r"\\qquad (\1)", html.unescape(found[2]))
-    return f'<{found[1]} class="formula">{convert(latex, display="block" if found[1] == "div" else "inline")}</{found[1]}>'
+    return (
+        f'<{found[1]} class="formula">{convert(latex, display="block" if found[1] == "div" else "inline")}</{found[1]}>'
+    )
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -10,6 +10,18 @@ from .recordings import Recording
 from .self_learning import SelfLearningCompensator
 from .structure import ModelStructure, StructureError
 
-__all__ = ["Compensator", "CompensatorBank", "DataBasis", "HysteresisCreepModel", "IdentificationError",
-           "IdentificationProblem", "ModelError", "ModelStructure", "OperatorState", "Recording", "SelfLearningCompensator",
-           "StructureError", "identify"]
+__all__ = [
+    "Compensator",
+    "CompensatorBank",
+    "DataBasis",
+    "HysteresisCreepModel",
+    "IdentificationError",
+    "IdentificationProblem",
+    "ModelError",
+    "ModelStructure",
+    "OperatorState",
+    "Recording",
+    "SelfLearningCompensator",
+    "StructureError",
+    "identify",
+]

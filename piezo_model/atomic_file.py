@@ -13,7 +13,8 @@ from pathlib import Path
 def replacing(path: str | Path, durable: bool = True) -> Iterator[Path]:
     """Yield a temporary path in the target's folder; on success it replaces the target, on failure it goes.
 
-    What is not ``durable`` is not flushed, which takes milliseconds: after a loss of power the file may be there and broken.
+    What is not ``durable`` is not flushed, which takes milliseconds: after a loss of power the file may be there and
+    broken.
 
     Examples
     --------

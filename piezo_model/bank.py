@@ -1,8 +1,9 @@
-"""Thousands of self-learning compensators of one structure: tiles of eight actuators, one in each lane of a vector (``core/bank.h``).
+"""Thousands of self-learning compensators of one structure: tiles of eight actuators, one in each lane of a vector
+(``core/bank.h``).
 
-Each actuator has weights, states, limits and a sensor guard of its own, and what one of them does changes no bit of another. The drive
-is that of `Compensator`; learning is that of the continuous mode of `SelfLearningCompensator` by blocks of rows, in the ranges of the
-structure as given.
+Each actuator has weights, states, limits and a sensor guard of its own, and what one of them does changes no bit of
+another. The drive is that of `Compensator`; learning is that of the continuous mode of `SelfLearningCompensator` by
+blocks of rows, in the ranges of the structure as given.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ Index = NDArray[np.int64]
 LANES = 8
 """Actuators of a tile."""
 GOLDEN = 0.6180339887498949
-"""Tile t begins the fraction of t times this of an interval late, evenly spread however many tiles there are, and t whole ones, so that
-checkpoints are spread, too."""
+"""Tile t begins the fraction of t times this of an interval late, evenly spread however many tiles there are, and t
+whole ones, so that checkpoints are spread, too."""
 LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
 """Parts of a tile that have a number for each of its actuators."""
 FORMAT, VERSION = "piezobench-bank", 3
@@ -81,7 +82,8 @@ class CompensatorBank:
     memory_s, reset_s, fade_s, rate_limit, integral_gain
         As of ``SelfLearningCompensator``.
     hand_over_s : float
-        Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples (:attr:`interval`).
+        Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples
+        (:attr:`interval`).
     threads : int
         Threads that share the tiles; the answers are the same to the last bit.
 
@@ -94,13 +96,30 @@ class CompensatorBank:
     [75.0, 93.75, 56.25]
     """
 
-    def __init__(self, structure: ModelStructure, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None,
-                 learn: ArrayLike = True, *, memory_s: float = 2.0, hand_over_s: float = 0.1, reset_s: float = 0.1,
-                 fade_s: float = 0.002, integral_gain: float = 0.0, rate_limit: float | None = None,
-                 threads: int = 1) -> None:
+    def __init__(
+        self,
+        structure: ModelStructure,
+        count: int,
+        x_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        learn: ArrayLike = True,
+        *,
+        memory_s: float = 2.0,
+        hand_over_s: float = 0.1,
+        reset_s: float = 0.1,
+        fade_s: float = 0.002,
+        integral_gain: float = 0.0,
+        rate_limit: float | None = None,
+        threads: int = 1,
+    ) -> None:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
-        self.options = {"memory_s": memory_s, "hand_over_s": hand_over_s, "reset_s": reset_s, "fade_s": fade_s, "integral_gain": integral_gain}
+        self.options = {
+            "memory_s": memory_s,
+            "hand_over_s": hand_over_s,
+            "reset_s": reset_s,
+            "fade_s": fade_s,
+            "integral_gain": integral_gain,
+        }
         _require_times(self.options)
         self.structure, self.threads = structure, threads
         self.rate_limit = rate_limit
@@ -119,7 +138,9 @@ class CompensatorBank:
         """Make room for so many tiles, the first of them as they are."""
         s, shape, before, tiles_before = self.structure, self.structure.shape, self._tables, self._tiles
         self._tiles = tiles
-        core = State(face.bank_bytes(*shape, tiles, self.block), lambda block: face.bank_setup(block, *shape, tiles, self.block))
+        core = State(
+            face.bank_bytes(*shape, tiles, self.block), lambda block: face.bank_setup(block, *shape, tiles, self.block)
+        )
         self._core = core
         limits = DriveLimits.of(s, None, self.rate_limit)
         core["drive_settings"][:] = drive_settings(s, limits, self.options["fade_s"], self.options["integral_gain"])
@@ -129,12 +150,12 @@ class CompensatorBank:
         self._views, self._tables = {}, []
         for part in ("driver", "learner", "note"):
             first, numbers = places[part]
-            table = core.block[first:first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
+            table = core.block[first : first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
             self._tables.append(table)
             for name in LANE_BY_LANE:
                 begin, length = (places[name][0] - first) // 8, places[name][1]
                 if begin >= 0 and begin + length <= numbers:
-                    self._views[name] = table[:, begin:begin + length].reshape(tiles, length // LANES, LANES)
+                    self._views[name] = table[:, begin : begin + length].reshape(tiles, length // LANES, LANES)
         for table, old in zip(self._tables, before, strict=False):
             table[:tiles_before] = old
         checkpoints = int(self._numbers["checkpoint"]) // self.interval
@@ -164,7 +185,8 @@ class CompensatorBank:
         self._views[name][slots // LANES, :, slots % LANES] = values
 
     def add(self, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None, learn: ArrayLike = True) -> None:
-        """Add actuators behind those that are there; all of them are at rest in the middle of the range, on the straight line through the ranges."""
+        """Add actuators behind those that are there; all of them are at rest in the middle of the range, on the
+        straight line through the ranges."""
         s = self.structure
         if x_limits is None:
             x_limits = s.x_centre - s.x_scale, s.x_centre + s.x_scale
@@ -183,19 +205,37 @@ class CompensatorBank:
         for name in self._views:
             self._set(name, new, 0.0)
         nothing = np.zeros(count)
-        self._set("drive_memory", new, np.column_stack([low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, nothing,
-                                                        nothing + s.y_centre, nothing, nothing + math.nan, nothing, nothing]))
+        self._set(
+            "drive_memory",
+            new,
+            np.column_stack(
+                [
+                    low,
+                    high,
+                    (low - s.x_centre) / s.x_scale,
+                    (high - s.x_centre) / s.x_scale,
+                    nothing,
+                    nothing + s.y_centre,
+                    nothing,
+                    nothing + math.nan,
+                    nothing,
+                    nothing,
+                ]
+            ),
+        )
         straight = HysteresisCreepModel.from_weights(s, s.straight_line)
         self._take(new, [straight] * count)
         learning = self.learning
-        learning[taken.size:] = learn
+        learning[taken.size :] = learn
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
         """Remove actuators by their numbers; those behind them move up, and nothing else changes for them."""
         which = np.unique(np.atleast_1d(np.asarray(which, dtype=np.int64)))
         if which.size and not (which[0] >= 0 and which[-1] < len(self)):
-            raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {which[0] if which[0] < 0 else which[-1]}")
+            raise ValueError(
+                f"there are actuators 0 to {len(self) - 1}, and not {which[0] if which[0] < 0 else which[-1]}"
+            )
         gone = self._slots[which]
         self._views["memory"][gone // LANES, 0, gone % LANES] = 0.0
         self._place(np.delete(self._slots, which))
@@ -211,7 +251,13 @@ class CompensatorBank:
         seen: dict[int, tuple[Vector, ...]] = {}
         for slot, model in zip(slots, models, strict=True):
             if id(model) not in seen:
-                seen[id(model)] = model.w_H, model.w_S_inverse, model.w_K, np.array([model.offset]), back @ model.weights
+                seen[id(model)] = (
+                    model.w_H,
+                    model.w_S_inverse,
+                    model.w_K,
+                    np.array([model.offset]),
+                    back @ model.weights,
+                )
             for name, values in zip(("w_H", "w_S", "w_K", "offset", "in_use"), seen[id(model)], strict=True):
                 self._views[name][slot // LANES, :, slot % LANES] = values
         for tile in np.unique(slots // LANES):
@@ -221,13 +267,16 @@ class CompensatorBank:
 
     @property
     def learning(self) -> NDArray[np.bool_]:
-        """Which actuators learn (count,), a copy; assign to it to switch learning on and off. Off, everything learned stays."""
+        """Which actuators learn (count,), a copy; assign to it to switch learning on and off. Off, everything learned
+        stays."""
         return self._get("memory", self._slots)[:, 0] > 0.0
 
     @learning.setter
     def learning(self, which: ArrayLike) -> None:
         slots = self._slots
-        self._views["memory"][slots // LANES, 0, slots % LANES] = np.broadcast_to(np.asarray(which, dtype=bool), slots.shape)
+        self._views["memory"][slots // LANES, 0, slots % LANES] = np.broadcast_to(
+            np.asarray(which, dtype=bool), slots.shape
+        )
 
     @property
     def counts(self) -> dict[str, Index]:
@@ -263,12 +312,20 @@ class CompensatorBank:
         return self.run(np.asarray(y_ref)[None], np.asarray(y_measured_before)[None])[0]
 
     def run(self, y_ref: ArrayLike, y_measured_before: ArrayLike | None = None) -> Matrix:
-        """Return what ``step`` returns for each row of references (N, count), to the last bit; without outputs nothing is learned."""
+        """Return what ``step`` returns for each row of references (N, count), to the last bit; without outputs nothing
+        is learned."""
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
-        y = np.full_like(y_ref, math.nan) if y_measured_before is None else np.ascontiguousarray(y_measured_before, dtype=np.float64)
+        y = (
+            np.full_like(y_ref, math.nan)
+            if y_measured_before is None
+            else np.ascontiguousarray(y_measured_before, dtype=np.float64)
+        )
         if y_ref.ndim != 2 or y_ref.shape[1] != len(self) or y.shape != y_ref.shape:
-            raise ValueError(f"references and outputs must have a number for each of {len(self)} actuators, not the shapes "
-                             f"{y_ref.shape} and {y.shape}")
+            raise ValueError(
+                f"references and outputs must have a number for each of {len(self)} actuators, not the "
+                "shapes "
+                f"{y_ref.shape} and {y.shape}"
+            )
         if not self._in_order:
             y_ref, y = self._spread(y_ref), self._spread(y)
         x = np.empty_like(y_ref)
@@ -299,7 +356,12 @@ class CompensatorBank:
     def restore(self, memory: dict[str, Any]) -> None:
         """Go on, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
         slots, lanes = memory["slots"], self._tiles * LANES
-        if not (slots.dtype == np.int64 and slots.ndim == 1 and np.all((slots >= 0) & (slots < lanes)) and np.unique(slots).size == slots.size):
+        if not (
+            slots.dtype == np.int64
+            and slots.ndim == 1
+            and np.all((slots >= 0) & (slots < lanes))
+            and np.unique(slots).size == slots.size
+        ):
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
         if memory["core"].dtype != np.uint8 or memory["core"].size != self._core.block.size:
             raise ValueError("the memory is that of another structure or number of tiles")
@@ -308,8 +370,13 @@ class CompensatorBank:
 
     def save(self, path: str | Path) -> None:
         """Write everything as NPZ; the file is there whole or not at all."""
-        about = {"format": FORMAT, "version": VERSION, "structure": self.structure.to_dict(), "tiles": self._tiles,
-                 "options": {**self.options, "rate_limit": self.rate_limit}}
+        about = {
+            "format": FORMAT,
+            "version": VERSION,
+            "structure": self.structure.to_dict(),
+            "tiles": self._tiles,
+            "options": {**self.options, "rate_limit": self.rate_limit},
+        }
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, about=np.array(json.dumps(about)), **self.memory())
 
@@ -320,13 +387,21 @@ class CompensatorBank:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 about = decoded(str(file["about"]), dict[str, Any])
                 if (about["format"], about["version"]) != (FORMAT, VERSION):
-                    raise ValueError(f"it is none of version {VERSION}; load an older one with the program that wrote it, and take its models over")
+                    raise ValueError(
+                        f"it is none of version {VERSION}; load an older one with the program that wrote "
+                        "it, and take its models over"
+                    )
                 found, memory = convert(about, About), {"core": file["core"], "slots": file["slots"]}
                 options = found["options"]
                 _require_times(options)  # before a size follows from them
-                samples, _ = continuous_numbers(found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"])
+                samples, _ = continuous_numbers(
+                    found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"]
+                )
                 if memory["core"].size != face.bank_bytes(*found["structure"].shape, found["tiles"], samples):
-                    raise ValueError(f"the field 'tiles' is {found['tiles']}, and the memory is of another number or of another structure")
+                    raise ValueError(
+                        f"the field 'tiles' is {found['tiles']}, and the memory is of another number or "
+                        "of another structure"
+                    )
                 bank = cls(found["structure"], found["tiles"] * LANES, threads=threads, **options)
                 bank.restore(memory)
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:

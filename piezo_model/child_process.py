@@ -1,9 +1,9 @@
 """A process that calls functions for us: it starts, is limited in time, talks, and ends.
 
-A child is a fresh interpreter, which imports nothing of its parent's program, so that any script may have one. What it prints goes
-to a file without a name, where its last words are looked for when it has died. It does not outlive its parent: the kernel sends it
-SIGIO, which ends it whatever it is doing, as soon as nobody holds the other end of a pipe between them. It leads a process group of
-its own, so that the same signal ends the processes that it has started, too.
+A child is a fresh interpreter, which imports nothing of its parent's program, so that any script may have one. What it
+prints goes to a file without a name, where its last words are looked for when it has died. It does not outlive its
+parent: the kernel sends it SIGIO, which ends it whatever it is doing, as soon as nobody holds the other end of a pipe
+between them. It leads a process group of its own, so that the same signal ends the processes that it has started, too.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class LostError(Exception):
 class Child:
     """A process of its own; it starts when it is first asked, and again after it was lost.
 
-    Functions and what they take and give travel by pickle, so a function is one of a module. One that raises ends the child.
+    Functions and what they take and give travel by pickle, so a function is one of a module. One that raises ends the
+    child.
     """
 
     def __init__(self) -> None:
@@ -69,9 +70,11 @@ class Child:
         return self._connection is not None and self._connection.poll(0)
 
     def cpu_ns(self) -> int:
-        """Nanoseconds of the processor that the process took so far, all its threads, by the system; 0 where it has ended."""
+        """Nanoseconds of the processor that the process took so far, all its threads, by the system; 0 where it has
+        ended."""
         try:
-            return time.clock_gettime_ns((~self._process.pid << 3) | 2)  # Linux's clock of another process, see clock_getcpuclockid
+            # Linux's clock of another process, see clock_getcpuclockid
+            return time.clock_gettime_ns((~self._process.pid << 3) | 2)
         except (OSError, AttributeError):
             return 0
 
@@ -106,10 +109,17 @@ class Child:
 
     def _start(self, lent: Connection, alive: Connection) -> None:
         """Start the process, which gets its end of the connection and of the pipe."""
-        program = (f"import sys; sys.path[:] = {sys.path!r}; from multiprocessing.connection import Connection; "
-                   f"from {__name__} import serve; serve(Connection({lent.fileno()}), Connection({alive.fileno()}))")
-        self._process = subprocess.Popen([sys.executable, "-c", program], pass_fds=[lent.fileno(), alive.fileno()],
-                                         stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log)
+        program = (
+            f"import sys; sys.path[:] = {sys.path!r}; from multiprocessing.connection import Connection; "
+            f"from {__name__} import serve; serve(Connection({lent.fileno()}), Connection({alive.fileno()}))"
+        )
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", program],
+            pass_fds=[lent.fileno(), alive.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=self._log,
+        )
 
     def _exit_code(self, within_s: float) -> int | None:
         """How the process ended, None where it has not within that time."""
@@ -154,8 +164,9 @@ class Child:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
         self._log.close()
 

@@ -1,4 +1,5 @@
-"""The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample, and integral action beside it.
+"""The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample, and integral
+action beside it.
 
 The compensator keeps the states of the *model*, H and K: what it returns after saturation and rate limits is
 what the actuator really sees, and that is what moves the states on. Whatever the reference is, NaN and infinity
@@ -22,17 +23,20 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 LIMITS = slice(0, 4)
-"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit amplitudes."""
+"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit
+amplitudes."""
 BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD, TURN = range(4, 10)
-"""Its other entries: what is still added to the drive since the last change of weights; the last finite reference and what integral
-action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive for it;
-which creep states are looked through next."""
+"""Its other entries: what is still added to the drive since the last change of weights; the last finite reference and
+what integral action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive
+for it; which creep states are looked through next."""
 DECAY, GAIN = 5, 6
-"""Entries of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample, and that of integral action."""
+"""Entries of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample, and that of integral
+action."""
 
 
 def integral_share(gain: float, sample_time: float) -> float:
-    """Share of an error that integral action adds up a sample, of its gain in 1/s; ValueError where it is not between 0 and 1."""
+    """Share of an error that integral action adds up a sample, of its gain in 1/s; ValueError where it is not between 0
+    and 1."""
     if not 0.0 <= gain * sample_time <= 1.0:
         raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / sample_time:g} per second, not {gain}")
     return gain * sample_time
@@ -72,7 +76,17 @@ class DriveLimits(NamedTuple):
 def drive_settings(s: ModelStructure, limits: DriveLimits, fade_s: float = 0.0, integral_gain: float = 0.0) -> Vector:
     """The settings (7,) of the core's ``DriveSettings``."""
     decay = math.exp(-s.sample_time / fade_s) if fade_s > 0.0 else 0.0
-    return np.array([s.x_centre, s.x_scale, s.y_centre, s.y_scale, limits.max_step, decay, integral_share(integral_gain, s.sample_time)])
+    return np.array(
+        [
+            s.x_centre,
+            s.x_scale,
+            s.y_centre,
+            s.y_scale,
+            limits.max_step,
+            decay,
+            integral_share(integral_gain, s.sample_time),
+        ]
+    )
 
 
 class Compensator:
@@ -88,8 +102,8 @@ class Compensator:
     state : OperatorState, optional
         What the actuator has seen so far; at rest at the centre of the range by default. Taken as a copy.
     integral_gain : float
-        Of the integral action on what ``correct`` is told, in 1/s, from 0, none, to 1/sample_time: the bandwidth in rad/s in which
-        disturbances are suppressed.
+        Of the integral action on what ``correct`` is told, in 1/s, from 0, none, to 1/sample_time: the bandwidth in
+        rad/s in which disturbances are suppressed.
 
     Examples
     --------
@@ -104,8 +118,15 @@ class Compensator:
     True
     """
 
-    def __init__(self, model: HysteresisCreepModel, x_limits: tuple[float, float] | None = None,
-                 rate_limit: float | None = None, state: OperatorState | None = None, *, integral_gain: float = 0.0) -> None:
+    def __init__(
+        self,
+        model: HysteresisCreepModel,
+        x_limits: tuple[float, float] | None = None,
+        rate_limit: float | None = None,
+        state: OperatorState | None = None,
+        *,
+        integral_gain: float = 0.0,
+    ) -> None:
         s = model.structure
         self._x_limits, self._rate_limit, self._integral_gain = x_limits, rate_limit, integral_gain
         state = OperatorState.at_rest(s) if state is None else state
@@ -117,10 +138,20 @@ class Compensator:
         self.limits = DriveLimits.of(s, self._x_limits, self._rate_limit)
         settings = drive_settings(s, self.limits, integral_gain=self._integral_gain)
         settings[DECAY] = decay
-        zones, operators = SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)), OperatorArrays.of(s)
+        zones, operators = (
+            SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)),
+            OperatorArrays.of(s),
+        )
         self._core = State(face.compensator_bytes(*s.shape), lambda block: face.compensator_setup(block, *s.shape))
-        for name, values in (("r", operators.r), ("a", operators.a), ("low", zones.low), ("high", zones.high),
-                             ("settings", settings), ("play", state.play), ("creep", state.creep)):
+        for name, values in (
+            ("r", operators.r),
+            ("a", operators.a),
+            ("low", zones.low),
+            ("high", zones.high),
+            ("settings", settings),
+            ("play", state.play),
+            ("creep", state.creep),
+        ):
             self._core[name][:] = values
         self.drive[LIMITS], self.drive[BUMP:] = self.limits[:4], drive
         face.compensator_take(self._core.block, model.all_weights)
@@ -153,7 +184,9 @@ class Compensator:
     def model(self) -> HysteresisCreepModel:
         """The model in use."""
         core, s = self._core, self._model.structure
-        weights = np.concatenate([core["w_H"][:s.n + 1], core["w_S"][:s.dead_zones], core["w_K"][:s.creep_weights], core["offset"]])
+        weights = np.concatenate(
+            [core["w_H"][: s.n + 1], core["w_S"][: s.dead_zones], core["w_K"][: s.creep_weights], core["offset"]]
+        )
         if not np.array_equal(self._model.all_weights, weights):  # the learner handed weights over
             self._model = HysteresisCreepModel.from_all_weights(s, weights)
         return self._model
@@ -195,15 +228,25 @@ class Compensator:
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs: the model, and copies of the arrays."""
-        return {"model": self.model.to_dict(), "play": self.state.play.copy(), "creep": self.state.creep.copy(),
-                "drive": self.drive[BUMP:].copy(), "decay": float(self._core["settings"][DECAY])}
+        return {
+            "model": self.model.to_dict(),
+            "play": self.state.play.copy(),
+            "creep": self.state.creep.copy(),
+            "drive": self.drive[BUMP:].copy(),
+            "decay": float(self._core["settings"][DECAY]),
+        }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from what :meth:`memory` gave; ValueError says why not."""
         found = json_file.convert(memory, CompensatorMemory)
-        model, state, drive = HysteresisCreepModel.from_file(found["model"]), OperatorState(found["play"], found["creep"]), found["drive"]
+        model, state, drive = (
+            HysteresisCreepModel.from_file(found["model"]),
+            OperatorState(found["play"], found["creep"]),
+            found["drive"],
+        )
         state.require(model.structure)
-        if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):  # the last reference may have been none
+        # the last reference may have been none
+        if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")
         if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= found["decay"] < 1.0):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")

@@ -39,7 +39,12 @@ def _checksum(content: Mapping[str, Any]) -> str:
 
 def write(path: str | Path, settings: Mapping[str, Any], memory: Mapping[str, Any]) -> None:
     """Write a compensator."""
-    content = {"format": LearnerFile.FORMAT, "version": LearnerFile.VERSION, "settings": packed(settings), "memory": packed(memory)}
+    content = {
+        "format": LearnerFile.FORMAT,
+        "version": LearnerFile.VERSION,
+        "settings": packed(settings),
+        "memory": packed(memory),
+    }
     write_text(path, json.dumps({**content, "checksum": _checksum(content)}, indent=1, allow_nan=False) + "\n")
 
 

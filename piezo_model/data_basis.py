@@ -155,14 +155,27 @@ class DataBasis:
         creep = creep.reshape(-1, s.lanes)
         play_moved = (x_max - r > play) | (x_min + r < play)
         creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
-        return Excitation(x_min, x_max, y_min, y_max, tuple(play_moved[1:s.n + 1].tolist()),
-                          tuple(creep_moved[:s.creep_weights].tolist()))
+        return Excitation(
+            x_min,
+            x_max,
+            y_min,
+            y_max,
+            tuple(play_moved[1 : s.n + 1].tolist()),
+            tuple(creep_moved[: s.creep_weights].tolist()),
+        )
 
     def problem(self, reference: ArrayLike | None = None, **options: float) -> IdentificationProblem:
         """Return the quadratic program (6) of the samples so far; options as of ``IdentificationProblem``."""
         gram = self._mean_gram()
-        return IdentificationProblem(self.structure, gram[1:, 1:].copy(), gram[0, 1:].copy(),
-                                     float(0.5 * gram[0, 0]), self.excitation, reference, **options)
+        return IdentificationProblem(
+            self.structure,
+            gram[1:, 1:].copy(),
+            gram[0, 1:].copy(),
+            float(0.5 * gram[0, 0]),
+            self.excitation,
+            reference,
+            **options,
+        )
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that changes while samples stream by, waiting rows included."""
@@ -178,10 +191,14 @@ class DataBasis:
         """
         for name in MEMORY:
             if name not in memory or memory[name].shape != self._core[name].shape:
-                raise ValueError(f"the memory of the data basis has no array {name!r} of the size that this structure needs")
+                raise ValueError(
+                    f"the memory of the data basis has no array {name!r} of the size that this structure needs"
+                )
         filled, samples = np.ascontiguousarray(memory["counts"]).view(np.int64)
         if not 0 <= filled < BLOCK or samples < filled:
-            raise ValueError(f"the memory of the data basis counts {filled} rows that wait and {samples} samples, which cannot be")
+            raise ValueError(
+                f"the memory of the data basis counts {filled} rows that wait and {samples} samples, which cannot be"
+            )
         for name in set(MEMORY) - {"counts", "span"}:
             if not np.all(np.isfinite(memory[name])):
                 raise ValueError(f"the memory of the data basis has a number in {name!r} that is not finite")

@@ -37,7 +37,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     tier: Tier
     """What its answers reached."""
     settings: dict[str, Any]
-    """What the solver's ladder has for a problem whose constant is 1; the values of a problem follow from its own constant."""
+    """What the solver's ladder has for a problem whose constant is 1; the values of a problem follow from its own
+    constant."""
     mode: Mode
     x_limits: tuple[Number, Number]
     """Limits of the drive in the input unit."""

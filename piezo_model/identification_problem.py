@@ -6,9 +6,9 @@ The minimiser is the same in both; the path of a gradient method is not.
 
 What the drive did not excite must stay where it was. The problem is therefore made strictly convex by a proximal term
 towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and unit amplitudes, with ρ = ``proximal`` times the
-mean diagonal element of P. That alone is not enough for an operator that stood still: its column is a constant, which an
-offset or another such column could take over. So the data act on its weight no more, v_i = v_ref,i in their cost, and
-the proximal term keeps it there. Both are part of the problem in every form.
+mean diagonal element of P. That alone is not enough for an operator that stood still: its column is a constant, which
+an offset or another such column could take over. So the data act on its weight no more, v_i = v_ref,i in their cost,
+and the proximal term keeps it there. Both are part of the problem in every form.
 
 Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from unit amplitudes
 and scales the variables so that P has a unit diagonal, which keeps a box a box. With ‖x̃‖ ≤ 1 the cost is then of
@@ -60,8 +60,8 @@ class ExcitationReport:
     undetermined: tuple[str, ...]
     """Combinations of the other weights that the data leave open, strongest members first."""
     condition: float
-    """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of the machine, which is as far
-    as rounding lets it be seen."""
+    """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of the
+    machine, which is as far as rounding lets it be seen."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,9 @@ class IdentificationProblem:
         r_S = np.array(s.dead_zone_thresholds)
         entered = np.where(r_S > 0.0, e.y_max > r_S, (r_S == 0.0) | (e.y_min < r_S))
         diagonal = np.diag(self._data_in_slopes[0])
-        return (np.array([*e.play_moved, *entered, *e.creep_moved, *[True] * s.offset])
-                & (diagonal > UNDETERMINED * np.max(diagonal)))
+        return np.array([*e.play_moved, *entered, *e.creep_moved, *[True] * s.offset]) & (
+            diagonal > UNDETERMINED * np.max(diagonal)
+        )
 
     @cached_property
     def _in_slopes(self) -> tuple[Matrix, Vector, float]:
@@ -160,10 +161,13 @@ class IdentificationProblem:
         P = np.where(np.outer(self.reached, self.reached), P, 0.0)
         return P + rho * np.eye(s.d), q - rho * v_ref, c + 0.5 * rho * float(v_ref @ v_ref)
 
-    def form(self, coordinates: Coordinates = "slope", scaling: Scaling = "scaled", like: IdentificationProblem | None = None) -> Form:
+    def form(
+        self, coordinates: Coordinates = "slope", scaling: Scaling = "scaled", like: IdentificationProblem | None = None
+    ) -> Form:
         """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates.
 
-        In slope coordinates the variables may be those of another problem, ``like``, whose P then has the unit diagonal.
+        In slope coordinates the variables may be those of another problem, ``like``, whose P then has the unit
+        diagonal.
         """
         if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
             raise ValueError(f"there is no form {coordinates!r}, {scaling!r}")
@@ -227,5 +231,8 @@ class IdentificationProblem:
             order = np.argsort(-np.abs(vector))
             strong = order[np.abs(vector[order]) > 0.3 * np.abs(vector[order[0]])]
             open_directions.append(", ".join(names[reached][strong]))
-        return ExcitationReport(tuple(names[~reached].tolist()), tuple(open_directions),
-                                float(values[-1] / max(values[0], np.finfo(float).eps * values[-1])))
+        return ExcitationReport(
+            tuple(names[~reached].tolist()),
+            tuple(open_directions),
+            float(values[-1] / max(values[0], np.finfo(float).eps * values[-1])),
+        )

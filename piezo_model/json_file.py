@@ -1,9 +1,10 @@
 """JSON files: what each holds is a type, and what does not fit it is one sentence with the file and the field.
 
-A schema is a dataclass, a ``TypedDict`` or a ``msgspec.Struct`` whose annotations may carry ranges. Numbers beyond those of doubles,
-fields that a schema does not have, bytes that are no UTF-8 and nesting without end are refused like wrong types. A file that has to
-say what it is begins with two more fields, ``{"format": …, "version": …}``. Where a file holds arrays, each of them is
-``{"dtype": …, "shape": […], "base64": …}``, and numbers that JSON lacks are ``{"float": "nan"}`` and the like.
+A schema is a dataclass, a ``TypedDict`` or a ``msgspec.Struct`` whose annotations may carry ranges. Numbers beyond
+those of doubles, fields that a schema does not have, bytes that are no UTF-8 and nesting without end are refused like
+wrong types. A file that has to say what it is begins with two more fields, ``{"format": …, "version": …}``. Where a
+file holds arrays, each of them is ``{"dtype": …, "shape": […], "base64": …}``, and numbers that JSON lacks are
+``{"float": "nan"}`` and the like.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueError) -> T:
-    """What a file holds; the error names it, and says in one sentence why it cannot be read or what in it does not fit."""
+    """What a file holds; the error names it, and says in one sentence why it cannot be read or what in it does not
+    fit."""
     try:
         return decoded(Path(path).read_bytes(), schema)
     except FileNotFoundError:
@@ -114,7 +116,11 @@ def packed(value: Any) -> Any:
     """
     if isinstance(value, np.ndarray):
         data = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
-        return {"dtype": data.dtype.str, "shape": list(data.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
+        return {
+            "dtype": data.dtype.str,
+            "shape": list(data.shape),
+            "base64": base64.b64encode(data.tobytes()).decode("ascii"),
+        }
     if isinstance(value, Mapping):
         return {str(name): packed(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
@@ -153,7 +159,10 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
         raise ValueError(f"the format field is not {schema.FORMAT!r}")
     version = data.get("version")
     if version != schema.VERSION:
-        raise ValueError(f"version {str(version)[:20]} is not {schema.VERSION}, the one this program reads{schema.AGAIN and f'; {schema.AGAIN}'}")
+        raise ValueError(
+            f"version {str(version)[:20]} is not {schema.VERSION}, the one this program "
+            f"reads{schema.AGAIN and f'; {schema.AGAIN}'}"
+        )
 
 
 def _unknown(data: Any, known: Any) -> str:

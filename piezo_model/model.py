@@ -132,24 +132,39 @@ class HysteresisCreepModel:
                 raise ModelError(f"{name}[{i}] must not be negative, and it is {values[i]:g}")
         if np.any(self.slopes < SMALLEST):
             i = int(np.argmin(self.slopes))
-            raise ModelError(f"the slope of S⁻¹ beyond threshold {s.dead_zone_thresholds[i]:g} must be positive for the "
-                             f"model to have an inverse, and it is {self.slopes[i]:g}")
+            raise ModelError(
+                f"the slope of S⁻¹ beyond threshold {s.dead_zone_thresholds[i]:g} must be positive for "
+                "the "
+                f"model to have an inverse, and it is {self.slopes[i]:g}"
+            )
 
     @classmethod
-    def from_weights(cls, structure: ModelStructure, w: ArrayLike, report: Mapping[str, Any] | None = None,
-                     ) -> HysteresisCreepModel:
+    def from_weights(
+        cls,
+        structure: ModelStructure,
+        w: ArrayLike,
+        report: Mapping[str, Any] | None = None,
+    ) -> HysteresisCreepModel:
         """Make the model of the identified unknowns w (d,) in weight coordinates and unit amplitudes, with w_H0 = 1."""
         w = np.asarray(w, dtype=np.float64)
         if w.shape != (structure.d,):
             raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")
         H, S, K = structure.slices
-        return cls(structure, np.concatenate([[1.0], w[H]]), w[S], w[K], float(w[-1]) if structure.offset else 0.0,
-                   report or {})
+        return cls(
+            structure,
+            np.concatenate([[1.0], w[H]]),
+            w[S],
+            w[K],
+            float(w[-1]) if structure.offset else 0.0,
+            report or {},
+        )
 
     @classmethod
     def from_all_weights(cls, structure: ModelStructure, weights: Vector) -> HysteresisCreepModel:
         """Make the model that has these :attr:`all_weights`."""
-        w_H, w_S, w_K, offset = np.split(weights, np.cumsum([structure.n + 1, structure.dead_zones, structure.creep_weights]))
+        w_H, w_S, w_K, offset = np.split(
+            weights, np.cumsum([structure.n + 1, structure.dead_zones, structure.creep_weights])
+        )
         return cls(structure, w_H, w_S, w_K, float(offset[0]))
 
     @property
@@ -180,19 +195,35 @@ class HysteresisCreepModel:
         w_S, r_S = invert_superposition(self.w_S_inverse, r_S_inverse)
         w_H_inverse, r_H_inverse = invert_play(self.w_H, r_H)
         w_K = pad(self.w_K, s.lanes) if s.creep_rates else np.zeros(0)
-        return ModelArrays(operators, pad(self.w_H, s.lanes), pad(np.cumsum(self.w_H), s.lanes),
-                           np.tile(w_K, len(s.creep_rates)), SuperpositionArrays.of(w_S, r_S),
-                           pad(r_H_inverse, s.lanes), pad(w_H_inverse, s.lanes),
-                           SuperpositionArrays.of(self.w_S_inverse, r_S_inverse), self.offset)
+        return ModelArrays(
+            operators,
+            pad(self.w_H, s.lanes),
+            pad(np.cumsum(self.w_H), s.lanes),
+            np.tile(w_K, len(s.creep_rates)),
+            SuperpositionArrays.of(w_S, r_S),
+            pad(r_H_inverse, s.lanes),
+            pad(w_H_inverse, s.lanes),
+            SuperpositionArrays.of(self.w_S_inverse, r_S_inverse),
+            self.offset,
+        )
 
     @cached_property
     def _core(self) -> State:
         """The model of ``core/model.h``."""
         p = self.arrays
-        core = State(face.model_bytes(*self.structure.shape),
-                     lambda block: face.model_setup(block, *self.structure.shape, float(self.offset)))
-        for name, values in (("r", p.operators.r), ("a", p.operators.a), ("low", p.S.low), ("high", p.S.high), ("w_S", p.S.w),
-                             ("w_H", p.w_H), ("w_K", p.w_K)):
+        core = State(
+            face.model_bytes(*self.structure.shape),
+            lambda block: face.model_setup(block, *self.structure.shape, float(self.offset)),
+        )
+        for name, values in (
+            ("r", p.operators.r),
+            ("a", p.operators.a),
+            ("low", p.S.low),
+            ("high", p.S.high),
+            ("w_S", p.S.w),
+            ("w_H", p.w_H),
+            ("w_K", p.w_K),
+        ):
             core[name][:] = values
         return core
 
@@ -205,8 +236,8 @@ class HysteresisCreepModel:
             Input in the structure's input unit.
         state : OperatorState, optional
             States before the first sample, moved on to those after the last one, so that a signal can be simulated
-            chunk by chunk. By default those that explain a recording best, as in the identification, and for an array at rest
-            at the centre of the range.
+            chunk by chunk. By default those that explain a recording best, as in the identification, and for an array
+            at rest at the centre of the range.
 
         Returns
         -------
@@ -240,13 +271,18 @@ class HysteresisCreepModel:
         return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
 
     def initial_state(self, start: StartChoice = "identified") -> OperatorState:
-        """States to begin a signal with: those before the recording of the identification, or at rest at the centre of the range.
+        """States to begin a signal with: those before the recording of the identification, or at rest at the centre of
+        the range.
 
         Where no identification left a start, the actuator is at rest in either case.
         """
         if start not in get_args(StartChoice):
             raise ValueError(f"start must be one of {', '.join(get_args(StartChoice))}, not {start!r}")
-        return self.start.copy() if self.start is not None and start == "identified" else OperatorState.at_rest(self.structure)
+        return (
+            self.start.copy()
+            if self.start is not None and start == "identified"
+            else OperatorState.at_rest(self.structure)
+        )
 
     def validate(self, recording: Recording) -> Validation:
         """Judge the model on a recording that its identification has not seen.
@@ -262,15 +298,31 @@ class HysteresisCreepModel:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as JSON can hold it; floats survive bit for bit."""
-        return {"format": ModelFile.FORMAT, "version": ModelFile.VERSION, "structure": self.structure.to_dict(), "w_H": self.w_H.tolist(),
-                "w_S_inverse": self.w_S_inverse.tolist(), "w_K": self.w_K.tolist(), "offset": self.offset,
-                "start": None if self.start is None else self.start.to_dict(self.structure), "report": dict(self.report)}
+        return {
+            "format": ModelFile.FORMAT,
+            "version": ModelFile.VERSION,
+            "structure": self.structure.to_dict(),
+            "w_H": self.w_H.tolist(),
+            "w_S_inverse": self.w_S_inverse.tolist(),
+            "w_K": self.w_K.tolist(),
+            "offset": self.offset,
+            "start": None if self.start is None else self.start.to_dict(self.structure),
+            "report": dict(self.report),
+        }
 
     @classmethod
     def from_file(cls, file: ModelFile) -> HysteresisCreepModel:
         """Make the model of :meth:`to_dict`; ValueError says what does not go together."""
         start = None if file.start is None else OperatorState.of(**file.start, structure=file.structure)
-        return cls(file.structure, np.array(file.w_H), np.array(file.w_S_inverse), np.array(file.w_K), file.offset, file.report, start)
+        return cls(
+            file.structure,
+            np.array(file.w_H),
+            np.array(file.w_S_inverse),
+            np.array(file.w_K),
+            file.offset,
+            file.report,
+            start,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; the file is there whole or not at all."""

@@ -1,7 +1,7 @@
 """States and parameters of the operators of one structure, laid out as the core takes them.
 
-The operators come in blocks of eight (``solvers/core/vec8.h``). Play and creep share the thresholds r_0 = 0 < r_1 < … < r_n,
-padded with zeros to a multiple of eight, the structure's ``lanes``; creep states stand rate by rate.
+The operators come in blocks of eight (``solvers/core/vec8.h``). Play and creep share the thresholds r_0 = 0 < r_1 < … <
+r_n, padded with zeros to a multiple of eight, the structure's ``lanes``; creep states stand rate by rate.
 """
 
 from __future__ import annotations
@@ -66,13 +66,17 @@ class OperatorState:
         """Refuse (ValueError) to be the states of a structure of another size, which would be taken for its own."""
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes
         if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
-            raise ValueError(f"the operator states are those of another structure: {self.play.size} of play and "
-                             f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed")
+            raise ValueError(
+                f"the operator states are those of another structure: {self.play.size} of play and "
+                f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed"
+            )
 
     def to_dict(self, structure: ModelStructure) -> States:
         """States as JSON can hold them."""
-        return {"play": self.play[:structure.n + 1].tolist(),
-                "creep": self.creep.reshape(-1, structure.lanes)[:, :structure.n + 1].tolist()}
+        return {
+            "play": self.play[: structure.n + 1].tolist(),
+            "creep": self.creep.reshape(-1, structure.lanes)[:, : structure.n + 1].tolist(),
+        }
 
     @classmethod
     def of(cls, play: ArrayLike, creep: Sequence[ArrayLike], structure: ModelStructure) -> OperatorState:
@@ -87,15 +91,17 @@ class OperatorState:
         return state
 
     def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
-        """Return the same memory over the thresholds and the input range of another structure that has the same creep rates.
+        """Return the same memory over the thresholds and the input range of another structure that has the same creep
+        rates.
 
-        Beyond the largest old threshold the last state is taken; an input that goes through the range wipes out what is wrong with it.
+        Beyond the largest old threshold the last state is taken; an input that goes through the range wipes out what is
+        wrong with it.
         """
         scale, shift = other.x_scale / structure.x_scale, (other.x_centre - structure.x_centre) / structure.x_scale
         r, wanted = np.array((0.0, *structure.play_thresholds)), scale * np.array((0.0, *other.play_thresholds))
 
         def read(states: Vector) -> Vector:
-            return (np.interp(wanted, r, states[:structure.n + 1]) - shift) / scale
+            return (np.interp(wanted, r, states[: structure.n + 1]) - shift) / scale
 
         return self.of(read(self.play), [read(z) for z in self.creep.reshape(-1, structure.lanes)], other)
 

@@ -11,8 +11,8 @@ dz(x − z, r) = play(x, r, z) − z, it is a play that is followed with a lag. 
 inverse of the whole model explicit.
 
 Source: K. Kuhnen, "Modeling, Identification and Compensation of Complex Hysteretic Nonlinearities: A Modified
-Prandtl–Ishlinskii Approach", European Journal of Control 9 (2003) 407–418, and its references for creep. The arithmetic is
-``core/operators.h``.
+Prandtl–Ishlinskii Approach", European Journal of Control 9 (2003) 407–418, and its references for creep. The arithmetic
+is ``core/operators.h``.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix,
     return out, z
 
 
-def creep(x: ArrayLike, thresholds: ArrayLike, rates: ArrayLike, sample_time: float,
-          state: ArrayLike) -> tuple[Matrix, Vector]:
+def creep(
+    x: ArrayLike, thresholds: ArrayLike, rates: ArrayLike, sample_time: float, state: ArrayLike
+) -> tuple[Matrix, Vector]:
     """Creep operators over an array or a chunk of one.
 
     Parameters

@@ -40,8 +40,11 @@ class RegressorArrays(NamedTuple):
         outer = SuperpositionArrays(np.full_like(zones.low, -np.inf), np.full_like(zones.high, np.inf), zones.w)
         if coordinates == "slope":
             low, high, middle, last = zones.low, zones.high, s.middle, s.dead_zones - 1
-            outer.low[1:middle], outer.high[1:middle] = low[:max(middle - 1, 0)], high[:max(middle - 1, 0)]
-            outer.low[middle + 1:last], outer.high[middle + 1:last] = low[middle + 2:last + 1], high[middle + 2:last + 1]
+            outer.low[1:middle], outer.high[1:middle] = low[: max(middle - 1, 0)], high[: max(middle - 1, 0)]
+            outer.low[middle + 1 : last], outer.high[middle + 1 : last] = (
+                low[middle + 2 : last + 1],
+                high[middle + 2 : last + 1],
+            )
             # The piece around zero ends at the next threshold on both sides.
             outer.low[middle] = low[middle - 1] if middle > 0 else -np.inf
             outer.high[middle] = high[middle + 1] if middle < last else np.inf
@@ -56,8 +59,14 @@ class RegressorArrays(NamedTuple):
 
     def write(self, core: State) -> None:
         """Write them to a state of the core that has regressors."""
-        for name, values in (("r", self.operators.r), ("a", self.operators.a), ("low", self.dead_zones.low),
-                             ("high", self.dead_zones.high), ("outer_low", self.outer.low), ("outer_high", self.outer.high)):
+        for name, values in (
+            ("r", self.operators.r),
+            ("a", self.operators.a),
+            ("low", self.dead_zones.low),
+            ("high", self.dead_zones.high),
+            ("outer_low", self.outer.low),
+            ("outer_high", self.outer.high),
+        ):
             core[name][:] = values
 
     @property
@@ -71,6 +80,8 @@ def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y
     p = RegressorArrays.of(structure)
     core, rows = p.new_core(), np.empty((x.size, p.stride))
     core["play"][:], core["creep"][:] = state.play, state.creep
-    face.basis_rows(core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows)
+    face.basis_rows(
+        core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows
+    )
     state.play[:], state.creep[:] = core["play"], core["creep"]
-    return rows[:, :p.width].copy()
+    return rows[:, : p.width].copy()

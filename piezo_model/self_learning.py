@@ -3,9 +3,9 @@
     y_ref → compensator → x → actuator → y → data basis → solver → weights → inverse → compensator
 
 In cyclic operation a synchronous Moore machine builds the data basis, learns, and hands over; in
-continuous operation (the paper's outlook) the exact optimum of a forgetting data basis follows every interval. The two are settings of
-one learner (`learning.learner`). Both leave a compensator that works when the sensor does not: the drive is finite and inside its limits
-whatever comes in, learning pauses at a fault and goes on by itself.
+continuous operation (the paper's outlook) the exact optimum of a forgetting data basis follows every interval. The two
+are settings of one learner (`learning.learner`). Both leave a compensator that works when the sensor does not: the
+drive is finite and inside its limits whatever comes in, learning pauses at a fault and goes on by itself.
 """
 
 from __future__ import annotations
@@ -56,10 +56,11 @@ class SelfLearningCompensator:
     ----------
     structure : ModelStructure
     reset_s, build_s, learn_s : float
-        Lengths of the phases of cyclic operation in s; after a fault the sensor must be good for ``reset_s`` in both modes.
+        Lengths of the phases of cyclic operation in s; after a fault the sensor must be good for ``reset_s`` in both
+        modes.
     solver : str
-        Any registered solver. In cyclic operation the paper's ``projected_difference`` takes one step a sample; in continuous operation the
-        default means the exact solver, at every interval.
+        Any registered solver. In cyclic operation the paper's ``projected_difference`` takes one step a sample; in
+        continuous operation the default means the exact solver, at every interval.
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the structure's range by default.
     mode : "cyclic" or "continuous"
@@ -74,16 +75,17 @@ class SelfLearningCompensator:
     samples_to_solve : int
         Of cyclic operation, the samples that a solver has which is not one of steps; 1 by default.
     find_centre : bool, optional
-        Whether a structure without a constant term gets one, since no range given beforehand has the centre of the actuator's
-        loop in its middle. By default where the structure has none and no model is given.
+        Whether a structure without a constant term gets one, since no range given beforehand has the centre of the
+        actuator's loop in its middle. By default where the structure has none and no model is given.
     follow_range : bool, optional
-        Whether the thresholds follow the range that is really driven (`driven_range`), which takes a structure with a constant. By
-        default where no model is given.
+        Whether the thresholds follow the range that is really driven (`driven_range`), which takes a structure with a
+        constant. By default where no model is given.
     proximal : float
-        Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of the
-        variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
+        Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of
+        the variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
     integral_gain : float
-        Of the integral action, in 1/s, as of ``Compensator``; samples that the guard of the sensor does not trust are left out.
+        Of the integral action, in 1/s, as of ``Compensator``; samples that the guard of the sensor does not trust are
+        left out.
     solver_options : mapping, optional
         Lane, setting and more settings of the solver as of :func:`piezo_model.learning.solving.solved`.
     model : HysteresisCreepModel, optional
@@ -102,23 +104,53 @@ class SelfLearningCompensator:
     >>> x = learner.step(0.0, float("nan"))  # nothing measured yet
     """
 
-    def __init__(self, structure: ModelStructure, reset_s: float = 0.1, build_s: float = 8.0, learn_s: float = 1.9,
-                 solver: str = "projected_difference", x_limits: tuple[float, float] | None = None,
-                 mode: Mode = "cyclic", *, memory_s: float = 2.0, hand_over_s: float = 0.01,
-                 fade_s: float = 0.002, rate_limit: float | None = None, samples_to_solve: int = 1,
-                 find_centre: bool | None = None, follow_range: bool | None = None,
-                 proximal: float = 1e-6, integral_gain: float = 0.0,
-                 solver_options: Mapping[str, Any] | None = None, model: HysteresisCreepModel | None = None,
-                 state: OperatorState | None = None) -> None:
+    def __init__(
+        self,
+        structure: ModelStructure,
+        reset_s: float = 0.1,
+        build_s: float = 8.0,
+        learn_s: float = 1.9,
+        solver: str = "projected_difference",
+        x_limits: tuple[float, float] | None = None,
+        mode: Mode = "cyclic",
+        *,
+        memory_s: float = 2.0,
+        hand_over_s: float = 0.01,
+        fade_s: float = 0.002,
+        rate_limit: float | None = None,
+        samples_to_solve: int = 1,
+        find_centre: bool | None = None,
+        follow_range: bool | None = None,
+        proximal: float = 1e-6,
+        integral_gain: float = 0.0,
+        solver_options: Mapping[str, Any] | None = None,
+        model: HysteresisCreepModel | None = None,
+        state: OperatorState | None = None,
+    ) -> None:
         if x_limits is None:
             x_limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         if find_centre is None:
             find_centre = model is None and not structure.offset
         if follow_range is None:
             follow_range = model is None and (structure.offset or find_centre)
-        self.settings = LearningSettings(reset_s, build_s, learn_s, solver, x_limits, mode, memory_s, hand_over_s, fade_s,
-                                         rate_limit, samples_to_solve, find_centre, follow_range, proximal, integral_gain,
-                                         solver_options)
+        self.settings = LearningSettings(
+            reset_s,
+            build_s,
+            learn_s,
+            solver,
+            x_limits,
+            mode,
+            memory_s,
+            hand_over_s,
+            fade_s,
+            rate_limit,
+            samples_to_solve,
+            find_centre,
+            follow_range,
+            proximal,
+            integral_gain,
+            solver_options,
+        )
         if model is None:
             model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
         elif model.structure != structure:
@@ -157,7 +189,8 @@ class SelfLearningCompensator:
 
     @property
     def problem(self) -> IdentificationProblem | None:
-        """What the last building phase has gathered, with what is recalled of the cycles before; None in continuous mode."""
+        """What the last building phase has gathered, with what is recalled of the cycles before; None in continuous
+        mode."""
         return self._learning.problem
 
     @property
@@ -169,11 +202,15 @@ class SelfLearningCompensator:
     def counts(self) -> dict[str, int]:
         """How often what happened: verdicts on samples, hand-overs, refusals of new weights."""
         learning = self._learning
-        return {**{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, learning.verdicts, strict=True)},
-                "hand_overs": learning.count("hand_overs"), "refusals": learning.count("refusals")}
+        return {
+            **{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, learning.verdicts, strict=True)},
+            "hand_overs": learning.count("hand_overs"),
+            "refusals": learning.count("refusals"),
+        }
 
     def samples_until_change(self) -> int:
-        """Samples for which neither the weights in use nor the integral action can change, so that their drive can be computed in one go."""
+        """Samples for which neither the weights in use nor the integral action can change, so that their drive can be
+        computed in one go."""
         return 1 if self.settings.integral_gain > 0.0 else self._learning.samples_until_change()
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
@@ -197,8 +234,8 @@ class SelfLearningCompensator:
     def run(self, y_ref: ArrayLike, actuator: Callable[[Vector], Vector]) -> tuple[Vector, Vector]:
         """Close the loop over an actuator, a function from drive samples to output samples that remembers its state.
 
-        The same, to the last bit, as ``step`` sample by sample, in chunks that end where the weights may change. The output of
-        a ``step`` before it was never told, so that sample is taken for missing.
+        The same, to the last bit, as ``step`` sample by sample, in chunks that end where the weights may change. The
+        output of a ``step`` before it was never told, so that sample is taken for missing.
 
         Returns
         -------
@@ -218,11 +255,13 @@ class SelfLearningCompensator:
         return x, y
 
     def drive(self, y_ref: ArrayLike) -> Vector:
-        """Drives (N,) for references (N,), at most `samples_until_change` of them; their outputs are to be observed next."""
+        """Drives (N,) for references (N,), at most `samples_until_change` of them; their outputs are to be observed
+        next."""
         return self._learning.drive(np.ascontiguousarray(y_ref, dtype=np.float64))
 
     def observe(self, x: ArrayLike, y: ArrayLike) -> None:
-        """Learn from drive samples (N,) of the compensator and the outputs (N,) that they produced, NaN where unknown."""
+        """Learn from drive samples (N,) of the compensator and the outputs (N,) that they produced, NaN where
+        unknown."""
         x, y = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
         if x.ndim != 1 or x.shape != y.shape:
             raise ValueError(f"x and y must be vectors of the same length, not of shapes {x.shape} and {y.shape}")
@@ -245,8 +284,11 @@ class SelfLearningCompensator:
         """
         y_ref, y = (np.ascontiguousarray(v, dtype=np.float64) for v in (y_ref, y_measured_before))
         if y_ref.ndim != 1 or y_ref.shape != y.shape:
-            raise ValueError(f"y_ref and y_measured_before must be vectors of the same length, not of shapes {y_ref.shape} "
-                             f"and {y.shape}")
+            raise ValueError(
+                "y_ref and y_measured_before must be vectors of the same length, not of shapes "
+                f"{y_ref.shape} "
+                f"and {y.shape}"
+            )
         if not y_ref.size:
             return np.empty(0)
         if self._last_x is not None:
@@ -263,8 +305,12 @@ class SelfLearningCompensator:
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied; settings are not part of it."""
-        return {"compensator": self.compensator.memory(), "learning": self._learning.memory(),
-                "last_x": self._last_x, "log": [asdict(event) for event in self.log]}
+        return {
+            "compensator": self.compensator.memory(),
+            "learning": self._learning.memory(),
+            "last_x": self._last_x,
+            "log": [asdict(event) for event in self.log],
+        }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
@@ -296,13 +342,20 @@ class SelfLearningCompensator:
         """
         if json_file.format_of(path) == LearnerFile.FORMAT:
             if options:
-                raise ValueError(f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be "
-                                 f"given")
+                raise ValueError(
+                    f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} "
+                    "must not be "
+                    f"given"
+                )
             return cls._resumed(path)
         found = Deployment.load(path)
         chosen: dict[str, Any] = {
-            "solver": found.solver, "x_limits": found.x_limits, "mode": found.mode, "model": found.model,
-            "solver_options": found.options}
+            "solver": found.solver,
+            "x_limits": found.x_limits,
+            "mode": found.mode,
+            "model": found.model,
+            "solver_options": found.options,
+        }
         try:
             return cls(found.model.structure, **{**chosen, **options})
         except ValueError as error:

@@ -1,11 +1,11 @@
 """Drive and reference signals s(k), k = 0 … N − 1 at the times k Ts, with N = duration / Ts.
 
-Every signal takes ``duration_s`` and ``sample_time`` in s, ``low`` and ``high`` in its own unit (V for a drive, µm for a reference), and
-returns an array (N,). It stays inside low ≤ s ≤ high and is a pure function of its arguments. The staircase is the one of the paper's
-Fig. 4; the decaying triangle moves every play both ways; the multi-sine takes the phases of M. R. Schroeder, "Synthesis of low-peak-factor
-signals and binary sequences with low autocorrelation", IEEE Transactions on Information Theory 16 (1970), 85-89. They are made for
-harmonic tones; on log-spaced ones their crest, about 3, is no better than that of most random phases, and far from the 5 of cosines in
-phase.
+Every signal takes ``duration_s`` and ``sample_time`` in s, ``low`` and ``high`` in its own unit (V for a drive, µm for
+a reference), and returns an array (N,). It stays inside low ≤ s ≤ high and is a pure function of its arguments. The
+staircase is the one of the paper's Fig. 4; the decaying triangle moves every play both ways; the multi-sine takes the
+phases of M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation", IEEE
+Transactions on Information Theory 16 (1970), 85-89. They are made for harmonic tones; on log-spaced ones their crest,
+about 3, is no better than that of most random phases, and far from the 5 of cosines in phase.
 """
 
 from __future__ import annotations
@@ -54,8 +54,9 @@ def _triangle(phase: Vector) -> Vector:
     return 1.0 - np.abs(1.0 - 2.0 * (phase % 1.0))
 
 
-def staircase(*, duration_s: float, sample_time: float, low: float, high: float, levels: int = 9,
-              hold_s: float = 0.25) -> Vector:
+def staircase(
+    *, duration_s: float, sample_time: float, low: float, high: float, levels: int = 9, hold_s: float = 0.25
+) -> Vector:
     """Steps up through the levels and down again, each held, over and over (the paper's Fig. 4).
 
     Parameters
@@ -80,8 +81,9 @@ def staircase(*, duration_s: float, sample_time: float, low: float, high: float,
     return np.linspace(low, high, levels)[np.minimum(place, 2 * (levels - 1) - place)]
 
 
-def decaying_triangle(*, duration_s: float, sample_time: float, low: float, high: float, cycles: float = 8.0,
-                      final_share: float = 0.0) -> Vector:
+def decaying_triangle(
+    *, duration_s: float, sample_time: float, low: float, high: float, cycles: float = 8.0, final_share: float = 0.0
+) -> Vector:
     """Triangle about the centre that rises from low to high and whose amplitude falls evenly from there on.
 
     Parameters
@@ -100,8 +102,17 @@ def decaying_triangle(*, duration_s: float, sample_time: float, low: float, high
     return scaled(0.5 + amplitude * (_triangle(cycle) - 0.5), low, high)
 
 
-def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float, tones: int = 12,
-               lowest_Hz: float | None = None, highest_Hz: float = 50.0, seed: int | None = None) -> Vector:
+def multi_sine(
+    *,
+    duration_s: float,
+    sample_time: float,
+    low: float,
+    high: float,
+    tones: int = 12,
+    lowest_Hz: float | None = None,
+    highest_Hz: float = 50.0,
+    seed: int | None = None,
+) -> Vector:
     """Sum of equal sines whose frequencies are evenly spread in the logarithm, scaled so that it touches both limits.
 
     Parameters
@@ -118,8 +129,10 @@ def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float
         raise ValueError(f"tones must be at least 1, not {tones}")
     first_Hz = 1.0 / duration_s if lowest_Hz is None else lowest_Hz
     if not 0.0 < first_Hz <= highest_Hz < 0.5 / sample_time:
-        raise ValueError(f"lowest_Hz = {first_Hz} and highest_Hz = {highest_Hz} must be positive, in this order, and "
-                         f"below half the sampling rate, {0.5 / sample_time} Hz")
+        raise ValueError(
+            f"lowest_Hz = {first_Hz} and highest_Hz = {highest_Hz} must be positive, in this order, and "
+            f"below half the sampling rate, {0.5 / sample_time} Hz"
+        )
     j = np.arange(1, tones + 1)
     schroeder = -np.pi * j * (j - 1) / tones
     phases = schroeder if seed is None else np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, tones)
@@ -130,8 +143,16 @@ def multi_sine(*, duration_s: float, sample_time: float, low: float, high: float
     return scaled((total - total.min()) / spread if spread > 0.0 else np.full(t.size, 0.5), low, high)
 
 
-def raster_scan(*, duration_s: float, sample_time: float, low: float, high: float, line_rate_Hz: float = 10.0,
-                fast_share: float = 0.6, slow_axis: Literal["staircase", "drift"] = "staircase") -> Vector:
+def raster_scan(
+    *,
+    duration_s: float,
+    sample_time: float,
+    low: float,
+    high: float,
+    line_rate_Hz: float = 10.0,
+    fast_share: float = 0.6,
+    slow_axis: Literal["staircase", "drift"] = "staircase",
+) -> Vector:
     """Lines of a raster on one axis: a fast triangle whose base moves once from low to high - width of the triangle.
 
     Parameters
@@ -145,8 +166,10 @@ def raster_scan(*, duration_s: float, sample_time: float, low: float, high: floa
     """
     t = times(duration_s, sample_time, low, high)
     if not 0.0 < line_rate_Hz < 0.5 / sample_time:
-        raise ValueError(f"line_rate_Hz must be positive and below half the sampling rate, {0.5 / sample_time} Hz, "
-                         f"not {line_rate_Hz}")
+        raise ValueError(
+            f"line_rate_Hz must be positive and below half the sampling rate, {0.5 / sample_time} Hz, "
+            f"not {line_rate_Hz}"
+        )
     share_between(fast_share=fast_share)
     if slow_axis not in ("staircase", "drift"):
         raise ValueError(f"slow_axis must be 'staircase' or 'drift', not {slow_axis!r}")
@@ -156,8 +179,16 @@ def raster_scan(*, duration_s: float, sample_time: float, low: float, high: floa
     return scaled(fast_share * _triangle(line) + (1.0 - fast_share) * base, low, high)
 
 
-def random_walk(*, duration_s: float, sample_time: float, low: float, high: float, seed: int,
-                bandwidth_Hz: float = 20.0, spread_per_root_s: float = 1.0) -> Vector:
+def random_walk(
+    *,
+    duration_s: float,
+    sample_time: float,
+    low: float,
+    high: float,
+    seed: int,
+    bandwidth_Hz: float = 20.0,
+    spread_per_root_s: float = 1.0,
+) -> Vector:
     """Brownian path from the centre, reflected at the limits and smoothed by two lags of first order.
 
     The lags come after the reflection: each of their values is an average of earlier ones, so the smoothed path has no

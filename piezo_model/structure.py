@@ -29,9 +29,15 @@ from solvers.core import padded
 SMALLEST = 1.0 / LARGEST
 SAMPLE_TIMES = 1e-9, 1e9
 RANGES: Mapping[str, tuple[float, float]] = {
-    "play_thresholds": (0.0, LARGEST), "dead_zone_thresholds": (-LARGEST, LARGEST), "creep_rates": (SMALLEST, LARGEST),
-    "sample_time": SAMPLE_TIMES, "x_centre": (-LARGEST, LARGEST), "x_scale": (SMALLEST, LARGEST), "y_centre": (-LARGEST, LARGEST),
-    "y_scale": (-LARGEST, LARGEST)}
+    "play_thresholds": (0.0, LARGEST),
+    "dead_zone_thresholds": (-LARGEST, LARGEST),
+    "creep_rates": (SMALLEST, LARGEST),
+    "sample_time": SAMPLE_TIMES,
+    "x_centre": (-LARGEST, LARGEST),
+    "x_scale": (SMALLEST, LARGEST),
+    "y_centre": (-LARGEST, LARGEST),
+    "y_scale": (-LARGEST, LARGEST),
+}
 LONGEST_UNIT = 1000
 
 
@@ -110,27 +116,68 @@ class ModelStructure:
         return max(1, round(seconds / self.sample_time))
 
     @classmethod
-    def equidistant(cls, n: int, m: int, x_range: tuple[float, float], y_range: tuple[float, float],
-                    creep_rates: Sequence[float], sample_time: float, *, offset: bool = False,
-                    input_unit: str = "V", output_unit: str = "um") -> ModelStructure:
+    def equidistant(
+        cls,
+        n: int,
+        m: int,
+        x_range: tuple[float, float],
+        y_range: tuple[float, float],
+        creep_rates: Sequence[float],
+        sample_time: float,
+        *,
+        offset: bool = False,
+        input_unit: str = "V",
+        output_unit: str = "um",
+    ) -> ModelStructure:
         """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1)."""
         if n < 0 or m < 0:
             raise StructureError(f"the orders n and m must not be negative, not n = {n}, m = {m}")
         x_centre, x_scale = _centre_and_scale("x_range", x_range)
         y_centre, y_scale = _centre_and_scale("y_range", y_range)
-        return cls(tuple(i / (n + 1) for i in range(1, n + 1)), tuple(i / (m + 1) for i in range(-m, m + 1)),
-                   tuple(creep_rates), sample_time, x_centre, x_scale, y_centre, y_scale, offset, input_unit,
-                   output_unit)
+        return cls(
+            tuple(i / (n + 1) for i in range(1, n + 1)),
+            tuple(i / (m + 1) for i in range(-m, m + 1)),
+            tuple(creep_rates),
+            sample_time,
+            x_centre,
+            x_scale,
+            y_centre,
+            y_scale,
+            offset,
+            input_unit,
+            output_unit,
+        )
 
     @classmethod
-    def from_thresholds(cls, play: Sequence[float], dead_zone: Sequence[float], x_range: tuple[float, float],
-                        y_range: tuple[float, float], creep_rates: Sequence[float], sample_time: float, *,
-                        offset: bool = False, input_unit: str = "V", output_unit: str = "um") -> ModelStructure:
+    def from_thresholds(
+        cls,
+        play: Sequence[float],
+        dead_zone: Sequence[float],
+        x_range: tuple[float, float],
+        y_range: tuple[float, float],
+        creep_rates: Sequence[float],
+        sample_time: float,
+        *,
+        offset: bool = False,
+        input_unit: str = "V",
+        output_unit: str = "um",
+    ) -> ModelStructure:
         """Thresholds of the user's own in units of input and output, measured from the centres of the ranges."""
         x_centre, x_scale = _centre_and_scale("x_range", x_range)
         y_centre, y_scale = _centre_and_scale("y_range", y_range)
-        return cls(tuple(r / x_scale for r in play), tuple(r / y_scale for r in dead_zone), tuple(creep_rates),
-                   sample_time, x_centre, x_scale, y_centre, y_scale, offset, input_unit, output_unit)
+        return cls(
+            tuple(r / x_scale for r in play),
+            tuple(r / y_scale for r in dead_zone),
+            tuple(creep_rates),
+            sample_time,
+            x_centre,
+            x_scale,
+            y_centre,
+            y_scale,
+            offset,
+            input_unit,
+            output_unit,
+        )
 
     @property
     def falling(self) -> bool:
@@ -146,8 +193,11 @@ class ModelStructure:
         >>> structure.turned().falling, structure.turned().dead_zone_thresholds
         (True, (-0.75, 0.0, 0.25))
         """
-        return replace(self, y_scale=-self.y_scale,
-                       dead_zone_thresholds=tuple(0.0 - r for r in reversed(self.dead_zone_thresholds)))
+        return replace(
+            self,
+            y_scale=-self.y_scale,
+            dead_zone_thresholds=tuple(0.0 - r for r in reversed(self.dead_zone_thresholds)),
+        )
 
     @property
     def n(self) -> int:
@@ -193,9 +243,12 @@ class ModelStructure:
     @property
     def weight_names(self) -> tuple[str, ...]:
         """Names of the unknowns, in order."""
-        return (*(f"w_H{i}" for i in range(1, self.n + 1)),
-                *(f"w'_S{i - self.middle}" for i in range(self.dead_zones)),
-                *(f"w_K{i}" for i in range(self.creep_weights)), *(("offset",) if self.offset else ()))
+        return (
+            *(f"w_H{i}" for i in range(1, self.n + 1)),
+            *(f"w'_S{i - self.middle}" for i in range(self.dead_zones)),
+            *(f"w_K{i}" for i in range(self.creep_weights)),
+            *(("offset",) if self.offset else ()),
+        )
 
     @cached_property
     def slope_map(self) -> Matrix:
@@ -215,7 +268,7 @@ class ModelStructure:
         S = np.eye(self.d)
         first, middle, last = self.n, self.n + self.middle, self.n + self.dead_zones
         for i in range(first, last):
-            S[i, min(i, middle):max(i, middle) + 1] = 1.0
+            S[i, min(i, middle) : max(i, middle) + 1] = 1.0
         return S
 
     def lower_bounds(self, min_slope: float) -> Vector:

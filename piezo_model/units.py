@@ -18,16 +18,82 @@ ANGLES = ("rad", "mrad", "urad", "deg")
 UNITS = frozenset((*SECONDS, *VOLTAGES, *LENGTHS, *ANGLES, "A", "mA", "N", "mN"))
 """Units known as a bare suffix; in brackets any unit is taken."""
 _PREFIXES = {"n": "nano", "u": "micro", "m": "milli", "k": "kilo", "p": "pico", "c": "centi", "": ""}
-_WORDS = {"V": ("volt", "volts"), "m": ("meter", "meters", "metre", "metres"), "s": ("second", "seconds", "sec", "secs"),
-          "A": ("ampere", "amperes", "amp", "amps"), "N": ("newton", "newtons"), "rad": ("radian", "radians")}
+_WORDS = {
+    "V": ("volt", "volts"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "s": ("second", "seconds", "sec", "secs"),
+    "A": ("ampere", "amperes", "amp", "amps"),
+    "N": ("newton", "newtons"),
+    "rad": ("radian", "radians"),
+}
 SPELLINGS: Mapping[str, str] = {
-    **{long + word: short + unit for short, long in _PREFIXES.items() for unit, words in _WORDS.items() for word in words},
-    "v": "V", "UM": "um", "NM": "nm", "mv": "mV", "kv": "kV", "micron": "um", "microns": "um", "mum": "um", "msec": "ms",
-    "usec": "us", "nsec": "ns", "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "hr": "h", "degree": "deg",
-    "degrees": "deg", "°": "deg", "counts": "counts", "count": "counts", "cts": "counts", "a.u.": "a.u.", "au": "a.u.",
-    "%": "%", "degC": "degC", "°C": "degC", "Hz": "Hz", "kHz": "kHz", "MHz": "MHz", "inch": "inch"}
-NO_UNITS = frozenset({"act", "in", "am", "no", "as", "piezo", "measured", "sensor", "raw", "out", "input", "output", "drive", "actual",
-                      "desired", "target", "set", "ref", "reference", "filtered", "closed", "open", "cmd", "command", "smoothed"})
+    **{
+        long + word: short + unit
+        for short, long in _PREFIXES.items()
+        for unit, words in _WORDS.items()
+        for word in words
+    },
+    "v": "V",
+    "UM": "um",
+    "NM": "nm",
+    "mv": "mV",
+    "kv": "kV",
+    "micron": "um",
+    "microns": "um",
+    "mum": "um",
+    "msec": "ms",
+    "usec": "us",
+    "nsec": "ns",
+    "minute": "min",
+    "minutes": "min",
+    "hour": "h",
+    "hours": "h",
+    "hr": "h",
+    "degree": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "counts": "counts",
+    "count": "counts",
+    "cts": "counts",
+    "a.u.": "a.u.",
+    "au": "a.u.",
+    "%": "%",
+    "degC": "degC",
+    "°C": "degC",
+    "Hz": "Hz",
+    "kHz": "kHz",
+    "MHz": "MHz",
+    "inch": "inch",
+}
+NO_UNITS = frozenset(
+    {
+        "act",
+        "in",
+        "am",
+        "no",
+        "as",
+        "piezo",
+        "measured",
+        "sensor",
+        "raw",
+        "out",
+        "input",
+        "output",
+        "drive",
+        "actual",
+        "desired",
+        "target",
+        "set",
+        "ref",
+        "reference",
+        "filtered",
+        "closed",
+        "open",
+        "cmd",
+        "command",
+        "smoothed",
+    }
+)
 """Words that stand in brackets and are no units; some of them pint would take for one."""
 PREFIXED = ("rad", "V", "m", "s", "A", "N")
 PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
@@ -45,7 +111,7 @@ def split_unit(column: str) -> tuple[str, str]:
     for bracketed in reversed(list(re.finditer(r"[\s_]*[\[(]([^\[\]()]*)[\])]", plain))):
         unit = canonical(bracketed[1])
         if unit:
-            return (plain[:bracketed.start()] + plain[bracketed.end():]).strip(), unit
+            return (plain[: bracketed.start()] + plain[bracketed.end() :]).strip(), unit
     suffixed = re.fullmatch(r"(.+?)\s*(?:[_/,\s]|\sin\s)\s*([^\W_]+)", plain)
     if suffixed:
         unit = SPELLINGS.get(suffixed[2], suffixed[2])
@@ -104,8 +170,10 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     if base and value and math.isfinite(value):
         factor = PREFIXES[unit.removesuffix(base)]
         if not 0.1 <= abs(value) < 1e4:
-            factor = max((f for f in PREFIXES.values() if f <= max(abs(value * factor), 1e-9)
-                          and (f <= 1.0 or base in "VN")), default=factor)
+            factor = max(
+                (f for f in PREFIXES.values() if f <= max(abs(value * factor), 1e-9) and (f <= 1.0 or base in "VN")),
+                default=factor,
+            )
         value, unit = value * PREFIXES[unit.removesuffix(base)] / factor, _PREFIX_OF[factor] + base
     number = f"{value:.{digits}g}"
     if "e" in number and 1e-4 <= abs(value) < 1e7:

@@ -87,9 +87,20 @@ class Backend:
         >>> [rung["eps_abs"] for rung in OSQP.ladder(1.0)[:2]]
         [0.0001, 1e-06]
         """
-        steps: list[tuple[float, Mapping[str, Any]]] = [(k, {}) for k in self.rungs] + [(k, self.polish) for k in self.polished]
-        return tuple(MappingProxyType({**{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
-                                       **self.more, **self.always, **polish}) for k, polish in steps or [(0, {})])
+        steps: list[tuple[float, Mapping[str, Any]]] = [(k, {}) for k in self.rungs] + [
+            (k, self.polish) for k in self.polished
+        ]
+        return tuple(
+            MappingProxyType(
+                {
+                    **{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
+                    **self.more,
+                    **self.always,
+                    **polish,
+                }
+            )
+            for k, polish in steps or [(0, {})]
+        )
 
 
 class LibrarySolver(Solver):
@@ -103,7 +114,10 @@ class LibrarySolver(Solver):
         super().__init_subclass__(**options)
         if "library" in vars(cls):
             cls.algorithm, cls.licence, cls.distribution = (
-                cls.library.algorithm, cls.library.licence, cls.library.distribution)
+                cls.library.algorithm,
+                cls.library.licence,
+                cls.library.distribution,
+            )
             cls.always, cls.exponents = cls.library.always, cls.library.exponents
 
     @classmethod
@@ -147,48 +161,135 @@ RESIDUALS: Mapping[str, Tolerance] = {"tol_feas": residual, "tol_gap_abs": absol
 
 CLARABEL = Backend("interior point", "Apache-2.0", "clarabel", RESIDUALS, INTERIOR_POINT, more={"max_iter": 1000})
 # Commercial; their packages solve small problems without a licence file. One thread, as all solvers here.
-COPT = Backend("interior point", "proprietary", "coptpy",
-               {"FeasTol": between(1e-9, 1e-4, residual), "DualTol": between(1e-9, 1e-4, residual), "RelGap": share},
-               INTERIOR_POINT, always={"Threads": 1})
+COPT = Backend(
+    "interior point",
+    "proprietary",
+    "coptpy",
+    {"FeasTol": between(1e-9, 1e-4, residual), "DualTol": between(1e-9, 1e-4, residual), "RelGap": share},
+    INTERIOR_POINT,
+    always={"Threads": 1},
+)
 CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE, (4, 6, 8, 10, 12, 14, 15, 16))
-# At its own 1e-6 one answer in some thousands leaves out a bound that is violated by less, a gap of 1e-6 that no calibration sees.
+# At its own 1e-6 one answer in some thousands leaves out a bound that is violated by less, a gap of 1e-6 that no
+# calibration sees.
 DAQP = Backend("dual active set", "MIT", "daqp", {"primal_tol": share}, (9, 12), more={"iter_limit": 100_000})
 # It refuses a relative tolerance of 0. From k = 10 on it ends "close to optimal" more often than not.
-ECOS = Backend("interior point", "GPL-3.0-or-later", "ecos", {**CONE, "reltol": lambda c, k: 1e-300}, (4, 6, 7, 8, 9, 10, 12))
-GUROBI = Backend("interior point", "proprietary", "gurobipy",
-                 {"FeasibilityTol": between(1e-9, 1e-2, residual), "OptimalityTol": between(1e-9, 1e-2, residual),
-                  "BarConvTol": share}, INTERIOR_POINT, always={"Threads": 1})
+ECOS = Backend(
+    "interior point", "GPL-3.0-or-later", "ecos", {**CONE, "reltol": lambda c, k: 1e-300}, (4, 6, 7, 8, 9, 10, 12)
+)
+GUROBI = Backend(
+    "interior point",
+    "proprietary",
+    "gurobipy",
+    {
+        "FeasibilityTol": between(1e-9, 1e-2, residual),
+        "OptimalityTol": between(1e-9, 1e-2, residual),
+        "BarConvTol": share,
+    },
+    INTERIOR_POINT,
+    always={"Threads": 1},
+)
 # The regularisation moves the answer, and without any the library can hang; without a limit it can run for ever.
-HIGHS = Backend("primal active set", "MIT", "highspy",
-                {"primal_feasibility_tolerance": between(1e-10, 1e-7, share), "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
-                 "qp_regularization_value": share}, (7, 9, 11, 13),
-                always={"time_limit": 10.0})
-# Its least multiplier, 1e-16, times the number in place of an infinite bound is more complementarity than the rungs from 10⁻¹⁰ allow.
-HPIPM = Backend("interior point", "BSD-2-Clause", "casadi",
-                {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual}, INTERIOR_POINT,
-                more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30})
+HIGHS = Backend(
+    "primal active set",
+    "MIT",
+    "highspy",
+    {
+        "primal_feasibility_tolerance": between(1e-10, 1e-7, share),
+        "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
+        "qp_regularization_value": share,
+    },
+    (7, 9, 11, 13),
+    always={"time_limit": 10.0},
+)
+# Its least multiplier, 1e-16, times the number in place of an infinite bound is more complementarity than the rungs
+# from 10⁻¹⁰ allow.
+HPIPM = Backend(
+    "interior point",
+    "BSD-2-Clause",
+    "casadi",
+    {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual},
+    INTERIOR_POINT,
+    more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30},
+)
 # Counted in steps and not in seconds, so that a run can be repeated.
-OSQP = Backend("ADMM", "Apache-2.0", "osqp", EPS, (4, 6, 8, 10, 12, 14), (14,), {"polishing": True},
-               {"max_iter": 200_000}, {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50})
-PIQP = Backend("proximal interior point", "BSD-2-Clause", "piqp", {**EPS, **GAP}, (4, 6, 8, 10, 12, 13, 14),
-               more={"max_iter": 1000})
-PROXQP = Backend("proximal augmented Lagrangian", "BSD-2-Clause", "proxsuite", {**EPS, **GAP}, (4, 6, 8, 10, 12, 13, 14),
-                 more={"max_iter": 1000, "check_duality_gap": True})
+OSQP = Backend(
+    "ADMM",
+    "Apache-2.0",
+    "osqp",
+    EPS,
+    (4, 6, 8, 10, 12, 14),
+    (14,),
+    {"polishing": True},
+    {"max_iter": 200_000},
+    {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50},
+)
+PIQP = Backend(
+    "proximal interior point",
+    "BSD-2-Clause",
+    "piqp",
+    {**EPS, **GAP},
+    (4, 6, 8, 10, 12, 13, 14),
+    more={"max_iter": 1000},
+)
+PROXQP = Backend(
+    "proximal augmented Lagrangian",
+    "BSD-2-Clause",
+    "proxsuite",
+    {**EPS, **GAP},
+    (4, 6, 8, 10, 12, 13, 14),
+    more={"max_iter": 1000, "check_duality_gap": True},
+)
 PYQPMAD = Backend("dual active set", "BSD-3-Clause", "pyqpmad", {"tolerance": share}, (8, 12))
-QOCO = Backend("interior point", "BSD-3-Clause", "qoco", {"abstol": absolute, "reltol": nothing},
-               (4, 6, 8, 10, 12, 13))
-QPALM = Backend("proximal augmented Lagrangian", "LGPL-3.0-or-later", "qpalm", EPS, (4, 6, 8, 10, 12, 13),
-                more={"max_iter": 100_000})
+QOCO = Backend("interior point", "BSD-3-Clause", "qoco", {"abstol": absolute, "reltol": nothing}, (4, 6, 8, 10, 12, 13))
+QPALM = Backend(
+    "proximal augmented Lagrangian",
+    "LGPL-3.0-or-later",
+    "qpalm",
+    EPS,
+    (4, 6, 8, 10, 12, 13),
+    more={"max_iter": 100_000},
+)
 # Its explicit method keeps slacks and multipliers above 1.5e-8 and so their products, the implicit one does not.
-QPAX = Backend("interior point", "Apache-2.0", "qpax", {"solver_tol": absolute}, (6, 7, 8, 10, 12),
-               more={"max_iter": 100, "backend": "i"})
+QPAX = Backend(
+    "interior point",
+    "Apache-2.0",
+    "qpax",
+    {"solver_tol": absolute},
+    (6, 7, 8, 10, 12),
+    more={"max_iter": 100, "backend": "i"},
+)
 # The regularisation of 1e-8 is what its residuals end at; with less of it they can be asked for.
-QTQP = Backend("interior point", "Apache-2.0", "qtqp", {**RESIDUALS, "tol_feas": lambda c, k: 0.01 * residual(c, k)},
-               (4, 6, 8, 10, 12, 14, 15, 15.5), more={"min_static_regularization": 1e-14})
+QTQP = Backend(
+    "interior point",
+    "Apache-2.0",
+    "qtqp",
+    {**RESIDUALS, "tol_feas": lambda c, k: 0.01 * residual(c, k)},
+    (4, 6, 8, 10, 12, 14, 15, 15.5),
+    more={"min_static_regularization": 1e-14},
+)
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # Left alone, SCS takes MKL where the wheel brings it.
-SCS = Backend("ADMM, Anderson acceleration", "MIT", "scs", EPS, (4, 6, 8, 10, 12, 14), more={"max_iters": 1_000_000},
-              always={"linear_solver": "qdldl"})
-XPRESS = Backend("interior point", "proprietary", "xpress",
-                 {"feastol": residual, "optimalitytol": residual, "bargapstop": share, "bardualstop": residual,
-                  "barprimalstop": residual}, INTERIOR_POINT, always={"threads": 1})
+SCS = Backend(
+    "ADMM, Anderson acceleration",
+    "MIT",
+    "scs",
+    EPS,
+    (4, 6, 8, 10, 12, 14),
+    more={"max_iters": 1_000_000},
+    always={"linear_solver": "qdldl"},
+)
+XPRESS = Backend(
+    "interior point",
+    "proprietary",
+    "xpress",
+    {
+        "feastol": residual,
+        "optimalitytol": residual,
+        "bargapstop": share,
+        "bardualstop": residual,
+        "barprimalstop": residual,
+    },
+    INTERIOR_POINT,
+    always={"threads": 1},
+)

@@ -2,9 +2,9 @@
 
     minimise ½ xᵀP_b x + q_bᵀx   subject to   lb_b ≤ x ≤ ub_b,   b = 1 … B
 
-Each is what ``box_active_set`` solves cold, and its answer is the same to the last bit, whatever stands beside it and however many
-threads there are: a program that has no answer spoils its own row alone. One after the other in compiled code,
-without the interpreter's lock.
+Each is what ``box_active_set`` solves cold, and its answer is the same to the last bit, whatever stands beside it and
+however many threads there are: a program that has no answer spoils its own row alone. One after the other in compiled
+code, without the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class BoxBatch:
     threads : int, optional
         At most so many work at once; by default one for each core that this process may run on.
     in_lanes : bool, optional
-        Solve eight side by side in the lanes of one register (``solvers/core/block_pivoting.c``): faster at small d and no faster at d = 60. Answers
-        then have other bits, and neither bounds that cross nor a P that is not symmetric are seen. What the lanes leave unsolved is solved
-        alone.
+        Solve eight side by side in the lanes of one register (``solvers/core/block_pivoting.c``): faster at small d and
+        no faster at d = 60. Answers then have other bits, and neither bounds that cross nor a P that is not symmetric
+        are seen. What the lanes leave unsolved is solved alone.
 
     Attributes
     ----------
@@ -73,7 +73,8 @@ class BoxBatch:
         self._rooms: SimpleQueue[NDArray[np.uint8]] = SimpleQueue()
         for _ in range(self.threads):
             self._rooms.put(block(face.box_many_bytes(d)))
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None  # starts none before there is work for it
+        # starts none before there is work for it
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> tuple[Matrix, NDArray[np.bool_]]:
         """Solve a batch.

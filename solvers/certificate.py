@@ -6,7 +6,8 @@ The data are doubles, hence rationals, and everything here is computed in ration
 :func:`verify` replays from the data and the stored ingredients alone:
 
 1. problem: the data are those that the certificate was made for (SHA-256).
-2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact.problem`; δ = 0 almost always. Otherwise the optimum must
+2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact.problem`; δ = 0 almost always. Otherwise the
+optimum must
    not hang on δ: ½ δ‖x*‖² ≤ 1e-12 (½ |x*ᵀP x*| + |qᵀx*|).
 3. stationarity: the optimality system of the stored active set is regular; its solution is x*, λ*.
 4. feasibility: x* breaks no constraint.
@@ -52,8 +53,19 @@ from solvers.exact.program import (
 )
 from solvers.protocol import Vector
 
-__all__ = ["WORK", "Certificate", "Gap", "Infeasible", "NotCertified", "RoundingDecides", "Unbounded", "certify", "exact_cost_gap",
-           "exact_optimum", "verify"]
+__all__ = [
+    "WORK",
+    "Certificate",
+    "Gap",
+    "Infeasible",
+    "NotCertified",
+    "RoundingDecides",
+    "Unbounded",
+    "certify",
+    "exact_cost_gap",
+    "exact_optimum",
+    "verify",
+]
 
 SHIFT_SHARE = fmpq(1, 10**12)
 """Largest share of the cost that the shift may make up: the finest accuracy that an answer is judged by."""
@@ -73,8 +85,8 @@ class Certificate:
     rows: tuple[Index, ...]
     equalities: tuple[Index, ...]
     pinned: tuple[Index, ...]
-    """The working set: variables at their bounds, active rows of G, rows of A that are independent, and variables that nothing decides and that
-    are set to zero."""
+    """The working set: variables at their bounds, active rows of G, rows of A that are independent, and variables that
+    nothing decides and that are set to zero."""
     convexity_shift: float
     """δ."""
     unique: bool
@@ -100,8 +112,13 @@ class Certificate:
 
     def active(self) -> Iterator[tuple[Kind, int]]:
         """The working set by name."""
-        for kind, indices in ((Kind.EQUALITY, self.equalities), (Kind.LOWER, self.lower), (Kind.UPPER, self.upper),
-                              (Kind.ROW, self.rows), (Kind.PIN, self.pinned)):
+        for kind, indices in (
+            (Kind.EQUALITY, self.equalities),
+            (Kind.LOWER, self.lower),
+            (Kind.UPPER, self.upper),
+            (Kind.ROW, self.rows),
+            (Kind.PIN, self.pinned),
+        ):
             yield from ((kind, i) for i in indices)
 
 
@@ -112,8 +129,8 @@ class Gap:
     absolute: float
     """V(x̂) − V* ≥ 0, exact and rounded once, where x̂ is the feasible point nearest to x."""
     relative: float
-    """absolute / max(|V* + c|, 2^-52 |c|, smallest normal double). With c = ½Σx² the sum V + c is a sum of squared errors; below 2^-52 |c| the
-    sum V* + c is nothing but the rounding of c."""
+    """absolute / max(|V* + c|, 2^-52 |c|, smallest normal double). With c = ½Σx² the sum V + c is a sum of squared
+    errors; below 2^-52 |c| the sum V* + c is nothing but the rounding of c."""
     violation: float
     """‖x − x̂‖∞, reported apart because an infeasible x can cost less than V*."""
 
@@ -133,8 +150,8 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     Raises
     ------
     NotCertified
-        The problem is not convex, infeasible (:class:`Infeasible`), unbounded (:class:`Unbounded`), takes too much work, or has
-        an optimum by the shift alone (:class:`RoundingDecides`).
+        The problem is not convex, infeasible (:class:`Infeasible`), unbounded (:class:`Unbounded`), takes too much
+        work, or has an optimum by the shift alone (:class:`RoundingDecides`).
     ValueError
         NaN or an infinity in the data or in x, or a wrong shape.
 
@@ -159,25 +176,41 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     names = [program.constraint(k) for k in W]
     lower, upper, rows, equalities, pinned = (
         tuple(sorted(c.index for c in names if c.kind is kind))
-        for kind in (Kind.LOWER, Kind.UPPER, Kind.ROW, Kind.EQUALITY, Kind.PIN))
+        for kind in (Kind.LOWER, Kind.UPPER, Kind.ROW, Kind.EQUALITY, Kind.PIN)
+    )
     value = program.value(point.x) * factor
-    return Certificate(data.fingerprint, lower, upper, rows, equalities, pinned, shift,
-                       definite or is_unique(program, point), _rounded(point.x), str(value), nearest_double(value))
+    return Certificate(
+        data.fingerprint,
+        lower,
+        upper,
+        rows,
+        equalities,
+        pinned,
+        shift,
+        definite or is_unique(program, point),
+        _rounded(point.x),
+        str(value),
+        nearest_double(value),
+    )
 
 
 def _check_shift(program: ExactProgram, factor: Rational, shift: float, x: RationalColumn) -> None:
     """The second half of line 2: raises where the shift makes up more than SHIFT_SHARE of the cost.
 
-    Such an optimum lies far out in a direction in which the curvature of P is less than its rounding. Nothing but δ stops x there,
-    and a P that is rounded otherwise has no minimum or one elsewhere; the exact solvers call such programs unbounded.
+    Such an optimum lies far out in a direction in which the curvature of P is less than its rounding. Nothing but δ
+    stops x there, and a P that is rounded otherwise has no minimum or one elsewhere; the exact solvers call such
+    programs unbounded.
     """
     if shift == 0.0:
         return
     part = fmpq(*shift.as_integer_ratio()) * (x.transpose() * x)[0, 0] / 2
     linear = (x.transpose() * program.q)[0, 0] * factor
     if part > SHIFT_SHARE * (abs(program.value(x) * factor - linear - part) + abs(linear)):
-        raise RoundingDecides(f"P is indefinite by rounding, and only the shift of {shift:.1e} that makes it convex stops the cost from "
-                              "falling in a direction without curvature")
+        raise RoundingDecides(
+            f"P is indefinite by rounding, and only the shift of {shift:.1e} that makes it convex "
+            "stops the cost from "
+            "falling in a direction without curvature"
+        )
 
 
 def _rounded(x: RationalColumn) -> tuple[float, ...]:
@@ -206,6 +239,7 @@ def exact_optimum(problem: Problem, certificate: Certificate) -> list[Any]:
 
 def verify(problem: Problem, certificate: Certificate) -> None:
     """Replay the proof; return if every line holds, else raise :class:`NotCertified` naming the first that fails."""
+
     def line(name: str, holds: bool, why: str) -> None:
         if not holds:
             raise NotCertified(f"proof line {name} fails: {why}")

@@ -33,7 +33,8 @@ from solvers.backend import Backend, LibrarySolver
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 from solvers.rows import Program
 
-# A library that is installed and does not load is absent here, and we say why; CVXPY would say so on standard error in every process.
+# A library that is installed and does not load is absent here, and we say why; CVXPY would say so on standard error in
+# every process.
 logging.getLogger("__cvxpy__").addFilter(lambda record: "importing solver" not in record.getMessage())
 import cvxpy as cp  # noqa: E402
 
@@ -91,10 +92,12 @@ class CvxpySolver(LibrarySolver):
         bounds, equal, general = (np.arange(p.u.size)[which] for which in (p.bounds, p.equalities, p.inequalities))
         above, below = bounds[np.isfinite(p.u[bounds])], bounds[np.isfinite(p.l[bounds])]
         # Each block of constraints with its places in the stack of rows and the sign of its multipliers there.
-        blocks = [(equal, 1.0, p.R[equal] @ self._x == p.u[equal]) if equal.size else None,
-                  (general, 1.0, p.R[general] @ self._x <= p.u[general]) if general.size else None,
-                  (above, 1.0, self._x[above] <= p.u[above]) if above.size else None,
-                  (below, -1.0, self._x[below] >= p.l[below]) if below.size else None]
+        blocks = [
+            (equal, 1.0, p.R[equal] @ self._x == p.u[equal]) if equal.size else None,
+            (general, 1.0, p.R[general] @ self._x <= p.u[general]) if general.size else None,
+            (above, 1.0, self._x[above] <= p.u[above]) if above.size else None,
+            (below, -1.0, self._x[below] >= p.l[below]) if below.size else None,
+        ]
         self._blocks = [block for block in blocks if block is not None]
         cost = 0.5 * cp.sum_squares(self._S @ self._x) + self._q @ self._x
         self.model = cp.Problem(cp.Minimize(cost), [constraint for _, _, constraint in self._blocks])
@@ -118,14 +121,21 @@ class CvxpySolver(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         if self._status != cp.OPTIMAL:
-            return self.program.solution(self.program.no_answer(), np.zeros(0), False, status=self._status,
-                                         reported_us=None, iterations=None)
+            return self.program.solution(
+                self.program.no_answer(), np.zeros(0), False, status=self._status, reported_us=None, iterations=None
+            )
         w = np.zeros(self.program.u.size)
         for places, sign, constraint in self._blocks:
             w[places] += sign * constraint.dual_value
         stats = self.model.solver_stats
-        return self.program.solution(self._x.value, w, True, status=self._status, iterations=stats.num_iters,
-                                     reported_us=1e6 * stats.solve_time if stats.solve_time else None)
+        return self.program.solution(
+            self._x.value,
+            w,
+            True,
+            status=self._status,
+            iterations=stats.num_iters,
+            reported_us=1e6 * stats.solve_time if stats.solve_time else None,
+        )
 
 
 def names() -> tuple[str, ...]:
@@ -155,5 +165,4 @@ def make(name: str) -> type[Solver]:
     if name not in installed():
         raise ImportError(f"{name!r} is not installed, or cvxpy does not find it")
     b = BACKENDS[name]
-    return type(f"Cvxpy_{name}", (CvxpySolver,), {
-        "__doc__": f"{name} behind cvxpy.", "name": name, "library": b})
+    return type(f"Cvxpy_{name}", (CvxpySolver,), {"__doc__": f"{name} behind cvxpy.", "name": name, "library": b})

@@ -1,4 +1,5 @@
-"""The state of a projected gradient method in C, see ``solvers/core/descent.h``: data once, then as many steps as one likes."""
+"""The state of a projected gradient method in C, see ``solvers/core/descent.h``: data once, then as many steps as one
+likes."""
 
 from __future__ import annotations
 
@@ -51,11 +52,12 @@ class Descent:
         self.state = block(face.descent_bytes(lb.size))
         self._accept(face.descent_setup(self.state, lb, ub))
         numbers, places = self.state.view(np.float64), face.descent_places(self.state)
-        self.w, self.D, self._answer = (numbers[places[part]:places[part] + lb.size] for part in ("w", "D", "answer"))
+        self.w, self.D, self._answer = (numbers[places[part] : places[part] + lb.size] for part in ("w", "D", "answer"))
         self._eta, self._taken, self._met = numbers[2:3], self.state.view(np.int64)[3:4], self.state.view(np.int32)[8:9]
 
     def take(self, P: Matrix | None, q: Vector | None, ratio: float, scaled: bool) -> None:
-        """Take P (d, d) or q (d,); the step is ``ratio`` times 2/λ_max, 1 where P is 0; ValueError where they cannot be."""
+        """Take P (d, d) or q (d,); the step is ``ratio`` times 2/λ_max, 1 where P is 0; ValueError where they cannot
+        be."""
         status = face.descent_take(self.state, P, q, ratio, int(scaled))
         if status == NOT_FINITE:
             which = "q" if P is None or np.isfinite(P).all() else "P"
@@ -67,14 +69,28 @@ class Descent:
         face.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
 
     def run(self, steps: int, tolerance: float = -1.0) -> int:
-        """Take plain steps; returns how many. It ends where one moves w by ``tolerance`` η |D q| or less (2-norms), looked at every 16."""
+        """Take plain steps; returns how many. It ends where one moves w by ``tolerance`` η |D q| or less (2-norms),
+        looked at every 16."""
         taken: int = face.projected_steps(self.state, steps, tolerance)
         return taken
 
-    def time(self, loop: Callable[..., tuple[int, int]], steps: int, tolerance: float, ratio: float, scaled: bool, P: Matrix, q: Matrix,
-             start: Vector | None, most_ns: float) -> Timings:
-        """Time ``take`` and a run from ``start`` for each of P (n, d, d) and q (n, d), see :meth:`solvers.protocol.Solver.time_kernel`."""
-        status, timings = time_calls(partial(loop, self.state, ratio, int(scaled), steps, tolerance), P, q, start, most_ns)
+    def time(
+        self,
+        loop: Callable[..., tuple[int, int]],
+        steps: int,
+        tolerance: float,
+        ratio: float,
+        scaled: bool,
+        P: Matrix,
+        q: Matrix,
+        start: Vector | None,
+        most_ns: float,
+    ) -> Timings:
+        """Time ``take`` and a run from ``start`` for each of P (n, d, d) and q (n, d), see
+        :meth:`solvers.protocol.Solver.time_kernel`."""
+        status, timings = time_calls(
+            partial(loop, self.state, ratio, int(scaled), steps, tolerance), P, q, start, most_ns
+        )
         self._accept(status)
         return timings
 
@@ -127,7 +143,8 @@ def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: fl
 
     Examples
     --------
-    >>> trajectory(np.eye(1), -np.ones(1), np.zeros(1), np.full(1, np.inf), np.zeros(1), 0.5, (1, 2, 3)).ravel().tolist()
+    >>> zero, upper = np.zeros(1), np.full(1, np.inf)
+    >>> trajectory(np.eye(1), -np.ones(1), zero, upper, zero, 0.5, (1, 2, 3)).ravel().tolist()
     [0.5, 0.75, 0.875]
     """
     descent = Descent(lb, ub, "trajectory")

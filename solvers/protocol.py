@@ -40,7 +40,8 @@ class Lane(StrEnum):
     CVXPY = "cvxpy"
     """A parametrised (DPP) cvxpy problem."""
     CODEGEN = "codegen"
-    """C that a library writes for an embedded system, all built alike, no Python call per solve; raced when asked for."""
+    """C that a library writes for an embedded system, all built alike, no Python call per solve; raced when asked
+    for."""
 
 
 class Tier(StrEnum):
@@ -57,7 +58,8 @@ class Tier(StrEnum):
     EXACT = "exact"
     """Relative cost gap 1e-12."""
     STAGE = "stage"
-    """The stage does not notice: the model errs on unseen data as that of the exact optimum, within 1 % of the sensor's noise."""
+    """The stage does not notice: the model errs on unseen data as that of the exact optimum, within 1 % of the sensor's
+    noise."""
 
 
 class Status(StrEnum):
@@ -137,9 +139,9 @@ class Entrant(ABC):
 
         A ladder has at most eight rungs, of the library's own documented settings, and is fixed before anything is
         raced: absolute tolerances are multiples of c, relative ones are 0, and what polishes an answer comes last. What
-        ends at rounding (an active set) has one rung or few. Rungs are the same in every lane of a library, but for what
-        a lane cannot hand on. Nothing promises that an upper rung is reached: asked for more than rounding allows, a
-        library says that it failed. To declare one, a solver of ours overrides this method, and a library's entry in
+        ends at rounding (an active set) has one rung or few. Rungs are the same in every lane of a library, but for
+        what a lane cannot hand on. Nothing promises that an upper rung is reached: asked for more than rounding allows,
+        a library says that it failed. To declare one, a solver of ours overrides this method, and a library's entry in
         :mod:`solvers.backend` names the tolerances and exponents.
 
         Parameters
@@ -152,7 +154,8 @@ class Entrant(ABC):
 
     @classmethod
     def at(cls, setting: str, c: float) -> dict[str, Any]:
-        """The settings for the constant c of what :func:`setting_text` calls a rung of ``ladder(1)``, or the use without any.
+        """The settings for the constant c of what :func:`setting_text` calls a rung of ``ladder(1)``, or the use
+        without any.
 
         Raises
         ------
@@ -230,8 +233,8 @@ class Solver(Entrant):
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), which it has not seen before.
 
-        Every solve starts from ``warm_start`` (d,) where one is given. After the call at which ``most_ns`` are spent no other begins.
-        ``solution`` is that of the last. Only solvers of the lanes kernel and codegen have it.
+        Every solve starts from ``warm_start`` (d,) where one is given. After the call at which ``most_ns`` are spent no
+        other begins. ``solution`` is that of the last. Only solvers of the lanes kernel and codegen have it.
 
         Returns
         -------
@@ -279,7 +282,17 @@ def box_solution(problem: Problem, x: Vector, found: bool, **extras: Any) -> Sol
     lb, ub = box(problem)
     g = problem.P @ x + problem.q
     at_lower, at_upper = x <= lb, x >= ub
-    z_box = np.where(at_lower & at_upper, -g, np.where(at_lower, np.minimum(-g, 0), np.where(at_upper, np.maximum(-g, 0), 0)))
+    z_box = np.where(
+        at_lower & at_upper, -g, np.where(at_lower, np.minimum(-g, 0), np.where(at_upper, np.maximum(-g, 0), 0))
+    )
     nothing = np.zeros(0)
-    return Solution(problem, found=found, x=x.copy(), y=nothing, z=nothing, z_box=z_box,
-                    obj=float(0.5 * x @ (problem.P @ x) + problem.q @ x), extras=dict(extras))
+    return Solution(
+        problem,
+        found=found,
+        x=x.copy(),
+        y=nothing,
+        z=nothing,
+        z_box=z_box,
+        obj=float(0.5 * x @ (problem.P @ x) + problem.q @ x),
+        extras=dict(extras),
+    )

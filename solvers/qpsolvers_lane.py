@@ -72,8 +72,10 @@ class QpsolversSolver(LibrarySolver):
         sides = [side if np.isfinite(side).any() else None for side in box(problem)]
         if self.name in BREAKS_ON_INFINITY and not all(np.isfinite(side).all() for side in sides if side is not None):
             raise Unsupported(f"{self.name} behind qpsolvers takes the bounds of a side all finite or all infinite")
-        rows = [None if part is None else self._own(part) if np.ndim(part) != 1 else np.array(part, dtype=np.float64)
-                for part in (problem.G, problem.h, problem.A, problem.b)]
+        rows = [
+            None if part is None else self._own(part) if np.ndim(part) != 1 else np.array(part, dtype=np.float64)
+            for part in (problem.G, problem.h, problem.A, problem.b)
+        ]
         P, q = dense(problem)
         self._problem = self._asked = Problem(self._own(P), q, *rows, *sides)
         if self.name in FAILS_WITHOUT_ROWS and problem.G is None and problem.A is None:
@@ -99,14 +101,18 @@ class QpsolversSolver(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         a = self._answer
         count = _said(a.extras, "iterations", "iter", "num_iterations")
-        extras = {"status": str(_said(a.extras, "status", "infostring") or ("found" if a.found else "not found")),
-                  "iterations": None if count is None else int(np.max(count)),
-                  "reported_us": None if a.solve_time is None else 1e6 * a.solve_time}
+        extras = {
+            "status": str(_said(a.extras, "status", "infostring") or ("found" if a.found else "not found")),
+            "iterations": None if count is None else int(np.max(count)),
+            "reported_us": None if a.solve_time is None else 1e6 * a.solve_time,
+        }
         problem = Problem(*self._problem.unpack())
         if not a.found:
             return Solution(problem, found=False, extras=extras)
-        x, y, z, z_box = (np.zeros(0) if part is None else np.array(part, dtype=np.float64)
-                          for part in (a.x, a.y, a.z if self._problem.G is not None else None, a.z_box))
+        x, y, z, z_box = (
+            np.zeros(0) if part is None else np.array(part, dtype=np.float64)
+            for part in (a.x, a.y, a.z if self._problem.G is not None else None, a.z_box)
+        )
         if z_box.size == 0:
             z_box = np.zeros(x.size)
         cost = float(0.5 * x @ (problem.P @ x) + problem.q @ x)
@@ -146,6 +152,14 @@ def make(name: str) -> type[Solver]:
     if name not in installed():
         raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
     b = BACKENDS[name]
-    return type(f"Qpsolvers_{name}", (QpsolversSolver,), {
-        "__doc__": f"{name} behind qpsolvers.", "name": name, "library": b, "warm_startable": b.warm,
-        "sparse": name in SPARSE_ONLY})
+    return type(
+        f"Qpsolvers_{name}",
+        (QpsolversSolver,),
+        {
+            "__doc__": f"{name} behind qpsolvers.",
+            "name": name,
+            "library": b,
+            "warm_startable": b.warm,
+            "sparse": name in SPARSE_ONLY,
+        },
+    )

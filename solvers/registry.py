@@ -2,11 +2,11 @@
 
 Nothing else is touched to add one. Modules are imported only when asked for, since some solver libraries cannot
 live in one process, and one whose library is not installed is reported as absent with the reason. A file that
-serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers, cvxpy) it is ``solvers/<lane>_lane.py`` and
-offers ``names()``, too; in a folder, ``<family>.py`` serves each of the ``<family>_<solver>.c`` beside it.
+serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers, cvxpy) it is ``solvers/<lane>_lane.py``
+and offers ``names()``, too; in a folder, ``<family>.py`` serves each of the ``<family>_<solver>.c`` beside it.
 
-Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the solver
-and whose value is its class; what is not in a lane is in the lane direct:
+Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the
+solver and whose value is its class; what is not in a lane is in the lane direct:
 
     [project.entry-points."piezobench.solvers"]
     "direct.my_solver" = "my_package.my_solver:MySolver"
@@ -31,7 +31,16 @@ from solvers.protocol import Lane, Solver
 FOLDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
 GROUP = "piezobench.solvers"
-OURS = frozenset({"accelerated_projection", "box_active_set", "box_batch", "box_lanes", "projected_difference", "recursive_active_set"})
+OURS = frozenset(
+    {
+        "accelerated_projection",
+        "box_active_set",
+        "box_batch",
+        "box_lanes",
+        "projected_difference",
+        "recursive_active_set",
+    }
+)
 """Solvers, also of batches, that were written for this project; all others are somebody else's work."""
 _added: list[Entry] = []
 
@@ -55,12 +64,14 @@ class Entry:
 
     @property
     def times_itself(self) -> bool:
-        """Whether it is timed from inside compiled code, by ``time_kernel``; only what belongs to this package may say how long it took."""
+        """Whether it is timed from inside compiled code, by ``time_kernel``; only what belongs to this package may say
+        how long it took."""
         return self.lane in (Lane.KERNEL, Lane.CODEGEN) and self.path is None and not self.of_package
 
     @property
     def comes_last(self) -> bool:
-        """Whether its other lanes are preferred where none is named: a library is called by its own interface unless it is asked for otherwise."""
+        """Whether its other lanes are preferred where none is named: a library is called by its own interface unless it
+        is asked for otherwise."""
         return self.lane is Lane.KERNEL and self.name not in OURS
 
     def load(self) -> type[Solver]:
@@ -113,8 +124,14 @@ def import_file(path: Path) -> ModuleType:
 
 def only_class(module: ModuleType, base: type[Any]) -> type[Any]:
     """The one class of this kind that a module defines; ImportError where it is not one."""
-    found = [cls for cls in vars(module).values() if inspect.isclass(cls) and issubclass(cls, base)
-             and cls.__module__ == module.__name__ and not inspect.isabstract(cls)]
+    found = [
+        cls
+        for cls in vars(module).values()
+        if inspect.isclass(cls)
+        and issubclass(cls, base)
+        and cls.__module__ == module.__name__
+        and not inspect.isabstract(cls)
+    ]
     if len(found) != 1:
         raise ImportError(f"{module.__file__} must define exactly one {base.__name__} class, not {len(found)}")
     return found[0]
@@ -125,8 +142,11 @@ def _class_of_package(entry: Entry) -> type[Solver]:
     if not (inspect.isclass(cls) and issubclass(cls, Solver)):
         raise ImportError(f"{entry.module} has no Solver class {entry.of_package}")
     if (cls.name, cls.lane) != (entry.name, entry.lane):
-        raise ImportError(f"{entry.module}:{entry.of_package} calls itself {cls.name} in the lane {cls.lane}, and is registered "
-                          f"as {entry.name} in the lane {entry.lane}")
+        raise ImportError(
+            f"{entry.module}:{entry.of_package} calls itself {cls.name} in the lane {cls.lane}, and is "
+            "registered "
+            f"as {entry.name} in the lane {entry.lane}"
+        )
     return cls
 
 
@@ -145,8 +165,11 @@ def entries() -> Iterator[Entry]:
     for registered in importlib.metadata.entry_points(group=GROUP):
         entry = _registered(registered)
         if (entry.name, entry.lane) in taken:
-            raise RegistrationError(f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, where "
-                                    f"there is one already")
+            raise RegistrationError(
+                f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, "
+                "where "
+                f"there is one already"
+            )
         taken.add((entry.name, entry.lane))
         yield entry
     yield from _added
@@ -157,8 +180,11 @@ def _registered(registered: importlib.metadata.EntryPoint) -> Entry:
     if lane not in set(Lane):
         lane, name = Lane.DIRECT, registered.name
     if not re.fullmatch(r"\w[\w.+-]*", name) or not registered.attr:
-        raise RegistrationError(f"{_package(registered)} registers a solver as {registered.name!r} = {registered.value!r}; the "
-                                f"name is lane.name and the value module:Class")
+        raise RegistrationError(
+            f"{_package(registered)} registers a solver as {registered.name!r} = "
+            f"{registered.value!r}; the "
+            f"name is lane.name and the value module:Class"
+        )
     return Entry(name, Lane(lane), registered.module, of_package=registered.attr)
 
 
@@ -173,7 +199,8 @@ def _own_entries() -> Iterator[Entry]:
             for file in sorted((here / lane).glob("[a-z]*.py")):
                 family = sorted((here / lane).glob(f"{file.stem}_*.c"))
                 yield from (Entry(each.stem, lane, f"solvers.{lane}.{file.stem}") for each in family or [file])
-                if lane is Lane.KERNEL and file.stem in OURS:  # ours is called from Python, too, at the price of the call
+                # ours is called from Python, too, at the price of the call
+                if lane is Lane.KERNEL and file.stem in OURS:
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
         elif importlib.util.find_spec(lane.value) is not None:
             module = f"solvers.{lane}_lane"
@@ -201,13 +228,16 @@ def add_file(path: str | Path) -> Entry:
     entry = from_file(path)
     if entry not in _added:
         if any((known.name, known.lane) == (entry.name, entry.lane) for known in entries()):
-            raise RegistrationError(f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise")
+            raise RegistrationError(
+                f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise"
+            )
         _added.append(entry)
     return entry
 
 
 def find(name: str, lane: Lane | str | None = None) -> Entry:
-    """The entry of that name, in the given lane or in the fastest one of those preferred (the order of :class:`Lane`)."""
+    """The entry of that name, in the given lane or in the fastest one of those preferred (the order of
+    :class:`Lane`)."""
     last = None
     for entry in entries():
         if entry.name == name and lane in (None, entry.lane):
@@ -244,13 +274,30 @@ def describe(entry: Entry) -> Described:
         version = importlib.metadata.version(cls.distribution)
     except importlib.metadata.PackageNotFoundError:  # a user's own solver need not belong to a package of that name
         if entry.path is None and not entry.of_package:
-            return Described(entry.name, entry.lane, "", "", "", False,
-                             absent=f"its class names the distribution {cls.distribution!r}, which is not installed")
+            return Described(
+                entry.name,
+                entry.lane,
+                "",
+                "",
+                "",
+                False,
+                absent=f"its class names the distribution {cls.distribution!r}, which is not installed",
+            )
         version = ""
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))
-    return Described(entry.name, entry.lane, cls.algorithm, version, cls.licence, cls.warm_startable, ladder, dict(cls.always),
-                     cls.exponents, iteration_setting=getattr(cls, "iteration_setting", None) or "")
+    return Described(
+        entry.name,
+        entry.lane,
+        cls.algorithm,
+        version,
+        cls.licence,
+        cls.warm_startable,
+        ladder,
+        dict(cls.always),
+        cls.exponents,
+        iteration_setting=getattr(cls, "iteration_setting", None) or "",
+    )
 
 
 def available() -> list[Entry]:

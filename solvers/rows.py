@@ -73,8 +73,9 @@ class Program:
         """What ``solve`` returns when the library says that it has no answer: NaN, which nobody takes for one."""
         return np.full(self.d, np.nan)
 
-    def solution(self, x: Vector, w: Vector, found: bool, *, status: str, reported_us: float | None,
-                 iterations: int | None) -> Solution:
+    def solution(
+        self, x: Vector, w: Vector, found: bool, *, status: str, reported_us: float | None, iterations: int | None
+    ) -> Solution:
         """Wrap an answer.
 
         Parameters
@@ -99,8 +100,16 @@ class Program:
             return Solution(problem, found=False, extras=extras)
         z = np.zeros(self._real.size)
         z[self._real] = w[self.inequalities]
-        return Solution(problem, found=True, x=np.array(x), y=w[self.equalities].copy(), z=z,
-                        z_box=w[self.bounds].copy(), obj=float(x @ (0.5 * (self.P @ x) + self.q)), extras=extras)
+        return Solution(
+            problem,
+            found=True,
+            x=np.array(x),
+            y=w[self.equalities].copy(),
+            z=z,
+            z_box=w[self.bounds].copy(),
+            obj=float(x @ (0.5 * (self.P @ x) + self.q)),
+            extras=extras,
+        )
 
 
 class Intervals:

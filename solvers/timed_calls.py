@@ -14,21 +14,32 @@ Timings = tuple[Nanoseconds, Nanoseconds, Matrix]
 LONGEST_NS = 2**62
 
 
-def time_calls(loop: Callable[..., tuple[int, int]], P: Matrix, q: Matrix, warm_start: Vector | None, most_ns: float,
-               ) -> tuple[int, Timings]:
-    """Run a function of the core that ends in the arguments of ``face_timed.h``, ``loop``; the status of the last call, and what was timed.
+def time_calls(
+    loop: Callable[..., tuple[int, int]],
+    P: Matrix,
+    q: Matrix,
+    warm_start: Vector | None,
+    most_ns: float,
+) -> tuple[int, Timings]:
+    """Run a function of the core that ends in the arguments of ``face_timed.h``, ``loop``; the status of the last call,
+    and what was timed.
 
     Parameters are those of :meth:`solvers.protocol.Solver.time_kernel`.
     """
     n, d = q.shape
     start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
     updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
-    status, made = loop(_contiguous(P).reshape(n, d * d), _contiguous(q), start, int(min(most_ns, LONGEST_NS)), updates, solves, answers)
+    status, made = loop(
+        _contiguous(P).reshape(n, d * d), _contiguous(q), start, int(min(most_ns, LONGEST_NS)), updates, solves, answers
+    )
     return status, (updates[:made], solves[:made], answers[:made])
 
 
-def follow_rows(loop: Callable[..., int], P: Matrix, q: Vector, rows: Matrix, forgetting: float) -> tuple[int, Matrix, Nanoseconds]:
-    """Run a function of the core that follows rows, which come into P (d, d) and q (d,); the last status, answers, and what was timed.
+def follow_rows(
+    loop: Callable[..., int], P: Matrix, q: Vector, rows: Matrix, forgetting: float
+) -> tuple[int, Matrix, Nanoseconds]:
+    """Run a function of the core that follows rows, which come into P (d, d) and q (d,); the last status, answers, and
+    what was timed.
 
     Parameters are those of :meth:`solvers.protocol.Solver.time_rows`.
     """

@@ -17,17 +17,28 @@ from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync", "--no-first-run", "--hide-scrollbars", "--disable-dev-shm-usage")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--hide-scrollbars",
+    "--disable-dev-shm-usage",
+)
 WIDTHS = {"desktop": 1400, "phone": 390}
 PATIENCE_S = 60.0
 
 MARKS = """
 return [...document.querySelectorAll('.plot')].map(plot => {
   const box = plot.querySelector('svg')?.getBoundingClientRect();
-  const marks = [...plot.querySelectorAll('svg .mark-symbol path, svg .mark-line path, svg .mark-rect path, svg .mark-rule line')];
+  const marks = [...plot.querySelectorAll('svg .mark-symbol path, svg .mark-line path, ' +
+    'svg .mark-rect path, svg .mark-rule line')];
   const shown = marks.filter(mark => { const b = mark.getBoundingClientRect(); return b.width + b.height > 0; });
-  return {drawn: plot.dataset.drawn || '', width: box ? box.width : 0, height: box ? box.height : 0, marks: shown.length,
+  return {drawn: plot.dataset.drawn || '', width: box ? box.width : 0, height: box ? box.height : 0,
+    marks: shown.length,
           right: box ? box.right : 0};
 });
 """
@@ -50,10 +61,14 @@ class Browser:
         """Open a page from disk, or at an address, and wait until its plots are drawn."""
         self.console(), self.requests()  # what was before is nobody's
         pixels = WIDTHS[width]
-        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
-            "width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": width == "phone"})
-        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
-            "features": [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]})
+        self.driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": width == "phone"},
+        )
+        self.driver.execute_cdp_cmd(
+            "Emulation.setEmulatedMedia",
+            {"features": [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]},
+        )
         self.driver.get(page if isinstance(page, str) else page.resolve().as_uri())
         self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
 
@@ -85,11 +100,14 @@ class Browser:
         """A picture of the whole page to look at, in the folder that PIEZOBENCH_SCREENSHOTS names, if it does."""
         if folder := os.environ.get("PIEZOBENCH_SCREENSHOTS"):
             Path(folder).mkdir(parents=True, exist_ok=True)
-            taken = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"})
+            taken = self.driver.execute_cdp_cmd(
+                "Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"}
+            )
             Path(folder, f"{name}.png").write_bytes(base64.b64decode(taken["data"]))
 
     def sections(self, page: Path) -> list[str]:
-        """The sections of a report's page, which must draw every plot and nothing beyond the edge on screens of every width."""
+        """The sections of a report's page, which must draw every plot and nothing beyond the edge on screens of every
+        width."""
         for width, pixels in WIDTHS.items():
             self.open(page, width)
             assert self.console() == []

@@ -84,7 +84,9 @@ class Call:
     def wait(self) -> Finished:
         """Wait for its end."""
         self.server.ask("")
-        return Finished(int(self.server.answer()), self.stdout.read_text(self.encoding), self.stderr.read_text(self.encoding))
+        return Finished(
+            int(self.server.answer()), self.stdout.read_text(self.encoding), self.stderr.read_text(self.encoding)
+        )
 
     def running(self) -> list[int]:
         """Processes of its session that are there, itself and children of its race."""
@@ -119,8 +121,14 @@ class CommandLine:
     def __init__(self, folder: Path) -> None:
         self.folder, self.calls = folder, 0
         self.log = (folder / "server.log").open("w")
-        self.server = subprocess.Popen([sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                       stderr=self.log, text=True, env={**os.environ, "TMPDIR": str(folder)})
+        self.server = subprocess.Popen(
+            [sys.executable, "-c", SERVER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self.log,
+            text=True,
+            env={**os.environ, "TMPDIR": str(folder)},
+        )
 
     def ask(self, line: str) -> None:
         """Say a line to the server."""
@@ -141,12 +149,20 @@ class CommandLine:
         stdout, stderr = (self.folder / f"call{self.calls}.{name}" for name in ("stdout", "stderr"))
         for path in (stdout, stderr):
             path.touch()  # a process may be killed before it opens them
-        call: Mapping[str, object] = {"words": [str(word) for word in words], "stdout": str(stdout), "stderr": str(stderr),
-                                      "folder": str(folder or self.folder), "largest_file": largest_file, "encoding": encoding}
+        call: Mapping[str, object] = {
+            "words": [str(word) for word in words],
+            "stdout": str(stdout),
+            "stderr": str(stderr),
+            "folder": str(folder or self.folder),
+            "largest_file": largest_file,
+            "encoding": encoding,
+        }
         self.ask(json.dumps(call))
         return Call(self, int(self.answer()), stdout, stderr, encoding)
 
-    def __call__(self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8") -> Finished:
+    def __call__(
+        self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8"
+    ) -> Finished:
         """Call and wait."""
         return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding).wait()
 

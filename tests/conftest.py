@@ -1,4 +1,5 @@
-"""What all tests share: no deadline for property tests, since machines differ; one browser, one command line, one experiment."""
+"""What all tests share: no deadline for property tests, since machines differ; one browser, one command line, one
+experiment."""
 
 import os
 import sys
@@ -20,9 +21,21 @@ settings.register_profile("piezobench", deadline=None)
 settings.load_profile("piezobench")
 
 SHARING = {
-    "small races": ("border", "cli", "conditions", "debts", "engine", "hot_and_warm", "interrupts", "isolation", "report", "store"),
+    "small races": (
+        "border",
+        "cli",
+        "conditions",
+        "debts",
+        "engine",
+        "hot_and_warm",
+        "interrupts",
+        "isolation",
+        "report",
+        "store",
+    ),
     "wide race": ("compare", "deploy", "html_report"),
-    "experiment": ("experiment", "figure_4_staircase")}
+    "experiment": ("experiment", "figure_4_staircase"),
+}
 """Files whose tests share what takes long to make: one process runs them all."""
 LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "export_fmu", "fleet")
 """Groups that begin first, so that all processes end together; any other file is a group of its own."""
@@ -51,7 +64,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Let the longest groups begin."""
     if hasattr(config, "workerinput"):
-        items.sort(key=lambda item: next((i for i, group in enumerate(LONGEST) if group == group_of(item.nodeid)), len(LONGEST)))
+        items.sort(
+            key=lambda item: next(
+                (i for i, group in enumerate(LONGEST) if group == group_of(item.nodeid)), len(LONGEST)
+            )
+        )
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -73,7 +90,9 @@ def cache_of_its_own(request: pytest.FixtureRequest, tmp_path_factory: pytest.Te
     """What is kept between races is kept apart from the user's, for all processes of the session."""
     folder = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str((folder.parent if hasattr(request.config, "workerinput") else folder) / "cache"))
+        patch.setenv(
+            "XDG_CACHE_HOME", str((folder.parent if hasattr(request.config, "workerinput") else folder) / "cache")
+        )
         yield
 
 

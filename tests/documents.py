@@ -41,7 +41,9 @@ class Block:
 
 def blocks(page: Path) -> Iterator[Block]:
     """The blocks of a page in order; those in a list are indented."""
-    for found in re.finditer(r"^( *)```(\w+) *(.*?)\n(.*?)^\1```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+    for found in re.finditer(
+        r"^( *)```(\w+) *(.*?)\n(.*?)^\1```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    ):
         yield Block(found[2], found[3], re.sub(rf"^{found[1]}", "", found[4], flags=re.MULTILINE))
 
 
@@ -53,8 +55,10 @@ def commands(text: str) -> list[list[str]]:
 def lay_out(folder: Path) -> None:
     """Put two recordings of a simulated actuator and a reference into a folder, as the pages assume."""
     plant = plants.get("relay_preisach", sample_time=SAMPLE_TIME)
-    for name, x in (("another.csv", decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0)),
-                    ("stage.csv", multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0))):
+    for name, x in (
+        ("another.csv", decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0)),
+        ("stage.csv", multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)),
+    ):
         plant.reset()
         y = plant.run(x)
         write_table(folder / name, {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x, "displacement_um": y})
@@ -63,12 +67,15 @@ def lay_out(folder: Path) -> None:
 
 
 def run(page: Path, folder: Path, piezobench: CommandLine) -> None:
-    """Run the blocks of a page in a folder, which is the current one, and compare what they print with what the page shows."""
+    """Run the blocks of a page in a folder, which is the current one, and compare what they print with what the page
+    shows."""
     names: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
     for block in blocks(page):
         if block.language == "sh":
-            printed = "".join(call(words, folder, piezobench, refused=block.rest == "fails") for words in commands(block.text))
+            printed = "".join(
+                call(words, folder, piezobench, refused=block.rest == "fails") for words in commands(block.text)
+            )
         elif block.language == "python" and block.rest:
             (folder / re.sub(r'title="(.*)"', r"\1", block.rest)).write_text(block.text, encoding="utf-8")
         elif block.language == "python":

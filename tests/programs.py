@@ -1,4 +1,5 @@
-"""Programs that a machine with Python and make alone lacks: what needs them is skipped there, and the summary says why."""
+"""Programs that a machine with Python and make alone lacks: what needs them is skipped there, and the summary says
+why."""
 
 import os
 import shutil
@@ -8,8 +9,13 @@ import pytest
 
 from solvers.registry import describe, find
 
-PACKAGES = {"arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi", "cc": "gcc", "chromedriver": "chromium-driver", "nm": "binutils",
-            "qemu-arm": "qemu-user"}
+PACKAGES = {
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
+    "cc": "gcc",
+    "chromedriver": "chromium-driver",
+    "nm": "binutils",
+    "qemu-arm": "qemu-user",
+}
 """Debian's, where they are not named like the program."""
 
 
@@ -21,7 +27,8 @@ def program(name: str) -> str:
 
 
 def that_load(*names: str) -> list[str]:
-    """Those solvers of the lane direct whose libraries load here: some need a library of the system that comes with a compiler."""
+    """Those solvers of the lane direct whose libraries load here: some need a library of the system that comes with a
+    compiler."""
     absent = {name: describe(find(name, "direct")).absent for name in names}
     if os.environ.get("PIEZOBENCH_ALL_PROGRAMS"):
         assert not any(absent.values()), absent

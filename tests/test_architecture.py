@@ -12,17 +12,17 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FLOORS = ("solvers", "piezo_model", "bench")
 LEVELS = (
-    {"messages"},                                                       # Task, Request, Outcome, Row
+    {"messages"},  # Task, Request, Outcome, Row
     {"timing"},
     {"processes"},
     {"problem_files"},
     {"problems", "rig"},
     {"store"},
     {"rendering"},
-    {"report"},                                                         # what all reports are made of
-    {"derived"},                                                        # what follows from a table of measurements
-    {"races"},                                                          # what the kinds of race share
-    {"a race"},                                                         # one kind of race, and nothing of another one
+    {"report"},  # what all reports are made of
+    {"derived"},  # what follows from a table of measurements
+    {"races"},  # what the kinds of race share
+    {"a race"},  # one kind of race, and nothing of another one
     {"comparison", "deploy", "experiment", "export", "fleet", "live"},
     {"cli"},
 )
@@ -44,16 +44,24 @@ def files(root: Path, floor: str) -> list[Path]:
 
 def climbing(root: Path) -> list[str]:
     """Imports of a floor above."""
-    return [f"{path.relative_to(root)} imports {name}" for level, floor in enumerate(FLOORS) for path in files(root, floor)
-            for name in imported(path) if name.partition(".")[0] in FLOORS[level + 1:]]
+    return [
+        f"{path.relative_to(root)} imports {name}"
+        for level, floor in enumerate(FLOORS)
+        for path in files(root, floor)
+        for name in imported(path)
+        if name.partition(".")[0] in FLOORS[level + 1 :]
+    ]
 
 
 def looking_up(root: Path) -> list[str]:
     """Imports inside ``bench`` that do not point down."""
+
     def part(name: str) -> tuple[int, str]:
         _, first, *rest = *name.split("."), ""
         race = first == "races" and (root / "bench" / "races" / rest[0]).is_dir() and rest[0] != ""
-        return next(i for i, parts in enumerate(LEVELS) if ("a race" if race else first) in parts), rest[0] if race else first
+        return next(i for i, parts in enumerate(LEVELS) if ("a race" if race else first) in parts), rest[
+            0
+        ] if race else first
 
     found = []
     for path in files(root, "bench"):
@@ -61,8 +69,11 @@ def looking_up(root: Path) -> list[str]:
         if place[1:] in (("__init__",), ("__main__",)):
             continue
         level, own = part(".".join(place))
-        found += [f"{path.relative_to(root)} imports {name}" for name in imported(path) if name.startswith("bench.")
-                  and part(name)[1] != own and part(name)[0] >= level]
+        found += [
+            f"{path.relative_to(root)} imports {name}"
+            for name in imported(path)
+            if name.startswith("bench.") and part(name)[1] != own and part(name)[0] >= level
+        ]
     return found
 
 
@@ -77,8 +88,12 @@ def test_nothing_inside_the_bench_looks_up() -> None:
 def imported_modules(path: Path) -> set[str]:
     """Modules that a file imports at any time, those for the types alone left out."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    typing = {id(node) for block in ast.walk(tree) if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING"
-              for node in ast.walk(block)}
+    typing = {
+        id(node)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING"
+        for node in ast.walk(block)
+    }
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module and id(node) not in typing:
@@ -89,8 +104,13 @@ def imported_modules(path: Path) -> set[str]:
 
 
 def circles(root: Path, package: str) -> list[str]:
-    """Modules of a package's rooms that import each other, in whatever number of steps; packages' own files are doors and not counted."""
-    paths = {".".join(path.relative_to(root).with_suffix("").parts): path for path in (root / package).rglob("*.py") if path.name != "__init__.py"}
+    """Modules of a package's rooms that import each other, in whatever number of steps; packages' own files are doors
+    and not counted."""
+    paths = {
+        ".".join(path.relative_to(root).with_suffix("").parts): path
+        for path in (root / package).rglob("*.py")
+        if path.name != "__init__.py"
+    }
     reached = {name: imported_modules(path) & paths.keys() for name, path in paths.items()}
     for _ in paths:
         wider = {name: set().union(others, *(reached[other] for other in others)) for name, others in reached.items()}
@@ -103,27 +123,44 @@ def circles(root: Path, package: str) -> list[str]:
 def test_no_modules_of_the_model_library_import_each_other_in_a_circle(tmp_path: Path) -> None:
     assert circles(ROOT, "piezo_model") == []
     (tmp_path / "p").mkdir()
-    for name, line in {"a": "from p import b", "b": "def f():\n from p.c import g", "c": "import p.a", "d": "import p.a"}.items():
+    for name, line in {
+        "a": "from p import b",
+        "b": "def f():\n from p.c import g",
+        "c": "import p.a",
+        "d": "import p.a",
+    }.items():
         (tmp_path / "p" / f"{name}.py").write_text(line)
     assert circles(tmp_path, "p") == ["p.a", "p.b", "p.c"]
 
 
 def test_every_file_opens_by_saying_what_it_is() -> None:
-    assert [path for floor in FLOORS for path in files(ROOT, floor)
-            if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))] == []
+    assert [
+        path
+        for floor in FLOORS
+        for path in files(ROOT, floor)
+        if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    ] == []
 
 
 def test_an_import_that_points_up_or_into_another_race_is_found(tmp_path: Path) -> None:
-    for name, line in {"solvers/a.py": "import piezo_model.b", "piezo_model/b.py": "from bench import store",
-                       "bench/store.py": "from bench.races import kind", "bench/races/kind.py": "def f():\n import bench.races.one.race",
-                       "bench/races/one/race.py": "from bench.races.two.race import x", "bench/deploy.py": "import bench.export.fmu",
-                       "bench/races/two/race.py": "from bench.races.kind import Kind\nfrom bench.messages import task"}.items():
+    for name, line in {
+        "solvers/a.py": "import piezo_model.b",
+        "piezo_model/b.py": "from bench import store",
+        "bench/store.py": "from bench.races import kind",
+        "bench/races/kind.py": "def f():\n import bench.races.one.race",
+        "bench/races/one/race.py": "from bench.races.two.race import x",
+        "bench/deploy.py": "import bench.export.fmu",
+        "bench/races/two/race.py": "from bench.races.kind import Kind\nfrom bench.messages import task",
+    }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(line)
     assert climbing(tmp_path) == ["solvers/a.py imports piezo_model.b", "piezo_model/b.py imports bench.store"]
     assert looking_up(tmp_path) == [
-        "bench/deploy.py imports bench.export.fmu", "bench/races/kind.py imports bench.races.one.race",
-        "bench/races/one/race.py imports bench.races.two.race.x", "bench/store.py imports bench.races.kind"]
+        "bench/deploy.py imports bench.export.fmu",
+        "bench/races/kind.py imports bench.races.one.race",
+        "bench/races/one/race.py imports bench.races.two.race.x",
+        "bench/store.py imports bench.races.kind",
+    ]
 
 
 def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
@@ -138,11 +175,16 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
             assert cls.name == entry.name
 
 
-@pytest.mark.parametrize(("what", "unneeded"), [
-    ("import piezo_model", {"scipy", "pyarrow", "qpsolvers"}),
-    ("from bench.cli import app; app.run(['--help'])",
-     {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "vl_convert"}),
-])
+@pytest.mark.parametrize(
+    ("what", "unneeded"),
+    [
+        ("import piezo_model", {"scipy", "pyarrow", "qpsolvers"}),
+        (
+            "from bench.cli import app; app.run(['--help'])",
+            {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "vl_convert"},
+        ),
+    ],
+)
 def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) -> None:
     program = f"import json, sys\n{what}\nprint(json.dumps(list(sys.modules)), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -150,10 +192,14 @@ def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) 
 
 
 def test_model_data_basis_and_compensator_need_numpy_msgspec_and_the_core_alone() -> None:
-    program = ("import sys; before = set(sys.modules); from piezo_model import (Compensator, DataBasis, HysteresisCreepModel, "
-               "ModelStructure, OperatorState); import json; "
-               "files = {name: getattr(sys.modules[name], '__file__', None) or '' for name in set(sys.modules) - before}; "
-               "print(json.dumps([name for name, file in files.items() if 'site-packages' in file]))")
+    program = (
+        "import sys; before = set(sys.modules); from piezo_model import (Compensator, DataBasis, "
+        "HysteresisCreepModel, "
+        "ModelStructure, OperatorState); import json; "
+        "files = {name: getattr(sys.modules[name], '__file__', None) or '' for name in set(sys.modules) - "
+        "before}; "
+        "print(json.dumps([name for name, file in files.items() if 'site-packages' in file]))"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     found = {name.partition(".")[0] for name in json.loads(done.stdout)}
     assert found <= {"numpy", "lazy_loader", "msgspec", "typing_extensions"}  # the last comes with msgspec

@@ -19,13 +19,16 @@ PAGES = sorted((ROOT / "docs").glob("*.md"))
 READING = (ROOT / "docs" / "reading-the-report.md").read_text(encoding="utf-8")
 LEARNING = ROOT / "docs" / "learning.md"
 PLANT = plants.get("relay_preisach", sample_time=1e-3)
-STRUCTURE = ModelStructure.equidistant(n=2, m=1, x_range=PLANT.x_range, y_range=PLANT.y_range, creep_rates=(), sample_time=1e-3)
+STRUCTURE = ModelStructure.equidistant(
+    n=2, m=1, x_range=PLANT.x_range, y_range=PLANT.y_range, creep_rates=(), sample_time=1e-3
+)
 Steps = set[tuple[str, str]]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_the_examples_of_a_page_run_and_print_what_it_shows(
-        page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piezobench: CommandLine) -> None:
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piezobench: CommandLine
+) -> None:
     monkeypatch.chdir(tmp_path)
     documents.lay_out(tmp_path)
     documents.run(page, tmp_path, piezobench)
@@ -46,7 +49,9 @@ def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_he
 
 
 def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the_page_on_learning() -> None:
-    measured = (ROOT / "results" / "reference" / "report.md").read_text(encoding="utf-8") + LEARNING.read_text(encoding="utf-8")
+    measured = (ROOT / "results" / "reference" / "report.md").read_text(encoding="utf-8") + LEARNING.read_text(
+        encoding="utf-8"
+    )
     figures = re.findall(r"\*\*(\d.*?)\*\*", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
     assert len(figures) == 4
     assert all(figure in measured for figure in figures), figures
@@ -54,7 +59,9 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
 
 def shown(which: int) -> Steps:
     """Transitions of the first or second machine on the page."""
-    table = re.findall(r"^\| from \|.*\n.*\n((?:\|.*\n)+)", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)[which]
+    table = re.findall(r"^\| from \|.*\n.*\n((?:\|.*\n)+)", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)[
+        which
+    ]
     return set(re.findall(r"^\| `?(\w+)`? \| `(\w+)` \|", table, flags=re.MULTILINE))
 
 
@@ -79,8 +86,9 @@ def failing(learner: SelfLearningCompensator, phase: Phase) -> Callable[[int, fl
 
 
 def cyclic(**options: object) -> SelfLearningCompensator:
-    return SelfLearningCompensator(STRUCTURE, **{"reset_s": 0.02, "build_s": 0.4, "learn_s": 0.05,
-                                                 "solver": "projected_difference", **options})
+    return SelfLearningCompensator(
+        STRUCTURE, **{"reset_s": 0.02, "build_s": 0.4, "learn_s": 0.05, "solver": "projected_difference", **options}
+    )
 
 
 def test_the_machine_on_the_page_is_the_one_that_runs() -> None:

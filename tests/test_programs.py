@@ -7,15 +7,24 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 NEEDING = {
-    "chromium": "tests/bench/test_identify_page.py::test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest",
-    "gcc": "tests/solvers/test_core.py::test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and_fabs",
-    "valgrind": "tests/bench/test_realtime.py::test_callgrind_counts_the_instructions_of_a_step"}
+    "chromium": "tests/bench/test_identify_page.py"
+    "::test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest",
+    "gcc": "tests/solvers/test_core.py"
+    "::test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and_fabs",
+    "valgrind": "tests/bench/test_realtime.py::test_callgrind_counts_the_instructions_of_a_step",
+}
 
 
 def on_a_bare_machine(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Tests that need a program, on a machine that has nothing but Python."""
-    return subprocess.run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *NEEDING.values()], cwd=ROOT, capture_output=True,
-                          text=True, check=False, env={**os.environ, "PATH": str(folder), "PIEZOBENCH_ALL_PROGRAMS": "", **environment})
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *NEEDING.values()],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PATH": str(folder), "PIEZOBENCH_ALL_PROGRAMS": "", **environment},
+    )
 
 
 def test_what_needs_a_program_that_is_not_installed_is_skipped_with_one_line_that_names_it(tmp_path: Path) -> None:

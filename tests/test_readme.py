@@ -36,7 +36,9 @@ def stage(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(stage: Path, piezobench: CommandLine) -> None:
+def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(
+    stage: Path, piezobench: CommandLine
+) -> None:
     (block,) = [text for text in blocks("sh") if "identify" in text]
     for words in documents.commands(block):
         documents.call(words, stage, piezobench)
@@ -45,7 +47,9 @@ def test_the_commands_for_a_recording_of_ones_own_make_a_model_and_a_drive(stage
     assert (stage / "drive.csv").read_text().startswith("time_s,drive_V")
 
 
-def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_python_example_runs(
+    stage: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(stage)
     (block,) = blocks("python")
     names: dict[str, object] = {}
@@ -83,8 +87,13 @@ def test_every_make_target_that_the_readme_shows_exists() -> None:
 
 def made(*words: str) -> subprocess.CompletedProcess[str]:
     """What make would do, with this Python's folder in place of the environment that it would set up."""
-    return subprocess.run(["make", "--no-print-directory", "--old-file=.venv/.field", f"BIN={Path(sys.executable).parent}", *words], cwd=ROOT,
-                          capture_output=True, text=True, check=False)
+    return subprocess.run(
+        ["make", "--no-print-directory", "--old-file=.venv/.field", f"BIN={Path(sys.executable).parent}", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def test_make_help_lists_every_target() -> None:
@@ -108,6 +117,14 @@ def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
     for lane, word in ((Lane.KERNEL, "compiled"), (Lane.DIRECT, "from Python")):
         of_size = found[(found.lane == lane) & (found.d == 18)].set_index("timed")
         hot, turns = of_size.loc[["hot"]].iloc[0], of_size.loc[["in turns"]].iloc[0]  # the best of the others
-        cells = (word, f"{hot.ours} {number(hot.ours_us)} µs", f"{hot.other} {number(hot.other_us)} µs", f"{hot.ratio:.2f}", f"{turns.ratio:.2f}")
+        cells = (
+            word,
+            f"{hot.ours} {number(hot.ours_us)} µs",
+            f"{hot.other} {number(hot.other_us)} µs",
+            f"{hot.ratio:.2f}",
+            f"{turns.ratio:.2f}",
+        )
         assert f"| {' | '.join(cells)} |" in README.read_text(encoding="utf-8")
-    assert f"on one core with {run.settings['machine']['core'].partition(',')[0]}:" in README.read_text(encoding="utf-8")
+    assert f"on one core with {run.settings['machine']['core'].partition(',')[0]}:" in README.read_text(
+        encoding="utf-8"
+    )

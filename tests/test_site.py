@@ -17,8 +17,12 @@ import piezo_model
 import solvers
 
 ROOT = Path(__file__).parent.parent
-PAGES = {"index": "piezobench", "tutorial-telescope": "From one actuator to thousands",
-         "mathematics": "The mathematics", "api/piezo_model": "piezo_model"}
+PAGES = {
+    "index": "piezobench",
+    "tutorial-telescope": "From one actuator to thousands",
+    "mathematics": "The mathematics",
+    "api/piezo_model": "piezo_model",
+}
 WIDE = """
 return [...document.querySelectorAll('main *')].filter(part => part.getBoundingClientRect().right > innerWidth + 1
   && !part.closest('pre, table, .md-typeset__scrollwrap, .formula')).map(part => part.outerHTML.slice(0, 80));
@@ -34,8 +38,13 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of the site, built strictly."""
     folder = tmp_path_factory.mktemp("site")
-    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", folder], cwd=ROOT,
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", folder],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=folder)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -44,7 +53,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(page: str, site: str, browser: Browser) -> None:
+def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(
+    page: str, site: str, browser: Browser
+) -> None:
     for width, pixels in WIDTHS.items():
         for dark in (False, True):
             browser.open(f"{site}/{page}.html", width, dark)
@@ -54,8 +65,10 @@ def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(page: s
             assert all(address.startswith((site, "data:", "blob:")) for address in browser.requests())
             assert browser.run("return document.documentElement.scrollWidth") <= pixels
             assert browser.run(WIDE) == []
-            heading, shown = browser.run("const h = document.querySelector('h1'), b = h.getBoundingClientRect();"
-                                         "return [h.firstChild.textContent.trim(), b.width > 0 && b.top < innerHeight];")
+            heading, shown = browser.run(
+                "const h = document.querySelector('h1'), b = h.getBoundingClientRect();"
+                "return [h.firstChild.textContent.trim(), b.width > 0 && b.top < innerHeight];"
+            )
             assert (heading, shown) == (PAGES[page], True)
 
 

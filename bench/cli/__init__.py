@@ -51,5 +51,6 @@ def main() -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """End at once: while libraries are imported nothing has begun, and many take an interrupt for an error of their own."""
+    """End at once: while libraries are imported nothing has begun, and many take an interrupt for an error of their
+    own."""
     os._exit(INTERRUPTED)

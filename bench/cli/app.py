@@ -1,7 +1,8 @@
 """The verbs of ``piezobench`` together, and how it refuses: one sentence on standard error, without a traceback.
 
-A verb is a function in one of the files here, and only the file of the verb that is asked for is imported: what a race needs
-takes seconds to import, and ``piezobench --help`` needs none of it. Of the other verbs only the docstring is read.
+A verb is a function in one of the files here, and only the file of the verb that is asked for is imported: what a race
+needs takes seconds to import, and ``piezobench --help`` needs none of it. Of the other verbs only the docstring is
+read.
 """
 
 from __future__ import annotations
@@ -22,12 +23,27 @@ import typer
 from bench.cli import INTERRUPTED, REFUSED
 from bench.cli.standard_streams import OutputError
 
-VERBS = {"race": "race_verbs", "resume": "race_verbs", "report": "race_verbs", "solvers": "race_verbs",
-         "problems": "problem_verbs", "inspect": "recording_verbs", "identify": "stage_verbs", "validate": "model_verbs",
-         "simulate": "model_verbs", "compensate": "stage_verbs",
-         "compare": "decision_verbs", "deploy": "decision_verbs", "experiment": "experiment_verbs",
-         "export-c": "export_verbs", "export-fmu": "export_verbs", "realtime": "export_verbs", "live": "live_verb"}
-"""Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function ``export_c_verb``."""
+VERBS = {
+    "race": "race_verbs",
+    "resume": "race_verbs",
+    "report": "race_verbs",
+    "solvers": "race_verbs",
+    "problems": "problem_verbs",
+    "inspect": "recording_verbs",
+    "identify": "stage_verbs",
+    "validate": "model_verbs",
+    "simulate": "model_verbs",
+    "compensate": "stage_verbs",
+    "compare": "decision_verbs",
+    "deploy": "decision_verbs",
+    "experiment": "experiment_verbs",
+    "export-c": "export_verbs",
+    "export-fmu": "export_verbs",
+    "realtime": "export_verbs",
+    "live": "live_verb",
+}
+"""Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function
+``export_c_verb``."""
 AGAIN_S = 3.0
 """Seconds after which an interrupt that nobody deals with is taken for lost."""
 _received: list[int] = []
@@ -36,8 +52,12 @@ _received: list[int] = []
 
 def command_line(asked: Collection[str] = tuple(VERBS)) -> typer.Typer:
     """The command line with the verbs that are asked for; the others are there to be listed."""
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
-                      help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.")
+    app = typer.Typer(
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.",
+    )
     for verb in VERBS:
         app.command(verb)(load(verb)) if verb in asked else app.command(verb, help=_docstring(verb))(_listed)
     return app
@@ -52,11 +72,13 @@ def load(verb: str) -> Callable[..., Any]:
 def run(words: list[str]) -> int:
     """Do what the words of the command line say; returns the exit status.
 
-    SIGINT, SIGTERM and SIGHUP end it as an exception does, so that what it has started and made for the time being goes with it.
+    SIGINT, SIGTERM and SIGHUP end it as an exception does, so that what it has started and made for the time being goes
+    with it.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a sign that this terminal lacks is no reason to fail after the work
+            # a sign that this terminal lacks is no reason to fail after the work
+            stream.reconfigure(errors="backslashreplace")
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
         return _refuse(verb, f"{other[0]} is no text in UTF-8, in which names of files are stored")
@@ -90,13 +112,17 @@ def _do(words: list[str], verb: str) -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, and again later where it was lost: what libraries do at import or at a collection of garbage may swallow it."""
+    """Raise KeyboardInterrupt, and again later where it was lost: what libraries do at import or at a collection of
+    garbage may swallow it."""
     if number != signal.SIGALRM:
         _received.append(number)
-        if number != signal.SIGINT:  # a terminal that is closed says so twice, and the second time must not cut the tidying short
+        # a terminal that is closed says so twice, and the second time must not cut the tidying short
+        if number != signal.SIGINT:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    collecting = frame is not None and frame.f_code in [getattr(callback, "__code__", None) for callback in gc.callbacks]
+    collecting = frame is not None and frame.f_code in [
+        getattr(callback, "__code__", None) for callback in gc.callbacks
+    ]
     signal.signal(signal.SIGALRM, _interrupt)
     signal.setitimer(signal.ITIMER_REAL, 0.001 if collecting else AGAIN_S)
     if not collecting and (number != signal.SIGALRM or not _is_on_its_way()):
@@ -118,8 +144,11 @@ def _function(verb: str) -> str:
 def _docstring(verb: str) -> str:
     """What the function of a verb says of itself, without importing its file."""
     source = Path(__file__).with_name(f"{VERBS[verb]}.py").read_text(encoding="utf-8")
-    return next(ast.get_docstring(node) or "" for node in ast.parse(source).body
-                if isinstance(node, ast.FunctionDef) and node.name == _function(verb))
+    return next(
+        ast.get_docstring(node) or ""
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == _function(verb)
+    )
 
 
 def _listed() -> None:
@@ -140,8 +169,22 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from solvers import Unsupported
     from solvers.registry import RegistrationError
 
-    return (OutputError, RaceError, RunError, ProblemSetError, ProblemFileError, IdentificationError, ModelError, StructureError,
-            RecordingError, RegistrationError, ExportError, DeviceError, ReferenceError, Unsupported)
+    return (
+        OutputError,
+        RaceError,
+        RunError,
+        ProblemSetError,
+        ProblemFileError,
+        IdentificationError,
+        ModelError,
+        StructureError,
+        RecordingError,
+        RegistrationError,
+        ExportError,
+        DeviceError,
+        ReferenceError,
+        Unsupported,
+    )
 
 
 def _refuse(verb: str, sentence: str) -> int:

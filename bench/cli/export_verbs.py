@@ -1,4 +1,5 @@
-"""Verbs that take a model out of Python: ``export-c``, ``export-fmu``, and ``realtime``, the exported C on this machine."""
+"""Verbs that take a model out of Python: ``export-c``, ``export-fmu``, and ``realtime``, the exported C on this
+machine."""
 
 from __future__ import annotations
 
@@ -21,15 +22,28 @@ from piezo_model.json_file import format_of
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model written by identify, or compensator written by deploy.")]
 PartChoice = Annotated[Part, typer.Option("--part", help="Compensation alone, or the whole self-learning loop.")]
-SolverChoice = Annotated[LoopSolver | None, typer.Option("--solver", help="Of the learning: a solver that works in cycles, or "
-                                                           "recursive_active_set: continuous, exact at every interval.")]
+SolverChoice = Annotated[
+    LoopSolver | None,
+    typer.Option(
+        "--solver",
+        help="Of the learning: a solver that works in "
+        "cycles, or "
+        "recursive_active_set: continuous, exact at every interval.",
+    ),
+]
 PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Of signals, states and model.")]
 Low = Annotated[float | None, typer.Option("--low", help="Lowest drive; the file's or the model's range by default.")]
-High = Annotated[float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")]
+High = Annotated[
+    float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")
+]
 RateLimit = Annotated[float | None, typer.Option("--rate-limit", help="Fastest change of the drive, per second.")]
 
-IntegralGain = Annotated[float, typer.Option("--integral-gain", help="Of integral action on the sensor, per second: the bandwidth in rad/s; "
-                                             "0 for none.")]
+IntegralGain = Annotated[
+    float,
+    typer.Option(
+        "--integral-gain", help="Of integral action on the sensor, per second: the bandwidth in rad/s; 0 for none."
+    ),
+]
 
 
 def export_c_verb(
@@ -48,12 +62,18 @@ def export_c_verb(
     from bench.export.c_source import export
     from bench.export.folder import write_folder
 
-    loaded, settings = _opened(model, low, high, rate_limit, solver, precision=precision, part=part, name=name,
-                               integral_gain=integral_gain)
+    loaded, settings = _opened(
+        model, low, high, rate_limit, solver, precision=precision, part=part, name=name, integral_gain=integral_gain
+    )
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
-    what = {"compensator": "the compensator", "learning": f"the self-learning loop with {settings.solver}"}[settings.part]
-    console.print(f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, the calls and the memory.")
+    what = {"compensator": "the compensator", "learning": f"the self-learning loop with {settings.solver}"}[
+        settings.part
+    ]
+    console.print(
+        f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, "
+        "the calls and the memory."
+    )
     console.print(f"Source: {folder}; make -C {folder} run builds and runs the example.")
 
 
@@ -88,9 +108,12 @@ def realtime_verb(
     precision: PrecisionChoice = "double",
     priority: Annotated[int, typer.Option(min=0, max=99, help="Of SCHED_FIFO; 0 does not ask for it.")] = 80,
     core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last by default.")] = None,
-    search: Annotated[bool, typer.Option("--search", help="Find the highest rate at which 99.99 % are met, too.")] = False,
-    cost: Annotated[bool, typer.Option(help="Time and instructions of a step here, memory and instructions on ARM "
-                                            "Cortex-M.")] = True,
+    search: Annotated[
+        bool, typer.Option("--search", help="Find the highest rate at which 99.99 % are met, too.")
+    ] = False,
+    cost: Annotated[
+        bool, typer.Option(help="Time and instructions of a step here, memory and instructions on ARM Cortex-M.")
+    ] = True,
     out: Annotated[Path | None, typer.Option(help="Where histograms and figures are written, JSON.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -104,7 +127,9 @@ def realtime_verb(
         step, null = machine.run(rate, seconds), machine.run(rate, seconds, null=True)
         best = None
         if search:
-            best = machine.highest_rate(rate, told=lambda tried, met: errors.print(f"{tried:.0f} Hz: {100 * met:.3f} % met"))
+            best = machine.highest_rate(
+                rate, told=lambda tried, met: errors.print(f"{tried:.0f} Hz: {100 * met:.3f} % met")
+            )
     found = RealTimeFigures(step, null, best, step_cost(loaded, settings) if cost else None)
     if out is not None:
         write_text(out, json.dumps(plain_json(found.to_dict()), indent=1) + "\n")
@@ -121,19 +146,30 @@ def _print_figures(found: RealTimeFigures, settings: ExportSettings) -> None:
     for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
             console.print(f"Without {said}: {step.allowed.get(what, 'not asked for')}.")
-    print_table(("µs", *(Percentile(q).name for q in QUANTILES), "max"), [(name, *tail_cells(us, digits=2)) for name, us in times.items()])
+    print_table(
+        ("µs", *(Percentile(q).name for q in QUANTILES), "max"),
+        [(name, *tail_cells(us, digits=2)) for name, us in times.items()],
+    )
     counts = found.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
-    print_table(("up to, µs", *counts), [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values()))
-                                         for bound in bounds])
-    console.print(f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that does nothing, "
-                  f"{null.missed}.")
+    print_table(
+        ("up to, µs", *counts),
+        [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values())) for bound in bounds],
+    )
+    console.print(
+        f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that "
+        "does nothing, "
+        f"{null.missed}."
+    )
     if settings.learning:
         late, dropped = (step.allowed[name] for name in ("late", "dropped"))
         console.print(f"New weights came late {late} times, and {dropped} blocks of samples were left out.")
     if found.highest_rate_Hz is not None:
-        console.print(f"Highest rate at which {100 * MET:g} % are met: {found.highest_rate_Hz:.0f} Hz." if found.highest_rate_Hz
-                      else f"No rate of {SLOWEST_HZ:g} Hz and more was found at which {100 * MET:g} % are met.")
+        console.print(
+            f"Highest rate at which {100 * MET:g} % are met: {found.highest_rate_Hz:.0f} Hz."
+            if found.highest_rate_Hz
+            else f"No rate of {SLOWEST_HZ:g} Hz and more was found at which {100 * MET:g} % are met."
+        )
     if found.cost is not None:
         _print_cost(found.cost, settings.learning)
 
@@ -144,16 +180,34 @@ def _print_cost(cost: StepCost, learns: bool) -> None:
     learning = f", its share of the learning {cost.with_learning_ns - cost.ns:.1f} ns{beside}" if learns else ""
     console.print(f"A step takes {cost.ns:.1f} ns{counted} here{learning}; an axis has {cost.axis_bytes} bytes.")
     if cost.controllers:
-        print_table(("controller", "flash, bytes", "RAM, bytes", "call", "instructions, median", "most", "of calls"),
-                    [(each.core.name, str(each.flash_bytes), str(each.ram_bytes), call, "–" if of.median is None else str(of.median),
-                      "–" if of.largest is None else str(of.largest), str(of.calls))
-                     for each in cost.controllers for call, of in (("step", each.step), ("learn, a block", each.learn))[:1 + learns]])
+        print_table(
+            ("controller", "flash, bytes", "RAM, bytes", "call", "instructions, median", "most", "of calls"),
+            [
+                (
+                    each.core.name,
+                    str(each.flash_bytes),
+                    str(each.ram_bytes),
+                    call,
+                    "–" if of.median is None else str(of.median),
+                    "–" if of.largest is None else str(of.largest),
+                    str(of.calls),
+                )
+                for each in cost.controllers
+                for call, of in (("step", each.step), ("learn, a block", each.learn))[: 1 + learns]
+            ],
+        )
     for sentence in cost.absent:
         console.print(sentence)
 
 
-def _opened(path: Path, low: float | None, high: float | None, rate_limit: float | None, solver: LoopSolver | None,
-            **options: Any) -> tuple[HysteresisCreepModel, ExportSettings]:
+def _opened(
+    path: Path,
+    low: float | None,
+    high: float | None,
+    rate_limit: float | None,
+    solver: LoopSolver | None,
+    **options: Any,
+) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and settings of a file of identify or deploy."""
     if solver is not None and options.get("part") != "learning":
         raise typer.BadParameter("is for --part learning; a compensator alone has no solver", param_hint="--solver")
@@ -182,5 +236,8 @@ def _of_ours(deployed: Deployment, path: Path) -> LoopSolver:
     for solver in SOLVERS:
         if solver == deployed.solver:
             return "box_active_set" if solver == "recursive_active_set" else solver
-    raise ExportError(f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives the exact optimum, "
-                      "--solver projected_difference spreads its work over the learning phase")
+    raise ExportError(
+        f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives "
+        "the exact optimum, "
+        "--solver projected_difference spreads its work over the learning phase"
+    )

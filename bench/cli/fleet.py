@@ -17,8 +17,16 @@ from bench.processes.engine import Workers
 from bench.report.console import errors, lines_of, print_json, print_report, progress_bar
 from piezo_model.recordings import RecordingError
 
-OutDir = Annotated[str | None, typer.Option("--out-dir", help="For many recordings: folder or URL for what is made of each, with a table "
-                                                              "and a page of all. What is there of the same content and settings is kept.")]
+OutDir = Annotated[
+    str | None,
+    typer.Option(
+        "--out-dir",
+        help="For many recordings: folder or URL for what is made of "
+        "each, with a table "
+        "and a page of all. What is there of the same content "
+        "and settings is kept.",
+    ),
+]
 PAGES = 12
 """Most outliers that have pages of their own."""
 MOST_REFUSED = 12
@@ -28,7 +36,9 @@ MOST_REFUSED = 12
 def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None = None) -> str:
     """Where what is made of many goes; a refusal where nothing says it."""
     if out_dir is None:
-        raise typer.TyperException("Missing option '--out'" if len(recordings) == 1 else "Missing option '--out-dir' for many recordings")
+        raise typer.TyperException(
+            "Missing option '--out'" if len(recordings) == 1 else "Missing option '--out-dir' for many recordings"
+        )
     if page is not None:
         raise typer.BadParameter("is for one recording; --out-dir has pages of its own", param_hint="--page")
     return out_dir
@@ -42,7 +52,9 @@ def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None)
     return recordings[0]
 
 
-def process(work: Work, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool) -> None:
+def process(
+    work: Work, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool
+) -> None:
     """Do the work on all, write table and page, and show them; in the end RecordingError where some were refused."""
     workers.check()
     parts = list(parts_of(work, matching(recordings), out))
@@ -54,7 +66,12 @@ def process(work: Work, recordings: Sequence[str], out: str, workers: Workers, t
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
             progress("drawing pages", 0, 1)
             pages = {part.name: draw(part) for part in parts if part.name in outliers}
-            found = report(title, table, what, {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name})
+            found = report(
+                title,
+                table,
+                what,
+                {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name},
+            )
             write(out, table, found)
     except KeyboardInterrupt:
         errors.print("Interrupted; what is done is kept, and the same command carries on.", soft_wrap=True)
@@ -66,6 +83,11 @@ def process(work: Work, recordings: Sequence[str], out: str, workers: Workers, t
         why = [line for said in refused.refused for line in lines_of([said])]
         if len(why) > MOST_REFUSED:
             why = [*why[:MOST_REFUSED], "… and more in the table."]
-        print_report(report(title, table, what), [*(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"])
+        print_report(
+            report(title, table, what),
+            [*(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"],
+        )
     if len(refused):
-        raise RecordingError(f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why")
+        raise RecordingError(
+            f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why"
+        )

@@ -17,4 +17,6 @@ def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
     """Refuse these parameters of the verb where the command line names one; ``why`` follows its name."""
     for option in options:
         if is_given(context, option):
-            raise typer.BadParameter(why, param_hint=next(each.opts[0] for each in context.command.params if each.name == option))
+            raise typer.BadParameter(
+                why, param_hint=next(each.opts[0] for each in context.command.params if each.name == option)
+            )

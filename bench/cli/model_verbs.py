@@ -44,7 +44,8 @@ def validate_verb(
 ) -> None:
     """Judge a model on a recording that its identification has not seen, or each of many.
 
-    The states at the start are found as identify finds them, and an offset of the sensor between the sessions is removed and said.
+    The states at the start are found as identify finds them, and an offset of the sensor between the sessions is
+    removed and said.
     """
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Validating(absolute(model), opening)

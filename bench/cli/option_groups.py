@@ -1,4 +1,5 @@
-"""Options that several verbs share, or that are known only when the program runs: a verb gets a group of them as one argument."""
+"""Options that several verbs share, or that are known only when the program runs: a verb gets a group of them as one
+argument."""
 
 from __future__ import annotations
 
@@ -11,10 +12,15 @@ Verb = Callable[..., None]
 
 
 def grouped(group: str, options: Mapping[str, Any]) -> Callable[[Verb], Verb]:
-    """Add options, as annotations by their names, to a verb, which gets their values by name as its argument ``group``."""
+    """Add options, as annotations by their names, to a verb, which gets their values by name as its argument
+    ``group``."""
+
     def decorate(verb: Verb) -> Verb:
         signature = inspect.signature(verb, eval_str=True)
-        added = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind) for name, kind in options.items()]
+        added = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+            for name, kind in options.items()
+        ]
         parameters = [*(parameter for name, parameter in signature.parameters.items() if name != group), *added]
 
         @functools.wraps(verb)

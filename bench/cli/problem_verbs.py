@@ -25,8 +25,12 @@ def problems_verb(
     reading: Reading,
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
-    source: Annotated[Path | None, typer.Option("--from", help="Folder with saved problems, in place of making them.")] = None,
-    export: Annotated[Path | None, typer.Option(help="Folder for the problems as NPZ and a test set of qpbenchmark.")] = None,
+    source: Annotated[
+        Path | None, typer.Option("--from", help="Folder with saved problems, in place of making them.")
+    ] = None,
+    export: Annotated[
+        Path | None, typer.Option(help="Folder for the problems as NPZ and a test set of qpbenchmark.")
+    ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Number of problems; all by default.")] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
     recording: Annotated[Path | None, typer.Option(help=f"For the set recorded. {FILE}")] = None,
@@ -34,7 +38,9 @@ def problems_verb(
     input: Input = None,
     output: Output = None,
     folder: Annotated[Path | None, typer.Option(help="For the set foreign: NPZ, MAT, QPS and MPS files.")] = None,
-    test_set: Annotated[Path | None, typer.Option(help="For the set test_set: Python file with one of qpbenchmark.")] = None,
+    test_set: Annotated[
+        Path | None, typer.Option(help="For the set test_set: Python file with one of qpbenchmark.")
+    ] = None,
     work: Annotated[float, typer.Option(min=1.0, help="For programs of others: bit operations for each proof.")] = WORK,
     as_json: AsJson = False,
 ) -> None:
@@ -44,14 +50,27 @@ def problems_verb(
     """
     of_sets = ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS)
     if problem_set is None and source is None:
-        refuse(context, ("verify", "export", "limit", "seed", *of_sets), "needs problems; name a --set, or a folder with --from")
+        refuse(
+            context,
+            ("verify", "export", "limit", "seed", *of_sets),
+            "needs problems; name a --set, or a folder with --from",
+        )
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
         if as_json:
             print_json(records(("set", "problems", "what it is for"), sets))
         else:
             print_table(("set", "problems", "what it is for"), sets, left=3)
         return
-    said = as_text(recording=recording, folder=folder, test_set=test_set, time=time, input=input, output=output, work=work, **reading)
+    said = as_text(
+        recording=recording,
+        folder=folder,
+        test_set=test_set,
+        time=time,
+        input=input,
+        output=output,
+        work=work,
+        **reading,
+    )
     if source is not None:
         refuse(context, ("seed", *of_sets), "is for making problems, and those in the folder --from are made")
     elif problem_set is not None:
@@ -71,11 +90,28 @@ def problems_verb(
             if export is not None:
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    heads = ("problem", "optimum", "variables", "rows", "condition", "gaps are relative to", *(("proofs",) if verify else ()))
-    shown = [row[:len(heads)] for row in rows]
-    test_sets = [] if export is None else [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
+    heads = (
+        "problem",
+        "optimum",
+        "variables",
+        "rows",
+        "condition",
+        "gaps are relative to",
+        *(("proofs",) if verify else ()),
+    )
+    shown = [row[: len(heads)] for row in rows]
+    test_sets = (
+        [] if export is None else [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
+    )
     if as_json:
-        print_json({"problems": records(heads, shown), "left_out": dict(left_out), "test_sets": test_sets, "failures": failures})
+        print_json(
+            {
+                "problems": records(heads, shown),
+                "left_out": dict(left_out),
+                "test_sets": test_sets,
+                "failures": failures,
+            }
+        )
     else:
         print_table(heads, shown, left=2)
         for name, why in left_out.items():
@@ -91,11 +127,17 @@ def problems_verb(
 
 
 def _count(cls: type[ProblemSet]) -> str:
-    return "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs) if cls.needs else str(len(cls()))
+    return (
+        "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs) if cls.needs else str(len(cls()))
+    )
 
 
-def _chosen(problem_set: str | None, source: Path | None, seed: int, options: Mapping[str, str],
-            ) -> tuple[Iterator[RaceProblem], Mapping[str, str], int]:
+def _chosen(
+    problem_set: str | None,
+    source: Path | None,
+    seed: int,
+    options: Mapping[str, str],
+) -> tuple[Iterator[RaceProblem], Mapping[str, str], int]:
     """The problems, those that are left out and why (known at the end), and how many there are at most."""
     if source is None:
         assert problem_set is not None

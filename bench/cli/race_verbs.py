@@ -43,10 +43,17 @@ FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """What a problem set of files is made from; naming the files asks for the set."""
 
 SETTING_OF = {
-    "problem_set": "problem_sets", "scaling": "scalings", "tier": "tiers", "settings": "settings_run", "limit": "limit",
-    "budget": "effort", "repeats": "repeats",
-    **dict.fromkeys(("recording", "time", "input", "output", "folder", "test_set", *READING_OPTIONS), "set_options")}
-"""Which setting of a race an option goes into that not every kind of race goes by; what a kind declares itself has the same name."""
+    "problem_set": "problem_sets",
+    "scaling": "scalings",
+    "tier": "tiers",
+    "settings": "settings_run",
+    "limit": "limit",
+    "budget": "effort",
+    "repeats": "repeats",
+    **dict.fromkeys(("recording", "time", "input", "output", "folder", "test_set", *READING_OPTIONS), "set_options"),
+}
+"""Which setting of a race an option goes into that not every kind of race goes by; what a kind declares itself has the
+same name."""
 
 
 class Scale(StrEnum):
@@ -64,10 +71,18 @@ else:
 
 def own_options() -> dict[str, Any]:
     """The options that kinds of race declare in their settings, by name."""
-    declared = {field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata}
-    return {name: Annotated[type(field.default) | None, typer.Option(min=field.metadata["least"],
-                                                     help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.")]
-            for name, field in declared.items()}
+    declared = {
+        field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata
+    }
+    return {
+        name: Annotated[
+            type(field.default) | None,
+            typer.Option(
+                min=field.metadata["least"], help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default."
+            ),
+        ]
+        for name, field in declared.items()
+    }
 
 
 def race_help() -> str:
@@ -79,7 +94,9 @@ def race_help() -> str:
 
 def refuse_unused(context: typer.Context, kind: str) -> None:
     """Refuse an option for a setting that this kind of race does not have, or has fixed."""
-    open_settings = {name: {field.name for field in fields(each.settings) if field.init} for name, each in kinds().items()}
+    open_settings = {
+        name: {field.name for field in fields(each.settings) if field.init} for name, each in kinds().items()
+    }
     for option, setting in {**SETTING_OF, **{name: name for name in own_options()}}.items():
         if setting not in open_settings[kind]:
             users = [name for name, settings in open_settings.items() if setting in settings]
@@ -93,29 +110,68 @@ def race_verb(
     reading: Reading,
     own: dict[str, int | None],
     kind: Annotated[KindName, typer.Option("--race", help=race_help())] = DEFAULT,
-    problem_set: Annotated[list[str] | None, typer.Option("--set", help="Problem set, paper and measured by default; may be given "
-                                                                         "again. A stream, a loop and a batch have their own problems.")] = None,
-    solver: Annotated[list[str] | None, typer.Option(help="Name of a solver, or a file.py with one of your own; may be "
-                                                          "given again. All by default.")] = None,
-    lane: Annotated[list[Lane] | None, typer.Option(help="How solvers are called: compiled, by their own object, through "
-                                                         "qpsolvers or cvxpy, as generated C; may be given again. All but "
-                                                         "codegen by default.")] = None,
-    tier: Annotated[list[Tier] | None, typer.Option(help="Of a stream or a loop, what answers must reach: a cost gap of 1e-3 (low), 1e-6, "
-                                                         "1e-9 or 1e-12 (exact), what the stage does not notice, or what the library "
-                                                         "does unasked; may be given again. high by default.")] = None,
-    settings: Annotated[Path | None, typer.Option(help="Of a stream or a loop, the one-shot race whose settings solvers get; those of the "
-                                                       "reference run by default.")] = None,
-    scaling: Annotated[list[Scale] | None, typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; "
-                                                              "both by default.")] = None,
-    limit: Annotated[int | None, typer.Option(min=0, help="Problems of each set, 0 for all; 3 by default, and all where sets or files "
-                                                          "are named.")] = None,
+    problem_set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Problem set, paper and measured by default; "
+            "may be given "
+            "again. A stream, a loop and a batch have "
+            "their own problems.",
+        ),
+    ] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(help="Name of a solver, or a file.py with one of your own; may be given again. All by default."),
+    ] = None,
+    lane: Annotated[
+        list[Lane] | None,
+        typer.Option(
+            help="How solvers are called: compiled, by their own object, "
+            "through "
+            "qpsolvers or cvxpy, as generated C; may be given again. All "
+            "but "
+            "codegen by default."
+        ),
+    ] = None,
+    tier: Annotated[
+        list[Tier] | None,
+        typer.Option(
+            help="Of a stream or a loop, what answers must reach: a cost gap "
+            "of 1e-3 (low), 1e-6, "
+            "1e-9 or 1e-12 (exact), what the stage does not notice, or "
+            "what the library "
+            "does unasked; may be given again. high by default."
+        ),
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            help="Of a stream or a loop, the one-shot race whose settings "
+            "solvers get; those of the "
+            "reference run by default."
+        ),
+    ] = None,
+    scaling: Annotated[
+        list[Scale] | None,
+        typer.Option(help="P with a unit diagonal, or volts and micrometres as they come; both by default."),
+    ] = None,
+    limit: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Problems of each set, 0 for all; 3 by default, and all where sets or files are named."
+        ),
+    ] = None,
     recording: Annotated[Path | None, typer.Option(help=f"To make problems of, the set recorded. {FILE}")] = None,
     time: Time = None,
     input: Input = None,
     output: Output = None,
-    folder: Annotated[Path | None, typer.Option(help="Folder of NPZ, MAT, QPS and MPS files to race on, the set "
-                                                               "foreign.")] = None,
-    test_set: Annotated[Path | None, typer.Option(help="Python file with a test set of qpbenchmark to race on.")] = None,
+    folder: Annotated[
+        Path | None, typer.Option(help="Folder of NPZ, MAT, QPS and MPS files to race on, the set foreign.")
+    ] = None,
+    test_set: Annotated[
+        Path | None, typer.Option(help="Python file with a test set of qpbenchmark to race on.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds of timing for each task.")] = 0.005,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Seconds for each task, everything included.")] = 20.0,
@@ -136,19 +192,41 @@ def race_verb(
     refuse_unused(context, kind)
     names, solver_files = _names_and_files(solver or [])
     files = {"recording": recording, "folder": folder, "test_set": test_set}
-    said = as_text(**{name: path and path.resolve() for name, path in files.items()}, time=time, input=input, output=output, **reading)
+    said = as_text(
+        **{name: path and path.resolve() for name, path in files.items()},
+        time=time,
+        input=input,
+        output=output,
+        **reading,
+    )
     sets = problem_set or [name for name, option in FILE_OF.items() if option in said]
-    lists: dict[str, Any] = {"problem_sets": sets, "lanes": lane, "tiers": tier,
-                             "scalings": [choice.value for choice in scaling or ()]}
+    lists: dict[str, Any] = {
+        "problem_sets": sets,
+        "lanes": lane,
+        "tiers": tier,
+        "scalings": [choice.value for choice in scaling or ()],
+    }
     values: dict[str, Any] = {
-        "solvers": names, "solver_files": solver_files,
+        "solvers": names,
+        "solver_files": solver_files,
         "limit": FEW if limit is None and race.schema is kinds()[DEFAULT].schema and not sets else limit,
-        "seed": seed, "time_limit_s": time_limit, "memory_mb": memory,
+        "seed": seed,
+        "time_limit_s": time_limit,
+        "memory_mb": memory,
         "settings_run": settings and str(settings.resolve()),
-        "effort": replace(race.settings().effort, budget_s=budget), "repeats": repeats, "set_options": said,
-        **{name: tuple(asked) for name, asked in lists.items() if asked}, **own}
-    made = race.settings(**{field.name: values[field.name] for field in fields(race.settings)
-                            if field.init and values.get(field.name) is not None})
+        "effort": replace(race.settings().effort, budget_s=budget),
+        "repeats": repeats,
+        "set_options": said,
+        **{name: tuple(asked) for name, asked in lists.items() if asked},
+        **own,
+    }
+    made = race.settings(
+        **{
+            field.name: values[field.name]
+            for field in fields(race.settings)
+            if field.init and values.get(field.name) is not None
+        }
+    )
     spread = Workers(workers, backend, scheduler)
     race.check(spread)
     run = race.start(out, made, name)
@@ -198,15 +276,26 @@ def solvers_verb(as_json: AsJson = False) -> None:
             progress(child.entry.name, done, len(children))
             with child:
                 found = child.describe()
-            rows.append((found.name, str(found.lane), found.algorithm, found.version, found.licence,
-                         "yes" if found.warm_start else "no") if not found.absent
-                        else (found.name, str(found.lane), f"absent: {found.absent}", "", "", ""))
+            rows.append(
+                (
+                    found.name,
+                    str(found.lane),
+                    found.algorithm,
+                    found.version,
+                    found.licence,
+                    "yes" if found.warm_start else "no",
+                )
+                if not found.absent
+                else (found.name, str(found.lane), f"absent: {found.absent}", "", "", "")
+            )
     headings = ("solver", "lane", "algorithm", "version", "licence", "warm start")
     if as_json:
         print_json(records(headings, rows))
     else:
         print_table(headings, rows, left=6)
-        console.print(f"Ours, written for this project: {', '.join(sorted(OURS.intersection(row[0] for row in rows)))}.")
+        console.print(
+            f"Ours, written for this project: {', '.join(sorted(OURS.intersection(row[0] for row in rows)))}."
+        )
 
 
 def _names_and_files(asked: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -231,22 +320,45 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
 
 def _cut(run: Run) -> list[str]:
     """How many problems were raced, where there are more."""
-    raced, there_are = {name: len(found) for name, found in run.settings.get("problems", {}).items()}, run.settings.get("there_are", {})
-    return [f"{sum(raced.values())} of {sum((raced | there_are).values())} problems were raced; --limit 0 races all."] if there_are else []
+    raced, there_are = (
+        {name: len(found) for name, found in run.settings.get("problems", {}).items()},
+        run.settings.get("there_are", {}),
+    )
+    return (
+        [f"{sum(raced.values())} of {sum((raced | there_are).values())} problems were raced; --limit 0 races all."]
+        if there_are
+        else []
+    )
 
 
 def _show(run: Run, found: Report, path: Path, as_json: bool) -> None:
     """The first screen, in 100 columns and 40 lines, then what was left out, and where the rest is."""
     if as_json:
-        print_json({"run": run.path, "report": path, "page": path.with_suffix(".html"), "left_out": dict(left_out(run)), **found.document})
+        print_json(
+            {
+                "run": run.path,
+                "report": path,
+                "page": path.with_suffix(".html"),
+                "left_out": dict(left_out(run)),
+                **found.document,
+            }
+        )
         return
     excluded, absent = left_out(run), run.settings.get("absent")
     missing = ", ".join(absent) if absent and len(absent) <= 3 else f"{len(absent or ())} solver lanes"
-    below = lines_of([*([f"Absent, so not raced: {missing} (run.json says why)."] if absent else []),
-                      *run.settings.get("conditions", {}).get("warnings", [])])
+    below = lines_of(
+        [
+            *([f"Absent, so not raced: {missing} (run.json says why)."] if absent else []),
+            *run.settings.get("conditions", {}).get("warnings", []),
+        ]
+    )
     below += lines_of(_cut(run))
     if excluded:
         count = len(excluded) + sum(map(len, run.settings["problems"].values()))
-        below += ["", f"Not raced, {len(excluded)} of {count} problems:", *(f"{problem}: {why}" for problem, why in excluded)]
+        below += [
+            "",
+            f"Not raced, {len(excluded)} of {count} problems:",
+            *(f"{problem}: {why}" for problem, why in excluded),
+        ]
     print_report(found, below)
     console.print(f"Page: {path.with_suffix('.html')}\nReport: {path}")

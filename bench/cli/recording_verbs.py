@@ -35,14 +35,33 @@ def inspect_verb(
         refused = error
     columns = _columns(table, opened)
     if as_json:
-        print_json({"file": recording, "form": table.form, "columns": columns, "refused": refused and str(refused),
-                    **({} if opened is None else {"sample_time_s": opened.sample_time, "samples": opened.length,
-                                                  "input": opened.columns["input"], "output": opened.columns["output"],
-                                                  "time": opened.columns.get("time"), "guessed": dict(opened.reasons)})})
+        print_json(
+            {
+                "file": recording,
+                "form": table.form,
+                "columns": columns,
+                "refused": refused and str(refused),
+                **(
+                    {}
+                    if opened is None
+                    else {
+                        "sample_time_s": opened.sample_time,
+                        "samples": opened.length,
+                        "input": opened.columns["input"],
+                        "output": opened.columns["output"],
+                        "time": opened.columns.get("time"),
+                        "guessed": dict(opened.reasons),
+                    }
+                ),
+            }
+        )
     else:
         console.print(opened.describe() if opened else f"{recording}: {table.form}")
-        print_table(("column", "name", "unit", "from", "to", "role"), [
-            (str(c["number"]), str(c["name"]), shown(str(c["unit"])), *_range(c), str(c["role"])) for c in columns], left=2)
+        print_table(
+            ("column", "name", "unit", "from", "to", "role"),
+            [(str(c["number"]), str(c["name"]), shown(str(c["unit"])), *_range(c), str(c["role"])) for c in columns],
+            left=2,
+        )
     if refused:
         raise refused
 
@@ -53,16 +72,32 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
     spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
     if opened is None:
         try:
-            found = profiles(table, [k for k, column in enumerate(table.columns) if column.kind == "number"
-                                     and column.rows == table.columns[0].rows])
+            found = profiles(
+                table,
+                [
+                    k
+                    for k, column in enumerate(table.columns)
+                    if column.kind == "number" and column.rows == table.columns[0].rows
+                ],
+            )
         except RecordingError:  # what is wrong is said at the end
             found = {}
         ranges = {k: (profile.low, profile.high) for k, profile in found.items()}
     else:
-        ranges = {k: spans[roles[column.name]] for k, column in enumerate(table.columns) if roles.get(column.name) in spans}
-    return [{"number": k + 1, "name": column.name, "unit": column.unit, "kind": column.kind, "range": ranges.get(k),
-             "role": roles.get(column.name, "" if column.kind == "number" else column.kind)}
-            for k, column in enumerate(table.columns)]
+        ranges = {
+            k: spans[roles[column.name]] for k, column in enumerate(table.columns) if roles.get(column.name) in spans
+        }
+    return [
+        {
+            "number": k + 1,
+            "name": column.name,
+            "unit": column.unit,
+            "kind": column.kind,
+            "range": ranges.get(k),
+            "role": roles.get(column.name, "" if column.kind == "number" else column.kind),
+        }
+        for k, column in enumerate(table.columns)
+    ]
 
 
 def _range(column: dict[str, object]) -> tuple[str, str]:

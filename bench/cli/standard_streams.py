@@ -10,11 +10,13 @@ from typing import TextIO
 
 
 class OutputError(Exception):
-    """Standard output cannot be written; the message is one sentence. No OSError, of which libraries think that it is theirs."""
+    """Standard output cannot be written; the message is one sentence. No OSError, of which libraries think that it is
+    theirs."""
 
 
 class _Stream(io.FileIO):
-    """A standard stream that goes to the null device from the first failure on, which of standard error is said nowhere."""
+    """A standard stream that goes to the null device from the first failure on, which of standard error is said
+    nowhere."""
 
     def write(self, data: object) -> int:
         try:
@@ -30,7 +32,8 @@ class _Stream(io.FileIO):
 def prepare() -> None:
     """Make the streams safe to write to; OutputError where there is no standard output.
 
-    A descriptor that the caller closed would be that of the next file that is opened, and what is printed would go into it.
+    A descriptor that the caller closed would be that of the next file that is opened, and what is printed would go into
+    it.
     """
     there = [_is_open(number) for number in range(3)]
     for _ in range(there.count(False)):

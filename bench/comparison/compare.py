@@ -1,7 +1,7 @@
 """Two runs against each other: which solver lanes became slower or faster, and which tiers they lost or gained.
 
-What both runs measured is compared, at equal settings. With r the logarithm of update and solve in run b over that in run a, l a solver lane
-and u a problem in one scaling:
+What both runs measured is compared, at equal settings. With r the logarithm of update and solve in run b over that in
+run a, l a solver lane and u a problem in one scaling:
 
     r_lu = median of r over the settings of l on u
     e_lu = r_lu − median over l of r_lu                    what the field has in common is the machine's
@@ -9,15 +9,18 @@ and u a problem in one scaling:
     D    = 1.4826 · median over l of |θ_l − median θ|      the deviation of the field
     I_l  = 95 % bootstrap interval of θ_l over the u, wider by 5 D at either end
 
-The problems of a lane share its process, so the bootstrap does not see what changes from process to process, where memory lies and how the core
-fares; D does, since most lanes do not change. A lane is slower or faster where I_l excludes 0. There is no difference where it holds 0 and
-excludes ±log(smallest); otherwise, or where D is above a sixth of log(smallest) (3 % of 1.2 times), it cannot be told.
+The problems of a lane share its process, so the bootstrap does not see what changes from process to process, where
+memory lies and how the core fares; D does, since most lanes do not change. A lane is slower or faster where I_l
+excludes 0. There is no difference where it holds 0 and excludes ±log(smallest); otherwise, or where D is above a sixth
+of log(smallest) (3 % of 1.2 times), it cannot be told.
 
-Times in turns, when all solvers share the machine's moment, are taken where both runs have them for enough problems, and hot ones elsewhere.
+Times in turns, when all solvers share the machine's moment, are taken where both runs have them for enough problems,
+and hot ones elsewhere.
 
-The accuracy of a first answer is exact, that of timed answers is of data that each run draws anew: a tier is lost that run a reaches with one
-setting and run b with none, if with that setting more problems than by chance became wrong: BY_CHANCE (the least of six coins that all
-fall on one side has p = 3 %), or one by the first answers where both runs have the same seed and so the same problems.
+The accuracy of a first answer is exact, that of timed answers is of data that each run draws anew: a tier is lost that
+run a reaches with one setting and run b with none, if with that setting more problems than by chance became wrong:
+BY_CHANCE (the least of six coins that all fall on one side has p = 3 %), or one by the first answers where both runs
+have the same seed and so the same problems.
 """
 
 from __future__ import annotations
@@ -43,7 +46,8 @@ from solvers import Status, Tier
 SMALLEST = 1.2
 """Smallest ratio of times that matters, unless the user says otherwise."""
 WIDER, SHARE = 5.0, 1.0 / 6.0
-"""Deviations of the field that an interval is wider by at either end, and the largest of log(smallest) at which anything can be told."""
+"""Deviations of the field that an interval is wider by at either end, and the largest of log(smallest) at which
+anything can be told."""
 FEWEST_LANES, FEWEST_PROBLEMS = 5, 3
 """Solver lanes, and problems of one, that it takes to tell anything."""
 DRAWS = 1_000
@@ -89,7 +93,8 @@ class Comparison:
 
     @property
     def moved(self) -> bool:
-        """Whether the field as a whole changed and the fixed piece of work did not, so that nobody knows whose change it is."""
+        """Whether the field as a whole changed and the fixed piece of work did not, so that nobody knows whose change
+        it is."""
         return bool((np.abs(np.log(self.field.factor / self.sentinel)) > math.log(self.smallest)).any())
 
     @property
@@ -108,24 +113,46 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
         if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
             raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
     first, second = (Measurements(run.rows(ONESHOT), run.times()) for run in (a, b))
-    times, field = compare_times(levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest)
-    rows = [found.field[found.field.status != Status.NOT_RUN].sort_values(NAMES, ignore_index=True) for found in (first, second)]
+    times, field = compare_times(
+        levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest
+    )
+    rows = [
+        found.field[found.field.status != Status.NOT_RUN].sort_values(NAMES, ignore_index=True)
+        for found in (first, second)
+    ]
     before, after = (part[_is_in(part, other)].reset_index(drop=True) for part, other in (rows, rows[::-1]))
     least = 1 if a.settings["settings"].get("seed") == b.settings["settings"].get("seed") else BY_CHANCE
-    return Comparison(a, b, smallest, times, field, float(b.looks().level_ns.median() / a.looks().level_ns.median()),
-                      lost_tiers(before, after, least), lost_tiers(after, before, least),
-                      (rows[0][~_is_in(*rows)], rows[1][~_is_in(*rows[::-1])]))
+    return Comparison(
+        a,
+        b,
+        smallest,
+        times,
+        field,
+        float(b.looks().level_ns.median() / a.looks().level_ns.median()),
+        lost_tiers(before, after, least),
+        lost_tiers(after, before, least),
+        (rows[0][~_is_in(*rows)], rows[1][~_is_in(*rows[::-1])]),
+    )
 
 
 def levels(found: Measurements) -> pd.DataFrame:
-    """One row an answer and way of timing: NAMES, ``timed`` and ``level``, the log of the median of update and solve, NaN of too few calls."""
+    """One row an answer and way of timing: NAMES, ``timed`` and ``level``, the log of the median of update and solve,
+    NaN of too few calls."""
     parts = []
     for timed, way in WAYS.items():
         calls = by_task(found.times, (way,))
-        rows = found.field.loc[found.field.task.isin(calls.keys()) & (found.field.status == Status.OK), ["task", *NAMES]]
+        rows = found.field.loc[
+            found.field.task.isin(calls.keys()) & (found.field.status == Status.OK), ["task", *NAMES]
+        ]
         us = [np.concatenate(calls[task]) for task in rows.task]
-        parts.append(rows.assign(timed=timed, level=[math.log(max(np.median(part), 1e-3)) if part.size >= Effort().fewest else math.nan
-                                                     for part in us]))
+        parts.append(
+            rows.assign(
+                timed=timed,
+                level=[
+                    math.log(max(np.median(part), 1e-3)) if part.size >= Effort().fewest else math.nan for part in us
+                ],
+            )
+        )
     return pd.concat(parts, ignore_index=True)
 
 
@@ -142,7 +169,8 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
     Returns
     -------
     times : DataFrame
-        One row a solver lane: SOLVER_LANE, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and ``finding``.
+        One row a solver lane: SOLVER_LANE, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and
+        ``finding``.
     field : DataFrame
         By way of timing, ``factor`` and ``deviation``.
     """
@@ -151,17 +179,34 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
     machine = own.groupby(level=BLOCK).median()
     own -= own.groupby(level=BLOCK).transform("median")
     lanes = own.groupby(level=["timed", *SOLVER_LANE])
-    field = pd.DataFrame({"factor": np.exp(machine.groupby(level="timed").median()),
-                          "deviation": lanes.median().groupby(level="timed").agg(_deviation)})
+    field = pd.DataFrame(
+        {
+            "factor": np.exp(machine.groupby(level="timed").median()),
+            "deviation": lanes.median().groupby(level="timed").agg(_deviation),
+        }
+    )
     chance, lines = np.random.default_rng(0), []
     for names, part in lanes:
         timed, solver, lane = cast(tuple[str, str, str], names)
         values, deviation = part.dropna().to_numpy(), float(field.deviation[timed])
         low, high = interval(values, deviation, chance)
-        lines.append((timed, solver, lane, values.size, *np.exp([part.median(), low, high]), _finding(low, high, deviation, smallest)))
-    times = pd.DataFrame(lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"])
+        lines.append(
+            (
+                timed,
+                solver,
+                lane,
+                values.size,
+                *np.exp([part.median(), low, high]),
+                _finding(low, high, deviation, smallest),
+            )
+        )
+    times = pd.DataFrame(
+        lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"]
+    )
     order = 2 * (times.problems < FEWEST_PROBLEMS) + (times.timed != BETTER)
-    return times.loc[order.sort_values(kind="stable").index].drop_duplicates(SOLVER_LANE).sort_values(SOLVER_LANE, ignore_index=True), field
+    return times.loc[order.sort_values(kind="stable").index].drop_duplicates(SOLVER_LANE).sort_values(
+        SOLVER_LANE, ignore_index=True
+    ), field
 
 
 def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) -> tuple[float, float]:
@@ -174,7 +219,11 @@ def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) 
 
 
 def _deviation(theta: pd.Series) -> float:
-    return float(median_abs_deviation(theta, scale="normal", nan_policy="omit")) if theta.count() >= FEWEST_LANES else math.inf
+    return (
+        float(median_abs_deviation(theta, scale="normal", nan_policy="omit"))
+        if theta.count() >= FEWEST_LANES
+        else math.inf
+    )
 
 
 def _finding(low: float, high: float, deviation: float, smallest: float) -> str:
@@ -190,7 +239,10 @@ def lost_tiers(a: pd.DataFrame, b: pd.DataFrame, least: int = 1) -> pd.DataFrame
     """
     both = tier_settings(a).merge(tier_settings(b), on=[*LANE, "tier"], suffixes=("", "_b"))
     found = both[(both.setting != "") & (both.setting_b == "")].to_dict("records")
-    return pd.DataFrame([[line[name] for name in (*LANE, "tier")] for line in found if _is_lost(a, b, line, least)], columns=[*LANE, "tier"])
+    return pd.DataFrame(
+        [[line[name] for name in (*LANE, "tier")] for line in found if _is_lost(a, b, line, least)],
+        columns=[*LANE, "tier"],
+    )
 
 
 def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], least: int) -> bool:
@@ -204,7 +256,8 @@ def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], 
 
 
 def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:
-    """Without what is of the timed answers: their gap, and whether a solver was caught, which is looked for at a setting that is drawn."""
+    """Without what is of the timed answers: their gap, and whether a solver was caught, which is looked for at a
+    setting that is drawn."""
     caught = rows.status.isin([str(status) for status in CHEATS])
     return rows.assign(timed_gap=math.nan, status=rows.status.mask(caught, str(Status.OK)))
 

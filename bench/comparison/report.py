@@ -1,4 +1,5 @@
-"""What a comparison says and shows: sentences, one table with a row a solver lane, one picture; on a page, as Markdown and as JSON."""
+"""What a comparison says and shows: sentences, one table with a row a solver lane, one picture; on a page, as Markdown
+and as JSON."""
 
 from __future__ import annotations
 

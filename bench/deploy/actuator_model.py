@@ -1,7 +1,7 @@
 """The model that a controller gets: of the recording that was raced on, of a file, or of a problem of the run.
 
-A race on a recording keeps the model that `identify` makes of the first four fifths, with its error on the last. Another model is judged on that
-last fifth, too, and refused where it errs more than 1.1 times as much.
+A race on a recording keeps the model that `identify` makes of the first four fifths, with its error on the last.
+Another model is judged on that last fifth, too, and refused where it errs more than 1.1 times as much.
 """
 
 from __future__ import annotations
@@ -38,19 +38,34 @@ class Found:
     @property
     def sentence(self) -> str:
         """Its error; "" where there is nothing to tell it by."""
-        return "" if self.error_percent is None else (
-            f"On the last fifth of the recording, which was kept back, it errs by {self.error_percent:.3g} % of the range (RMS).")
+        return (
+            ""
+            if self.error_percent is None
+            else (
+                f"On the last fifth of the recording, which was kept back, it errs by {self.error_percent:.3g} % of "
+                "the "
+                "range (RMS)."
+            )
+        )
 
     def evidence(self) -> dict[str, Any]:
         """What the file says of it."""
-        return {"model_from": self.source, "certificate": dict(self.certificate),
-                **({} if self.error_percent is None else {"unseen_error_percent": self.error_percent})}
+        return {
+            "model_from": self.source,
+            "certificate": dict(self.certificate),
+            **({} if self.error_percent is None else {"unseen_error_percent": self.error_percent}),
+        }
 
 
-def model_for(run: Run, model: HysteresisCreepModel | None = None, problem: str | None = None, simulated: bool = False,
-              source: str = "the model file that was given") -> Found:
-    """The model that is given, that of the problem "set/name", or that which the run keeps of a recording; ``simulated`` says whether a simulated
-    actuator will do, which is judged on no recording.
+def model_for(
+    run: Run,
+    model: HysteresisCreepModel | None = None,
+    problem: str | None = None,
+    simulated: bool = False,
+    source: str = "the model file that was given",
+) -> Found:
+    """The model that is given, that of the problem "set/name", or that which the run keeps of a recording;
+    ``simulated`` says whether a simulated actuator will do, which is judged on no recording.
 
     RunError where there is none, or a worse one than the run keeps.
     """
@@ -69,22 +84,34 @@ def _kept(run: Run) -> Found:
     """The model that the run keeps of its recording."""
     note = run.settings["models"][Recorded.name]
     if "error_percent" not in note:
-        raise RunError(f"{run.path} keeps no model of its recording, since identify refused it ({note.get('refused', 'no reason is given')}); "
-                       "give a model with --model, or name a problem with --problem")
+        raise RunError(
+            f"{run.path} keeps no model of its recording, since identify refused it "
+            f"({note.get('refused', 'no reason is given')}); "
+            "give a model with --model, or name a problem with --problem"
+        )
     model = HysteresisCreepModel.load(run.model_path(Recorded.name))
-    return Found(model, "the first four fifths of the recording", dict(model.report.get("certificate", {})), note["error_percent"])
+    return Found(
+        model,
+        "the first four fifths of the recording",
+        dict(model.report.get("certificate", {})),
+        note["error_percent"],
+    )
 
 
 def _judged(run: Run, found: Found) -> Found:
-    """A model with its error on what was kept back of the recording; RunError where that of the model which the run keeps is much smaller."""
+    """A model with its error on what was kept back of the recording; RunError where that of the model which the run
+    keeps is much smaller."""
     names = run.settings.get("problems", {}).get(Recorded.name, ())
     if not names:
         return found
     error = unseen_error(found.model, kept_back(run.problem(Recorded.name, names[0])))
     known = run.settings.get("models", {}).get(Recorded.name, {}).get("error_percent")
     if known is not None and error > WORSE * known:
-        raise RunError(f"{run.path}: the model from {found.source} errs by {error:.3g} % of the range on the last fifth of the recording, and "
-                       f"the one that the run keeps by {known:.3g} %; leave out --model and --problem to take that one")
+        raise RunError(
+            f"{run.path}: the model from {found.source} errs by {error:.3g} % of the range on the last "
+            "fifth of the recording, and "
+            f"the one that the run keeps by {known:.3g} %; leave out --model and --problem to take that one"
+        )
     return Found(found.model, found.source, found.certificate, error)
 
 
@@ -97,20 +124,31 @@ def _named(run: Run, asked: str | None, simulated: bool) -> tuple[str, tuple[str
     for name, who in names.items():
         is_simulated = problems.find(who[0]).origin == SIMULATED
         if name == asked and is_simulated and not simulated:
-            raise RunError(f"{run.path}: {name} is a simulated actuator; give a model with --model, or --simulated to take it all the same")
+            raise RunError(
+                f"{run.path}: {name} is a simulated actuator; give a model with --model, or --simulated to "
+                "take it all the same"
+            )
         if name == asked or (asked is None and simulated and is_simulated):
             return name, who
-    raise RunError(f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one with --model, as identify "
-                   "writes it, name a problem with --problem, or take a simulated actuator with --simulated")
+    raise RunError(
+        f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
+        "with --model, as identify "
+        "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
+    )
 
 
 def _of_problem(run: Run, name: str, who: tuple[str, str]) -> Found:
     """The proven optimum of a problem."""
     problem = run.problem(*who)
     if problem.validation is None:
-        raise RunError(f"{run.path}: the problem {name} is a program from a file and holds no model; give one with --model, as identify writes it")
+        raise RunError(
+            f"{run.path}: the problem {name} is a program from a file and holds no model; give one with "
+            "--model, as identify writes it"
+        )
     form = problem.forms["scaled"]
     cost_gap, violation = relative_gap(form, np.array(form.certificate.x))
-    return Found(HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights),
-                 f"the problem {name}, {problems.find(who[0]).origin}",
-                 {"problem_of_run": name, "cost_gap": cost_gap, "violation": violation, **asdict(form.certificate)})
+    return Found(
+        HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights),
+        f"the problem {name}, {problems.find(who[0]).origin}",
+        {"problem_of_run": name, "cost_gap": cost_gap, "violation": violation, **asdict(form.certificate)},
+    )

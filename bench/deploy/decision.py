@@ -4,7 +4,8 @@ In this order:
 
 1. Cost gap and violation of the answers to every problem are within the accuracy asked for, with a margin (`rule`).
 2. No deadline is missed that the machine's floor does not explain (`floor`).
-3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response). Where not all of them have
+3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response). Where
+not all of them have
    calls enough for that, p99 decides, or the median: nobody is out for having been timed less often.
 
 A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
@@ -47,15 +48,21 @@ class Decision:
         """Why, and what else there was."""
         it, name = self.chosen, "median" if self.by == len(QUANTILES) - 1 else Percentile(QUANTILES[self.by]).name
         problems = "1 problem" if it.chosen.problems == 1 else f"{it.chosen.problems} problems"
-        found = [f"Rule: {self.rule.sentence}",
-                 f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, so right "
-                 f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of them its own; "
-                 f"{name} of an answer {number(it.time(self.by))} µs."]
+        found = [
+            f"Rule: {self.rule.sentence}",
+            f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, so right "
+            f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of "
+            "them its own; "
+            f"{name} of an answer {number(it.time(self.by))} µs.",
+        ]
         if self.by:
             least = next(each for each in (it, *self.runners_up) if each.tail[self.by - 1].value is None)
             finer = least.tail[self.by - 1]
-            found.append(f"Decided by the {name}, the finest percentile that all who qualify support: {finer.name} {finer.reason}, and {least.name} "
-                         f"has {least.samples}.")
+            found.append(
+                f"Decided by the {name}, the finest percentile that all who qualify support: {finer.name} "
+                f"{finer.reason}, and {least.name} "
+                f"has {least.samples}."
+            )
         found += [f"Runner-up: {each.name}, {name} {number(each.time(self.by))} µs." for each in self.runners_up[:3]]
         count = len(self.refused)
         return [*found, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else found
@@ -63,10 +70,16 @@ class Decision:
     def evidence(self) -> dict[str, Any]:
         """What the file says about where it comes from."""
         settings = self.run.settings
-        return {"run": self.run.path.name, "race": settings.get("race", "oneshot"), "machine": settings["machine"],
-                "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
-                "rule": self.rule.sentence, "why": self.sentences(), "figures": self.chosen.figures(),
-                "runners_up": [each.figures() for each in self.runners_up[:3]]}
+        return {
+            "run": self.run.path.name,
+            "race": settings.get("race", "oneshot"),
+            "machine": settings["machine"],
+            "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
+            "rule": self.rule.sentence,
+            "why": self.sentences(),
+            "figures": self.chosen.figures(),
+            "runners_up": [each.figures() for each in self.runners_up[:3]],
+        }
 
 
 def decide(run: Run, rule: Rule) -> Decision:
@@ -82,9 +95,18 @@ def decide(run: Run, rule: Rule) -> Decision:
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
     refused.sort(key=lambda pair: _distance(pair[0]))
     if not qualified:
-        raise RunError(f"{run.path}: no solver qualifies" + (f"; the nearest, {refused[0][0].name}, {refused[0][1]}" if refused else
-                                                              f", none was raced on scaled data in the lanes {', '.join(rule.lanes)}"))
-    by = next((i for i in range(len(QUANTILES) - 1) if all(each.tail[i].value is not None for each in qualified)), len(QUANTILES) - 1)
+        raise RunError(
+            f"{run.path}: no solver qualifies"
+            + (
+                f"; the nearest, {refused[0][0].name}, {refused[0][1]}"
+                if refused
+                else f", none was raced on scaled data in the lanes {', '.join(rule.lanes)}"
+            )
+        )
+    by = next(
+        (i for i in range(len(QUANTILES) - 1) if all(each.tail[i].value is not None for each in qualified)),
+        len(QUANTILES) - 1,
+    )
     chosen, *others = sorted(qualified, key=lambda each: (each.time(by), each.name))
     return Decision(run, rule, chosen, tuple(others), tuple(refused), by)
 
@@ -111,5 +133,8 @@ def _of_stream(run: Run, rule: Rule) -> list[Candidate]:
 def _require_judgement(run: Run, rule: Rule, missed: int, samples: int) -> None:
     """RunError where the machine itself misses most deadlines."""
     if missed > samples / 2:
-        raise RunError(f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of {rule.deadline_us:g} µs, so "
-                       "this run says nothing about them")
+        raise RunError(
+            f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "
+            f"{rule.deadline_us:g} µs, so "
+            "this run says nothing about them"
+        )

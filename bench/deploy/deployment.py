@@ -18,6 +18,13 @@ def deployment(decision: Decision, found: Found) -> Deployment[HysteresisCreepMo
     evidence = decision.evidence() | found.evidence()
     s, chosen = found.model.structure, decision.chosen
     continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
-    return Deployment(model=found.model, solver=chosen.solver, lane=Lane(chosen.lane),
-                      tier=chosen.tier, settings=chosen.settings, mode="continuous" if continuous else "cyclic",
-                      x_limits=(s.x_centre - s.x_scale, s.x_centre + s.x_scale), evidence=evidence)
+    return Deployment(
+        model=found.model,
+        solver=chosen.solver,
+        lane=Lane(chosen.lane),
+        tier=chosen.tier,
+        settings=chosen.settings,
+        mode="continuous" if continuous else "cyclic",
+        x_limits=(s.x_centre - s.x_scale, s.x_centre + s.x_scale),
+        evidence=evidence,
+    )

@@ -1,7 +1,8 @@
-"""The candidates of a one-shot race: scaled data from a cold start, as the compensator solves them; times of update and solve.
+"""The candidates of a one-shot race: scaled data from a cold start, as the compensator solves them; times of update and
+solve.
 
-Accuracy is judged by the rows of all hosts, times are those of one. Deadlines count hot and in turns with others; percentiles are hot, since
-only one setting takes turns.
+Accuracy is judged by the rows of all hosts, times are those of one. Deadlines count hot and in turns with others;
+percentiles are hot, since only one setting takes turns.
 """
 
 from __future__ import annotations
@@ -27,10 +28,19 @@ def machine(found: Measurements) -> Floor:
 def candidates(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candidate]:
     """One a solver lane."""
     hot, raw = by_task(found.times), by_task(found.times, (HOT, IN_TURNS))
-    cheats = found.every[found.every.status.isin([str(status) for status in CHEATS])].groupby(["solver", "lane"]).status.first()
+    cheats = (
+        found.every[found.every.status.isin([str(status) for status in CHEATS])]
+        .groupby(["solver", "lane"])
+        .status.first()
+    )
     cold = tainted(found.every)
-    cold = cold[(cold.solver != FLOOR) & cold.lane.isin([str(lane) for lane in rule.lanes]) & (cold.scaling == "scaled") & (cold.start == "cold")
-                & (cold.rung >= 0)]
+    cold = cold[
+        (cold.solver != FLOOR)
+        & cold.lane.isin([str(lane) for lane in rule.lanes])
+        & (cold.scaling == "scaled")
+        & (cold.start == "cold")
+        & (cold.rung >= 0)
+    ]
     cold = cold.assign(number=cold.groupby(PROBLEM).ngroup(), error=distance(cold))
     for (solver, lane), part in cold.groupby(["solver", "lane"], sort=False):
         distances, rungs = by_problem(part)
@@ -38,5 +48,13 @@ def candidates(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candid
         chosen = Choice.of(distances, [names[rung] for rung in rungs], rule.accuracy)
         rows = found.rows[found.rows.task.isin(part.task[part.setting == chosen.setting])]
         calls = pooled(raw, rows.task)
-        yield Candidate.of((str(solver), str(lane)), chosen, str(cheats.get((solver, lane), "")), calls, floor.explained(calls, rule.deadline_us),
-                           rule.deadline_us, pooled(hot, rows.task), float(np.median(rows.update_us + rows.solve_us_p50)) if len(rows) else np.nan)
+        yield Candidate.of(
+            (str(solver), str(lane)),
+            chosen,
+            str(cheats.get((solver, lane), "")),
+            calls,
+            floor.explained(calls, rule.deadline_us),
+            rule.deadline_us,
+            pooled(hot, rows.task),
+            float(np.median(rows.update_us + rows.solve_us_p50)) if len(rows) else np.nan,
+        )

@@ -1,8 +1,8 @@
 """What is asked of a solver, and who is asked.
 
-A candidate is a solver lane at one setting for all problems: the loosest at which cost gap and violation, of first and timed answers alike,
-are within the accuracy ten times over on every problem, else three times, else once. Who has none, and who was caught cheating anywhere in
-the run, does not qualify.
+A candidate is a solver lane at one setting for all problems: the loosest at which cost gap and violation, of first and
+timed answers alike, are within the accuracy ten times over on every problem, else three times, else once. Who has none,
+and who was caught cheating anywhere in the run, does not qualify.
 """
 
 from __future__ import annotations
@@ -44,9 +44,13 @@ class Rule:
     @property
     def sentence(self) -> str:
         """The rule in words."""
-        return (f"cost gap and violation of at most {self.accuracy:g} on every problem, by first and timed answers, at most {self.misses} "
-                f"deadlines of {self.deadline_us:g} µs missed beyond those that the machine itself misses, then the lowest p99.9; "
-                f"lanes {', '.join(self.lanes)}.")
+        return (
+            f"cost gap and violation of at most {self.accuracy:g} on every problem, by first and timed answers, at "
+            f"most {self.misses} "
+            f"deadlines of {self.deadline_us:g} µs missed beyond those that the machine itself misses, then the "
+            "lowest p99.9; "
+            f"lanes {', '.join(self.lanes)}."
+        )
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,15 @@ class Choice:
         with np.errstate(divide="ignore", invalid="ignore"):
             errors = np.nan_to_num(distances / accuracy, nan=math.inf, posinf=math.inf)
         counts, found = (errors <= 1.0).sum(axis=0), choice(errors)
-        at = int(counts.size - 1 - np.argmax(counts[::-1])) if found is None else found  # of those that are right as often, the tightest
-        return cls(settings[at], 0.0 if found is None else margin_of(errors[:, at]), float(distances[:, at].max()), len(errors), int(counts[at]))
+        # of those that are right as often, the tightest
+        at = int(counts.size - 1 - np.argmax(counts[::-1])) if found is None else found
+        return cls(
+            settings[at],
+            0.0 if found is None else margin_of(errors[:, at]),
+            float(distances[:, at].max()),
+            len(errors),
+            int(counts[at]),
+        )
 
 
 @dataclass(frozen=True)
@@ -91,11 +102,28 @@ class Candidate:
     """For QUANTILES, each with value or reason."""
 
     @classmethod
-    def of(cls, who: tuple[str, str], chosen: Choice, cheat: str, calls: Microseconds, explained: int, deadline_us: float, tail: Microseconds,
-           time_us: float) -> Candidate:
+    def of(
+        cls,
+        who: tuple[str, str],
+        chosen: Choice,
+        cheat: str,
+        calls: Microseconds,
+        explained: int,
+        deadline_us: float,
+        tail: Microseconds,
+        time_us: float,
+    ) -> Candidate:
         """Deadlines are told from all calls, percentiles from ``tail``."""
-        return cls(*who, chosen, cheat, calls.size, int(np.count_nonzero(calls > deadline_us)), explained, time_us,
-                   tuple(percentile(tail, q) for q in QUANTILES))
+        return cls(
+            *who,
+            chosen,
+            cheat,
+            calls.size,
+            int(np.count_nonzero(calls > deadline_us)),
+            explained,
+            time_us,
+            tuple(percentile(tail, q) for q in QUANTILES),
+        )
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -105,7 +133,10 @@ class Candidate:
     @property
     def tier(self) -> Tier:
         """The most exact that it reaches on every problem."""
-        return next((tier for tier in (Tier.EXACT, Tier.HIGH, Tier.MID, Tier.LOW) if self.chosen.worst <= TOLERANCE[tier]), Tier.DEFAULT)
+        return next(
+            (tier for tier in (Tier.EXACT, Tier.HIGH, Tier.MID, Tier.LOW) if self.chosen.worst <= TOLERANCE[tier]),
+            Tier.DEFAULT,
+        )
 
     @property
     def beyond_floor(self) -> int:
@@ -124,15 +155,24 @@ class Candidate:
         if self.cheat:
             return f"was caught cheating ({self.cheat})"
         if not it.margin:
-            return f"has a cost gap or violation above {rule.accuracy:g} on {it.problems - it.right} of {it.problems} problems at its best setting"
+            return (
+                f"has a cost gap or violation above {rule.accuracy:g} on {it.problems - it.right} of {it.problems} "
+                "problems at its best setting"
+            )
         if not self.samples:
             return "has no times"
         if self.beyond_floor > rule.misses:
-            return f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine itself explains"
+            return (
+                f"misses {self.missed} of {self.samples} deadlines, {self.beyond_floor} more than the machine "
+                "itself explains"
+            )
         try:
             find(self.solver, self.lane)
         except KeyError:
-            return "comes from a solver file of your own, and a compensator can start only solvers that are installed with piezobench"
+            return (
+                "comes from a solver file of your own, and a compensator can start only solvers that are installed "
+                "with piezobench"
+            )
         try:
             require_setting(it.setting, self.solver, self.lane)
         except ValueError:
@@ -146,9 +186,19 @@ class Candidate:
     def figures(self) -> dict[str, Any]:
         """Figures as JSON can hold them, in the units of the report."""
         it = self.chosen
-        return {"solver": self.solver, "lane": self.lane, "settings": self.settings, "tier": str(self.tier), "margin": it.margin,
-                "worst_gap_or_violation": it.worst if math.isfinite(it.worst) else None, "problems": it.problems, "right": it.right,
-                "samples": self.samples, "missed": self.missed, "missed_beyond_floor": self.beyond_floor,
-                "median_us": None if math.isnan(self.time_us) else self.time_us,
-                "median_periods": None if math.isnan(self.time_us) else self.time_us / PERIOD_US,
-                **{f"{each.name}_us": each.value for each in self.tail[:-1]}}
+        return {
+            "solver": self.solver,
+            "lane": self.lane,
+            "settings": self.settings,
+            "tier": str(self.tier),
+            "margin": it.margin,
+            "worst_gap_or_violation": it.worst if math.isfinite(it.worst) else None,
+            "problems": it.problems,
+            "right": it.right,
+            "samples": self.samples,
+            "missed": self.missed,
+            "missed_beyond_floor": self.beyond_floor,
+            "median_us": None if math.isnan(self.time_us) else self.time_us,
+            "median_periods": None if math.isnan(self.time_us) else self.time_us / PERIOD_US,
+            **{f"{each.name}_us": each.value for each in self.tail[:-1]},
+        }

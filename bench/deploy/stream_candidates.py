@@ -1,6 +1,7 @@
 """The candidates of a stream: each sample's own answer, and the times from its due time to its answer.
 
-Compiled loops are not on the schedule and are left out. Of several settings of a solver lane, the less exact one is the looser.
+Compiled loops are not on the schedule and are left out. Of several settings of a solver lane, the less exact one is the
+looser.
 """
 
 from __future__ import annotations
@@ -22,7 +23,17 @@ def candidates(rows: pd.DataFrame, times: pd.DataFrame, rule: Rule) -> Iterator[
     gaps = field.own_gap_max.astype(float).where(field.unanswered == 0).fillna(math.inf)
     for (solver, lane), part in field.assign(gap=gaps).groupby(["solver", "lane"], sort=False):
         worst = part.groupby("setting").gap.max().sort_values(ascending=False)
-        chosen = Choice.of(worst.to_numpy(np.float64)[None, :], [str(setting) for setting in worst.index], rule.accuracy)
+        chosen = Choice.of(
+            worst.to_numpy(np.float64)[None, :], [str(setting) for setting in worst.index], rule.accuracy
+        )
         calls = raw(times, part.task[part.setting == chosen.setting], "response")
-        yield Candidate.of((str(solver), str(lane)), chosen, "", calls, math.ceil(bound * calls.size), rule.deadline_us, calls,
-                           float(np.median(calls)) if calls.size else math.nan)
+        yield Candidate.of(
+            (str(solver), str(lane)),
+            chosen,
+            "",
+            calls,
+            math.ceil(bound * calls.size),
+            rule.deadline_us,
+            calls,
+            float(np.median(calls)) if calls.size else math.nan,
+        )

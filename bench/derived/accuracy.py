@@ -1,7 +1,8 @@
 """Whether a measured answer is right: how far it is from what a tier asks, from one row of the table alone.
 
     error = max(cost gap, violation, those of the timed answers) / tolerance
-    error = max(stage excess / 0.01, violation / 1e-3)                           for the tier `stage`, by the first answer
+    error = max(stage excess / 0.01, violation / 1e-3)                           for the tier `stage`, by the first
+    answer
 
 An answer is right at a margin m where m · error ≤ 1. What a library does unasked is judged like `low`.
 """
@@ -45,7 +46,8 @@ def _worst(rows: pd.DataFrame, *parts: pd.Series) -> pd.Series[float]:
 
 
 def tainted(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows, where a solver lane that was caught cheating at one setting on a problem has that status at all of them."""
+    """The rows, where a solver lane that was caught cheating at one setting on a problem has that status at all of
+    them."""
     cheats = rows.status.where(rows.status.isin([str(status) for status in CHEATS]))
     if cheats.isna().all():
         return rows
@@ -54,7 +56,8 @@ def tainted(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def measured(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows but those not run of what another repeat has measured: a ladder ends by the clock, and nothing is known against the answer."""
+    """The rows but those not run of what another repeat has measured: a ladder ends by the clock, and nothing is known
+    against the answer."""
     skipped = rows.status == Status.NOT_RUN
     if not skipped.any():
         return rows

@@ -1,7 +1,7 @@
 """What answers took, call by call: update and solve together, the same in tables, plots and decisions.
 
-A percentile of a solver is that of all its calls on all the problems in question. Hot calls follow each other; in turns each
-finds the caches that the other solvers left.
+A percentile of a solver is that of all its calls on all the problems in question. Hot calls follow each other; in turns
+each finds the caches that the other solvers left.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ def by_task(times: pd.DataFrame, ways: Sequence[str] = (HOT,)) -> dict[str, list
             update = np.asarray(both[0][key], dtype=np.float64) / 1e3 if key in both[0].index else np.zeros(0)
             if solve.size:
                 found.setdefault(key[0], []).append(
-                    solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0))
+                    solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0)
+                )
     return found
 
 

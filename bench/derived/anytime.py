@@ -1,9 +1,11 @@
 """How exact an answer is that has to be there after k sampling periods, a pure function of the measurements.
 
-    gap of a solver lane within k on a problem = smallest cost gap of its settings and iteration limits that take at most k periods of 125 µs,
+    gap of a solver lane within k on a problem = smallest cost gap of its settings and iteration limits that take at
+    most k periods of 125 µs,
 
-infinite where there is none; shown are the median and the worst over the problems, on data in the first scaling, from a cold start. The paper's
-method is there twice: with as many steps as fit into the time, and at its own pace of one step a period, whatever a step costs.
+infinite where there is none; shown are the median and the worst over the problems, on data in the first scaling, from a
+cold start. The paper's method is there twice: with as many steps as fit into the time, and at its own pace of one step
+a period, whatever a step costs.
 """
 
 from __future__ import annotations
@@ -34,25 +36,37 @@ LINE = ["name", "solver", "lane"]
 
 def anytime(found: Measurements) -> pd.DataFrame:
     """One row a solver lane (LINE) and ``budget``: ``median_gap``, ``worst_gap`` over ``problems``."""
-    rows = found.rows[(found.rows.solver != FLOOR) & (found.rows.start == "cold") & (found.rows.scaling == found.scaling)]
-    rows = rows.assign(name=rows.solver.map(marked), at=(rows.update_us + rows.solve_us_p50) / PERIOD_US,
-                       cost_gap=rows.cost_gap.where(rows.status == Status.OK, math.inf).fillna(math.inf))
+    rows = found.rows[
+        (found.rows.solver != FLOOR) & (found.rows.start == "cold") & (found.rows.scaling == found.scaling)
+    ]
+    rows = rows.assign(
+        name=rows.solver.map(marked),
+        at=(rows.update_us + rows.solve_us_p50) / PERIOD_US,
+        cost_gap=rows.cost_gap.where(rows.status == Status.OK, math.inf).fillna(math.inf),
+    )
     pace = of_paper(rows)
     rows = pd.concat([rows, pace.assign(name=PACE, at=pace.periods)], ignore_index=True)
     parts = []
     for budget in BUDGETS:
-        gaps = rows.cost_gap.where(rows["at"] <= budget, math.inf).groupby([rows[name] for name in [*LINE, *PROBLEM]]).min()
+        gaps = (
+            rows.cost_gap.where(rows["at"] <= budget, math.inf)
+            .groupby([rows[name] for name in [*LINE, *PROBLEM]])
+            .min()
+        )
         lines = gaps.groupby(level=LINE).agg(problems="size", median_gap=_median, worst_gap="max")
         parts.append(lines.reset_index().assign(budget=budget))
     return pd.concat(parts, ignore_index=True)
 
 
 def drawn(table: pd.DataFrame) -> pd.DataFrame:
-    """The lines of the picture, the paper's pace and then those that are exact first, with ``drawn``, the gap that is drawn."""
+    """The lines of the picture, the paper's pace and then those that are exact first, with ``drawn``, the gap that is
+    drawn."""
     places = {(line["name"], line["lane"]): i for i, line in enumerate(by_budget(table).to_dict("records"))}
     place = pd.Series([places[who] for who in zip(table["name"], table.lane, strict=True)], index=table.index)
     named = table["name"].where(table["name"] == PACE, table["name"] + " (" + table.lane + ")")
-    known = table.assign(name=named, view="", drawn=np.maximum(table.median_gap, LEAST_GAP))[np.isfinite(table.median_gap)]
+    known = table.assign(name=named, view="", drawn=np.maximum(table.median_gap, LEAST_GAP))[
+        np.isfinite(table.median_gap)
+    ]
     return ranked(known, place[known.index]).drop(columns="view")
 
 
@@ -70,9 +84,19 @@ def by_budget(table: pd.DataFrame) -> pd.DataFrame:
 
 def accuracy_table(table: pd.DataFrame) -> Table:
     """The median gaps within some budgets."""
-    rows = [[line["name"], line["lane"], *(gap(line[budget]) for budget in SHORT)] for line in by_budget(table).to_dict("records")]
-    return Table("Accuracy within so many sampling periods", ("solver", "lane", *map(str, SHORT)), rows, 2, ("lane",),
-                 f"Median over the problems of the best cost gap within so many periods of {PERIOD_US:g} µs. –: nothing yet. {OURS_NOTE}")
+    rows = [
+        [line["name"], line["lane"], *(gap(line[budget]) for budget in SHORT)]
+        for line in by_budget(table).to_dict("records")
+    ]
+    return Table(
+        "Accuracy within so many sampling periods",
+        ("solver", "lane", *map(str, SHORT)),
+        rows,
+        2,
+        ("lane",),
+        f"Median over the problems of the best cost gap within so many periods of {PERIOD_US:g} µs. –: "
+        f"nothing yet. {OURS_NOTE}",
+    )
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -83,11 +107,27 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
         yield "No solver gave an answer."
         return
     exact = fits[fits[1] <= least]
-    closest = "" if exact.empty else f"; the closest is {exact.name.iloc[0]} ({exact.lane.iloc[0]}) with {exact[1].iloc[0]:.1e}"
-    yield f"Within one sampling period {solver_lanes(len(exact), len(fits), 'reach')} a cost gap of {least:g} on the median problem{closest}."
-    paper, own = wide[wide.name == PACE], fits[(fits.solver == PAPER) & (fits.lane == lane_of_paper(fits.assign(status=Status.OK)))]
+    closest = (
+        ""
+        if exact.empty
+        else (f"; the closest is {exact.name.iloc[0]} ({exact.lane.iloc[0]}) with {exact[1].iloc[0]:.1e}")
+    )
+    yield (
+        f"Within one sampling period {solver_lanes(len(exact), len(fits), 'reach')} a cost gap of {least:g} on the "
+        f"median problem{closest}."
+    )
+    paper, own = (
+        wide[wide.name == PACE],
+        fits[(fits.solver == PAPER) & (fits.lane == lane_of_paper(fits.assign(status=Status.OK)))],
+    )
     if len(paper) and len(own):
-        reached, begun = paper[BUDGETS[-1]].iloc[0], next((g for b in BUDGETS if math.isfinite(g := paper[b].iloc[0])), math.inf)
+        reached, begun = (
+            paper[BUDGETS[-1]].iloc[0],
+            next((g for b in BUDGETS if math.isfinite(g := paper[b].iloc[0])), math.inf),
+        )
         sooner = next((budget for budget in BUDGETS if own[budget].iloc[0] <= reached), None)
-        yield (f"The paper's method, one step a sample, begins at {gap(begun)} and is at {gap(reached)} after {BUDGETS[-1]} periods"
-               + ("." if sooner is None else f"; with as many steps as fit into the time it is there within {sooner}."))
+        yield (
+            f"The paper's method, one step a sample, begins at {gap(begun)} and is at {gap(reached)} after "
+            f"{BUDGETS[-1]} periods"
+            + ("." if sooner is None else f"; with as many steps as fit into the time it is there within {sooner}.")
+        )

@@ -2,8 +2,9 @@
 
     ratio = median over the problems of a size of ours / that of the other
 
-at the settings that stand for 1e-9, from a cold start, for each number of unknowns; ours is the one that is fastest in the lane on all of
-them. *Hot* calls follow each other, and *in turns* each finds the caches that the other solvers left.
+at the settings that stand for 1e-9, from a cold start, for each number of unknowns; ours is the one that is fastest in
+the lane on all of them. *Hot* calls follow each other, and *in turns* each finds the caches that the other solvers
+left.
 """
 
 from __future__ import annotations
@@ -23,12 +24,17 @@ COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_
 
 
 def like_with_like(found: Measurements) -> pd.DataFrame:
-    """One row a lane, way of timing, number of unknowns d and other solver, the fastest first: COLUMNS; of those that reach 1e-9."""
-    rows = found.tiers[(found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)]
+    """One row a lane, way of timing, number of unknowns d and other solver, the fastest first: COLUMNS; of those that
+    reach 1e-9."""
+    rows = found.tiers[
+        (found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)
+    ]
     lines = []
     for timed, way in WAYS.items():
         calls = answer_times.by_task(found.times, (way,))
-        us = rows.task.map(lambda task, calls=calls: float(np.median(np.concatenate(calls[task]))) if task in calls else np.nan)
+        us = rows.task.map(
+            lambda task, calls=calls: float(np.median(np.concatenate(calls[task]))) if task in calls else np.nan
+        )
         known = rows.assign(us=us)[us.notna()]
         for lane, part in known.groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
@@ -40,6 +46,8 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
                 medians = size.groupby("solver").us.median()
                 if len(mine):
                     own = float(mine.us.median())
-                    lines += [(lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
-                              for other, median in medians.sort_values().items()]
+                    lines += [
+                        (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
+                        for other, median in medians.sort_values().items()
+                    ]
     return pd.DataFrame(lines, columns=COLUMNS)

@@ -1,13 +1,13 @@
 """The measurements of a run, read once, and what is said of them at each tier.
 
-Accuracy is the same wherever it was measured, so a setting is judged by the rows of all hosts; times are those of one host, the one with
-most rows. A measurement that was repeated in fresh processes has the medians of its times, the largest maximum, the sum of its samples and
-the spread
+Accuracy is the same wherever it was measured, so a setting is judged by the rows of all hosts; times are those of one
+host, the one with most rows. A measurement that was repeated in fresh processes has the medians of its times, the
+largest maximum, the sum of its samples and the spread
 
     (max p50 − min p50) / median p50
 
-of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong now and then is lost; a
-repeat in which it was not run counts only where it was run in none.
+of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong
+now and then is lost; a repeat in which it was not run counts only where it was run in none.
 """
 
 from __future__ import annotations
@@ -24,8 +24,20 @@ from solvers import Status, Tier
 
 FLOOR = "null"
 """The solver that does nothing."""
-MEDIANS = ["setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99",
-           "solve_us_p99_low", "solve_us_p99_high", "interleaved_us_p50", "interleaved_us_p99", "periods", "reported_us"]
+MEDIANS = [
+    "setup_us",
+    "update_us",
+    "solve_us_p50",
+    "solve_us_p50_low",
+    "solve_us_p50_high",
+    "solve_us_p99",
+    "solve_us_p99_low",
+    "solve_us_p99_high",
+    "interleaved_us_p50",
+    "interleaved_us_p99",
+    "periods",
+    "reported_us",
+]
 WORST = ["cost_gap", "violation", "timed_gap", "stage_excess"]
 
 
@@ -87,18 +99,25 @@ def scaling_of(rows: pd.DataFrame) -> str:
 def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting") -> pd.DataFrame:
     """The rows of the settings that stand for tiers, once for each, and of the default, with ``tier`` and ``right``.
 
-    An answer that is not right has missed its tier. ``column`` is the setting that is taken: ``furthest`` takes one where the tier is not
-    reached, too.
+    An answer that is not right has missed its tier. ``column`` is the setting that is taken: ``furthest`` takes one
+    where the tier is not reached, too.
     """
     chosen = settings.loc[settings[column] != "", [*LANE, "tier", column]].rename(columns={column: "setting"})
-    parts = [_judged(part, Tier(str(tier))) for tier, part in rows.merge(chosen, on=[*LANE, "setting"]).groupby("tier", sort=False)]
-    return pd.concat([*parts, _judged(rows[rows.is_default].assign(tier=str(Tier.DEFAULT)), Tier.DEFAULT)], ignore_index=True)
+    parts = [
+        _judged(part, Tier(str(tier)))
+        for tier, part in rows.merge(chosen, on=[*LANE, "setting"]).groupby("tier", sort=False)
+    ]
+    return pd.concat(
+        [*parts, _judged(rows[rows.is_default].assign(tier=str(Tier.DEFAULT)), Tier.DEFAULT)], ignore_index=True
+    )
 
 
 def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     rows = rows[applies(rows, tier)]
     is_right = right(rows, tier)
-    return rows.assign(right=is_right, status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED)))
+    return rows.assign(
+        right=is_right, status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED))
+    )
 
 
 def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
@@ -107,10 +126,22 @@ def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
     if not (rows.repeat > 0).any():
         return rows.assign(repeats=1, solve_us_spread=np.nan)
     groups = rows.sort_values("repeat").groupby("task", sort=False)
-    said = rows.assign(ok=rows.status == Status.OK).sort_values(["ok", "repeat"]).groupby("task", sort=False).head(1).set_index("task")
+    said = (
+        rows.assign(ok=rows.status == Status.OK)
+        .sort_values(["ok", "repeat"])
+        .groupby("task", sort=False)
+        .head(1)
+        .set_index("task")
+    )
     p50 = groups.solve_us_p50
     merged = said.drop(columns="ok").assign(
-        **{name: groups[name].median() for name in MEDIANS}, **{name: groups[name].max() for name in [*WORST, "solve_us_max"]},
-        samples=groups.samples.sum(), preemptions=groups.preemptions.sum(), mutates_input=groups.mutates_input.any(),
-        repeatable=groups.repeatable.all(), repeats=groups.size(), solve_us_spread=(p50.max() - p50.min()) / p50.median())
+        **{name: groups[name].median() for name in MEDIANS},
+        **{name: groups[name].max() for name in [*WORST, "solve_us_max"]},
+        samples=groups.samples.sum(),
+        preemptions=groups.preemptions.sum(),
+        mutates_input=groups.mutates_input.any(),
+        repeatable=groups.repeatable.all(),
+        repeats=groups.size(),
+        solve_us_spread=(p50.max() - p50.min()) / p50.median(),
+    )
     return merged.reset_index().sort_index(axis=0)[[*rows.columns, "repeats", "solve_us_spread"]]

@@ -1,8 +1,8 @@
 """What the figures of a one-shot race show, computed here once as tables.
 
-All are of cold starts. But for the work–precision picture, each solver lane has one setting for all problems: that which stands for 1e-9,
-or where none does, the one that is right on most problems. A *view* is one problem set in one scaling. The time of an answer is the median of
-update plus the median of solve.
+All are of cold starts. But for the work–precision picture, each solver lane has one setting for all problems: that
+which stands for 1e-9, or where none does, the one that is right on most problems. A *view* is one problem set in one
+scaling. The time of an answer is the median of update plus the median of solve.
 
 The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite where s was not right:
 
@@ -37,47 +37,94 @@ STAGES = ("set-up", "update", "solve")
 
 def named(table: pd.DataFrame) -> pd.DataFrame:
     """The table with its views and with names of solver lanes."""
-    return table.assign(view=table.problem_set + ", " + table.scaling + " data",
-                        name=table.solver.map(marked) + " (" + table.lane + ")", stepping=table.settings.str.contains('"steps"'))
+    return table.assign(
+        view=table.problem_set + ", " + table.scaling + " data",
+        name=table.solver.map(marked) + " (" + table.lane + ")",
+        stepping=table.settings.str.contains('"steps"'),
+    )
 
 
 def ranked(table: pd.DataFrame, score: pd.Series, most: int = BEST) -> pd.DataFrame:
-    """The lines of each view by the least score of their rows, the best first, and ``front``, whether a line is among so many best."""
+    """The lines of each view by the least score of their rows, the best first, and ``front``, whether a line is among
+    so many best."""
     names = table.assign(score=score).groupby(["view", "name"]).score.min().sort_values(kind="stable")
     place = names.groupby(level="view").cumcount()
     at = place.reindex(pd.MultiIndex.from_frame(table[["view", "name"]])).to_numpy()
     views = table["view"].map({view: i for i, view in enumerate(dict.fromkeys(table["view"]))})
-    return table.assign(views=views, at=at, front=at < most).sort_values(["views", "at"], kind="stable", ignore_index=True).drop(
-        columns=["views", "at"])
+    return (
+        table.assign(views=views, at=at, front=at < most)
+        .sort_values(["views", "at"], kind="stable", ignore_index=True)
+        .drop(columns=["views", "at"])
+    )
 
 
 def work_precision(found: Measurements) -> pd.DataFrame:
-    """Worst cost gap against the time of an answer, one row a solver lane and setting that answers every problem that the lane was asked.
+    """Worst cost gap against the time of an answer, one row a solver lane and setting that answers every problem that
+    the lane was asked.
 
-    ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a sampling period; it
-    comes first, and then the others by their time to a gap of 1e-9.
+    ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a
+    sampling period; it comes first, and then the others by their time to a gap of 1e-9.
     """
     rows = found.field[found.field.start == "cold"]
-    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50, cost_gap=rows.cost_gap.where(rows.status == Status.OK))
-    table = rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"]).agg(
-        problems=("problem", "size"), worst_cost_gap=("cost_gap", worst), total_us=("total_us", "median"),
-        steps=("periods", "median"), settings=("settings", "first")).reset_index()
+    rows = rows.assign(
+        total_us=rows.update_us + rows.solve_us_p50, cost_gap=rows.cost_gap.where(rows.status == Status.OK)
+    )
+    table = (
+        rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"])
+        .agg(
+            problems=("problem", "size"),
+            worst_cost_gap=("cost_gap", worst),
+            total_us=("total_us", "median"),
+            steps=("periods", "median"),
+            settings=("settings", "first"),
+        )
+        .reset_index()
+    )
     pace = table[(table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))]
-    table = pd.concat([table.assign(who=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),
-                       pace.assign(total_us=pace.steps * PERIOD_US, who=ranking.PACE)], ignore_index=True)
+    table = pd.concat(
+        [
+            table.assign(who=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),
+            pace.assign(total_us=pace.steps * PERIOD_US, who=ranking.PACE),
+        ],
+        ignore_index=True,
+    )
     table = table[table.worst_cost_gap.notna() & table.total_us.notna()]
     name = table.solver.map(marked) + np.where(table.lane == Lane.DIRECT, "", " (" + table.lane + ")")
     groups = np.where(table.lane.isin([str(lane) for lane in FAMILIES]), "qpsolvers and cvxpy", "without wrappers")
-    table = table.assign(name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups)
-    table = table.sort_values(["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True)
+    table = table.assign(
+        name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups
+    )
+    table = table.sort_values(
+        ["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True
+    )
     time = table.total_us.where(table.worst_cost_gap <= TOLERANCE[Tier.HIGH], 1e9 * (1.0 + table.worst_cost_gap))
-    table = ranked(table.assign(drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP)), time.where(table.who != ranking.PACE, 0.0))
-    return table[["view", "scaling", "who", "name", "solver", "lane", "rung", "is_default", "settings", "problems", "worst_cost_gap",
-                  "total_us", "drawn", "front"]]
+    table = ranked(
+        table.assign(drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP)),
+        time.where(table.who != ranking.PACE, 0.0),
+    )
+    return table[
+        [
+            "view",
+            "scaling",
+            "who",
+            "name",
+            "solver",
+            "lane",
+            "rung",
+            "is_default",
+            "settings",
+            "problems",
+            "worst_cost_gap",
+            "total_us",
+            "drawn",
+            "front",
+        ]
+    ]
 
 
 def _timed(found: Measurements) -> pd.DataFrame:
-    """Rows at 1e-9, or at the setting that comes nearest to it, with the time of an answer, infinite where it is not right.
+    """Rows at 1e-9, or at the setting that comes nearest to it, with the time of an answer, infinite where it is not
+    right.
 
     Those that count steps are left out.
     """
@@ -105,17 +152,31 @@ def performance_profile(found: Measurements) -> pd.DataFrame:
             if steps.size:
                 factors = np.unique(np.concatenate([[1.0], steps, [worst]]))
                 shares = np.searchsorted(steps, factors, side="right") / len(times)
-                steps_of.append(pd.DataFrame({"view": view, "name": name, "solver": lanes.solver[name],
-                                           "lane": lanes.lane[name], "factor": factors, "share": shares}))
+                steps_of.append(
+                    pd.DataFrame(
+                        {
+                            "view": view,
+                            "name": name,
+                            "solver": lanes.solver[name],
+                            "lane": lanes.lane[name],
+                            "factor": factors,
+                            "share": shares,
+                        }
+                    )
+                )
     return together(steps_of)
 
 
 def sizes(found: Measurements) -> pd.DataFrame:
-    """Median time of an answer by number of unknowns, where all answers of the size were right; none for one size only."""
+    """Median time of an answer by number of unknowns, where all answers of the size were right; none for one size
+    only."""
     table = _timed(found)
     table = table[table.groupby("view").d.transform("nunique") > 1]
-    lines = table.groupby(["view", "name", "solver", "lane", "d"], sort=False).agg(
-        problems=("time_us", "size"), time_us=("time_us", "median"), worst=("time_us", "max")).reset_index()
+    lines = (
+        table.groupby(["view", "name", "solver", "lane", "d"], sort=False)
+        .agg(problems=("time_us", "size"), time_us=("time_us", "median"), worst=("time_us", "max"))
+        .reset_index()
+    )
     lines = lines[np.isfinite(lines.worst)].drop(columns="worst")
     of_name = lines.groupby(["view", "name"]).time_us
     missing = lines.groupby("view").d.transform("nunique") - of_name.transform("size")
@@ -123,7 +184,8 @@ def sizes(found: Measurements) -> pd.DataFrame:
 
 
 def time_by_size(found: Measurements) -> pd.DataFrame:
-    """Of :func:`sizes`, our exact solvers and the fastest others in their fastest lane: view, name, then a column a size.
+    """Of :func:`sizes`, our exact solvers and the fastest others in their fastest lane: view, name, then a column a
+    size.
 
     Fastest are those with right answers at most sizes, and among them by the geometric mean over the sizes.
     """
@@ -149,9 +211,34 @@ def stages(table: pd.DataFrame) -> pd.DataFrame:
     rank = table.tier.map(MOST_EXACT.index)
     best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values("total_us", kind="stable")
     best = best.groupby(["view", "lane"], sort=False).head(MOST_BARS)
-    found = [{**{name: line[name] for name in ("view", "name", "solver", "lane", "tier")}, "stage": stage, "us": us,
-              "share": us / (line["setup_us"] + line["total_us"]), "update_and_solve_us": line["total_us"],
-              "label": f"{marked(line['solver'])}, {duration(line['total_us'])}", "at": at}
-             for line in best.to_dict("records")
-             for at, (stage, us) in enumerate(zip(STAGES, (line["setup_us"], line["update_us"], line["solve_us_p50"]), strict=True))]
-    return pd.DataFrame(found, columns=["view", "name", "solver", "lane", "tier", "stage", "us", "share", "update_and_solve_us", "label", "at"])
+    found = [
+        {
+            **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},
+            "stage": stage,
+            "us": us,
+            "share": us / (line["setup_us"] + line["total_us"]),
+            "update_and_solve_us": line["total_us"],
+            "label": f"{marked(line['solver'])}, {duration(line['total_us'])}",
+            "at": at,
+        }
+        for line in best.to_dict("records")
+        for at, (stage, us) in enumerate(
+            zip(STAGES, (line["setup_us"], line["update_us"], line["solve_us_p50"]), strict=True)
+        )
+    ]
+    return pd.DataFrame(
+        found,
+        columns=[
+            "view",
+            "name",
+            "solver",
+            "lane",
+            "tier",
+            "stage",
+            "us",
+            "share",
+            "update_and_solve_us",
+            "label",
+            "at",
+        ],
+    )

@@ -1,8 +1,9 @@
 """Who reaches which accuracy how fast: the short table of a one-shot race, over all problem sets together.
 
-A row is a solver lane on data in the first scaling, started cold; for each tier it has the median over the problems of update and solve at
-the one setting that stands for it. Rows are ordered by the most exact cost gap that a solver reaches, 1e-9 counting most, and then by the
-time for that. The paper's method comes first, at its own pace of one step a sampling period, whatever a step costs to compute.
+A row is a solver lane on data in the first scaling, started cold; for each tier it has the median over the problems of
+update and solve at the one setting that stands for it. Rows are ordered by the most exact cost gap that a solver
+reaches, 1e-9 counting most, and then by the time for that. The paper's method comes first, at its own pace of one step
+a sampling period, whatever a step costs to compute.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ ASKED = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-
 
 @dataclass(frozen=True)
 class Result:
-    """What a solver lane took at one tier; of a tier that it does not reach, on how many problems the furthest setting is right."""
+    """What a solver lane took at one tier; of a tier that it does not reach, on how many problems the furthest setting
+    is right."""
 
     us: float
     """Median over the problems, NaN where it is not reached."""
@@ -63,7 +65,9 @@ class Line:
     @property
     def place(self) -> tuple[float, ...]:
         """The smaller, the better."""
-        best = next((i for i, tier in enumerate(ORDER) if tier in self.results and self.results[tier].reached), len(ORDER))
+        best = next(
+            (i for i, tier in enumerate(ORDER) if tier in self.results and self.results[tier].reached), len(ORDER)
+        )
         at = self.results[ORDER[best]].us if best < len(ORDER) else math.inf
         return self.name != PACE, best, at
 
@@ -74,7 +78,11 @@ def ranking(found: Measurements) -> list[Line]:
     rows = found.tiers[(found.tiers.scaling == found.scaling) & (found.tiers.start == "cold")]
     rows = rows.assign(name=rows.solver.map(marked), us=rows.update_us + rows.solve_us_p50)
     pace = of_paper(rows)
-    us = pd.concat([rows, pace.assign(name=PACE, us=pace.periods * PERIOD_US)]).groupby(["name", "lane", "tier"]).us.median()
+    us = (
+        pd.concat([rows, pace.assign(name=PACE, us=pace.periods * PERIOD_US)])
+        .groupby(["name", "lane", "tier"])
+        .us.median()
+    )
     gaps = rows[rows.is_default].drop_duplicates("task").groupby(["name", "lane"]).cost_gap.agg(worst)
     lines = {}
     for row in field.drop_duplicates(["solver", "lane"]).to_dict("records"):
@@ -86,7 +94,9 @@ def ranking(found: Measurements) -> list[Line]:
         for name in (marked(chosen["solver"]), PACE):
             if (line := lines.get((name, chosen["lane"]))) is not None and line.solver == chosen["solver"]:
                 time = float(us.get((name, chosen["lane"], chosen["tier"]), math.nan))
-                line.results[Tier(chosen["tier"])] = Result(time, chosen["right"], chosen["problems"], chosen["setting"], chosen["left_out"])
+                line.results[Tier(chosen["tier"])] = Result(
+                    time, chosen["right"], chosen["problems"], chosen["setting"], chosen["left_out"]
+                )
     return sorted(lines.values(), key=lambda line: line.place)
 
 
@@ -105,13 +115,29 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
     targets = [tier for tier in TARGETS if any(tier in line.results for line in lines)]
     if terminal:
         lines = [line for line in lines if line.lane not in FAMILIES] or lines
-    rows = [[line.name, line.lane, *_cells([line.results.get(tier) for tier in targets], terminal), gap(line.default_gap)] for line in lines]
-    headings = ["solver", "lane", *(f"to {ASKED[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
-                "default" if terminal else "default gap"]
+    rows = [
+        [line.name, line.lane, *_cells([line.results.get(tier) for tier in targets], terminal), gap(line.default_gap)]
+        for line in lines
+    ]
+    headings = [
+        "solver",
+        "lane",
+        *(f"to {ASKED[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
+        "default" if terminal else "default gap",
+    ]
     missed = "✗2/3" if terminal else "not reached (2/3)"
-    return Table("Time to accuracy", headings, rows, 2, ("lane",), f"{note} Times: µs of update and solve, then sampling periods of "
-                 f"{PERIOD_US:g} µs, at the loosest setting that is right on every problem. {missed}: there is none; the best is right on 2 of 3. "
-                 f"= is the same setting as to its left. {OURS_NOTE}")
+    return Table(
+        "Time to accuracy",
+        headings,
+        rows,
+        2,
+        ("lane",),
+        f"{note} Times: µs of update and solve, then "
+        "sampling periods of "
+        f"{PERIOD_US:g} µs, at the loosest setting that is right on every problem. {missed}: there is none; "
+        "the best is right on 2 of 3. "
+        f"= is the same setting as to its left. {OURS_NOTE}",
+    )
 
 
 def _cells(results: Sequence[Result | None], terminal: bool) -> list[str]:
@@ -134,14 +160,30 @@ def _narrow(cell: Result) -> str:
     us = cell.us
     if not cell.reached:
         return f"✗{cell.right}/{cell.problems}"
-    time = f"{us / 1e6:.2g}s" if us >= 1e6 else f"{us / 1e3:.0f}ms" if us >= 1e4 else number(us) if us >= 1.0 else f"{us:.2f}"
+    time = (
+        f"{us / 1e6:.2g}s"
+        if us >= 1e6
+        else f"{us / 1e3:.0f}ms"
+        if us >= 1e4
+        else number(us)
+        if us >= 1.0
+        else f"{us:.2f}"
+    )
     return f"{time} {_periods(us):>5}"
 
 
 def _periods(us: float) -> str:
     """Sampling periods in at most five letters, as far as there are fewer than a hundred thousand."""
     count = us / PERIOD_US
-    return f"{count:.3f}" if count < 0.01 else f"{count:.2f}" if count < 1.0 else f"{count:.1f}" if count < 10.0 else f"{count:.0f}"
+    return (
+        f"{count:.3f}"
+        if count < 0.01
+        else f"{count:.2f}"
+        if count < 1.0
+        else f"{count:.1f}"
+        if count < 10.0
+        else f"{count:.0f}"
+    )
 
 
 def yardstick(foreign: bool, own: bool) -> str:

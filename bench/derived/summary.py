@@ -1,8 +1,9 @@
 """Every figure of the large table of a one-shot race.
 
-A row stands for one solver in one lane, at one tier with the setting that stands for it, in one scaling, cold or warm, over all problems
-of a set: on how many it is right, the worst cost gap, medians over the problems of the medians of the times, and the p99 of an answer over
-all calls. A tier that is not reached has no row. The last row of each scaling is the floor, a solver that does nothing.
+A row stands for one solver in one lane, at one tier with the setting that stands for it, in one scaling, cold or warm,
+over all problems of a set: on how many it is right, the worst cost gap, medians over the problems of the medians of the
+times, and the p99 of an answer over all calls. A tier that is not reached has no row. The last row of each scaling is
+the floor, a solver that does nothing.
 """
 
 from __future__ import annotations
@@ -27,31 +28,58 @@ FLOOR = "floor"
 def summary(found: Measurements) -> pd.DataFrame:
     """One row a solver, lane, tier, start and scaling: right answers first, then by time, the floor last.
 
-    ``settings`` are those of the first problem; tolerances are multiples of a constant of each. ``left_out`` is of all sets together.
+    ``settings`` are those of the first problem; tolerances are multiples of a constant of each. ``left_out`` is of all
+    sets together.
     """
     calls = answer_times.by_task(found.times)
     nothing = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
     rows = pd.concat([found.tiers, nothing], ignore_index=True)
     rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50)
-    table = rows.groupby(GROUP, dropna=False).agg(
-        settings=("settings", "first"), rung=("rung", "first"), problems=("right", "size"), right=("right", "sum"), status=("status", _statuses),
-        worst_cost_gap=("cost_gap", worst), median_cost_gap=("cost_gap", "median"),
-        worst_primal_residual=("primal_residual", worst), worst_dual_residual=("dual_residual", worst),
-        worst_weight_error=("weight_error", worst), model_error_percent=("model_error_percent", "median"),
-        model_error_um=("model_error_um", "median"), setup_us=("setup_us", "median"), update_us=("update_us", "median"),
-        solve_us_p50=("solve_us_p50", "median"), answer_us_p99=("task", lambda tasks: percentile(answer_times.pooled(calls, tasks), 0.99).value),
-        solve_us_max=("solve_us_max", "max"), solve_us_spread=("solve_us_spread", "median"),
-        interleaved_us_p50=("interleaved_us_p50", _known), interleaved_us_p99=("interleaved_us_p99", _known),
-        total_us=("total_us", "median"), periods=("periods", "median"),
-        repeatable=("repeatable", "all"), mutates_input=("mutates_input", "any"), message=("message", _first_message),
-    ).reset_index()
-    table = table.assign(all_right=table.right == table.problems, ours=table.solver.isin(OURS), answer_us_p99=table.answer_us_p99.astype(float))
+    table = (
+        rows.groupby(GROUP, dropna=False)
+        .agg(
+            settings=("settings", "first"),
+            rung=("rung", "first"),
+            problems=("right", "size"),
+            right=("right", "sum"),
+            status=("status", _statuses),
+            worst_cost_gap=("cost_gap", worst),
+            median_cost_gap=("cost_gap", "median"),
+            worst_primal_residual=("primal_residual", worst),
+            worst_dual_residual=("dual_residual", worst),
+            worst_weight_error=("weight_error", worst),
+            model_error_percent=("model_error_percent", "median"),
+            model_error_um=("model_error_um", "median"),
+            setup_us=("setup_us", "median"),
+            update_us=("update_us", "median"),
+            solve_us_p50=("solve_us_p50", "median"),
+            answer_us_p99=("task", lambda tasks: percentile(answer_times.pooled(calls, tasks), 0.99).value),
+            solve_us_max=("solve_us_max", "max"),
+            solve_us_spread=("solve_us_spread", "median"),
+            interleaved_us_p50=("interleaved_us_p50", _known),
+            interleaved_us_p99=("interleaved_us_p99", _known),
+            total_us=("total_us", "median"),
+            periods=("periods", "median"),
+            repeatable=("repeatable", "all"),
+            mutates_input=("mutates_input", "any"),
+            message=("message", _first_message),
+        )
+        .reset_index()
+    )
+    table = table.assign(
+        all_right=table.right == table.problems,
+        ours=table.solver.isin(OURS),
+        answer_us_p99=table.answer_us_p99.astype(float),
+    )
     table = table.merge(found.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
     floor = table.solver == NULL
     table.loc[floor, ["solver", "status"]] = FLOOR
     order = ["problem_set", "scaling", "floor", "all_right", "total_us"]
-    return table.assign(floor=floor).sort_values(order, ascending=[True, False, True, False, True],
-                                                 ignore_index=True).drop(columns="floor")
+    return (
+        table.assign(floor=floor)
+        .sort_values(order, ascending=[True, False, True, False, True], ignore_index=True)
+        .drop(columns="floor")
+    )
 
 
 def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
@@ -75,11 +103,22 @@ def _first_message(values: pd.Series) -> str:
 
 
 def failures(found: Measurements) -> list[list[str]]:
-    """What went wrong, once a solver lane, scaling and status: these, how often, the first setting, problem and message.
+    """What went wrong, once a solver lane, scaling and status: these, how often, the first setting, problem and
+    message.
 
     That tight settings fail is in their nature, and what was not run is no failure.
     """
     wrong = found.field[(found.field.message != "") & (found.field.status != Status.NOT_RUN)]
-    return [[str(cell) for cell in (*names, len(part), settings_label(part.settings.iloc[0]), f"{part.problem_set.iloc[0]}/{part.problem.iloc[0]}",
-                                    part.message.iloc[0])]
-            for names, part in wrong.groupby(["solver", "lane", "scaling", "status"], sort=True)]
+    return [
+        [
+            str(cell)
+            for cell in (
+                *names,
+                len(part),
+                settings_label(part.settings.iloc[0]),
+                f"{part.problem_set.iloc[0]}/{part.problem.iloc[0]}",
+                part.message.iloc[0],
+            )
+        ]
+        for names, part in wrong.groupby(["solver", "lane", "scaling", "status"], sort=True)
+    ]

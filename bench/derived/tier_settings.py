@@ -1,11 +1,11 @@
 """Which setting of a solver stands for a tier.
 
-One setting for all problems: the loosest that meets the tier ten times over on every one, else three times, else once. Where none
-does, the tier is not reached. The margin is for data that were not measured: answers on fresh data change their verdict in a quarter of
-the cases at margins from 1 to 3, and in one of 140 above ten.
+One setting for all problems: the loosest that meets the tier ten times over on every one, else three times, else once.
+Where none does, the tier is not reached. The margin is for data that were not measured: answers on fresh data change
+their verdict in a quarter of the cases at margins from 1 to 3, and in one of 140 above ten.
 
-How good the choice is on a problem that it has not seen is told by leaving out each problem in turn: the share of them on which the
-setting that the others choose is right.
+How good the choice is on a problem that it has not seen is told by leaving out each problem in turn: the share of them
+on which the setting that the others choose is right.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ PROBLEM = ["problem_set", "problem"]
 
 
 def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a scaling, solver lane and tier: LANE, ``tier``, ``setting`` ("" where it is not reached), ``rung``, ``margin``,
-    ``problems``, ``right`` (on how many the setting is right, or where none is right on all, the one that is on most),
-    ``furthest`` (that setting) and ``left_out``, the share that stays right with the judged problem left out.
+    """One row a scaling, solver lane and tier: LANE, ``tier``, ``setting`` ("" where it is not reached), ``rung``,
+    ``margin``, ``problems``, ``right`` (on how many the setting is right, or where none is right on all, the one that
+    is on most), ``furthest`` (that setting) and ``left_out``, the share that stays right with the judged problem left
+    out.
     """
     rows = measured(tainted(rows))
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
@@ -40,8 +41,12 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     for tier in TARGETS:
         part = cold[applies(cold, tier)]
         for who, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
-            found.append({**dict(zip(LANE, cast(tuple[str, ...], who), strict=True)), "tier": str(tier), **_chosen(lane)})
-    return pd.DataFrame(found, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"])
+            found.append(
+                {**dict(zip(LANE, cast(tuple[str, ...], who), strict=True)), "tier": str(tier), **_chosen(lane)}
+            )
+    return pd.DataFrame(
+        found, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]
+    )
 
 
 def _chosen(rows: pd.DataFrame) -> dict[str, object]:
@@ -51,13 +56,20 @@ def _chosen(rows: pd.DataFrame) -> dict[str, object]:
     counts = (errors <= 1.0).sum(axis=0)
     furthest = int(np.argmax(counts)) if at is None else at
     reached = at is not None
-    return {"setting": names[rungs[furthest]] if reached else "", "rung": rungs[furthest] if reached else -1,
-            "margin": margin(errors[:, furthest]) if reached else math.nan, "problems": len(errors), "right": int(counts[furthest]),
-            "furthest": names[rungs[furthest]], "left_out": left_out(errors) if reached and len(errors) >= FEWEST else math.nan}
+    return {
+        "setting": names[rungs[furthest]] if reached else "",
+        "rung": rungs[furthest] if reached else -1,
+        "margin": margin(errors[:, furthest]) if reached else math.nan,
+        "problems": len(errors),
+        "right": int(counts[furthest]),
+        "furthest": names[rungs[furthest]],
+        "left_out": left_out(errors) if reached and len(errors) >= FEWEST else math.nan,
+    }
 
 
 def by_problem(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The errors of a solver lane as (problems, settings), over repeats and hosts the worst, infinite for what was not measured; the rungs."""
+    """The errors of a solver lane as (problems, settings), over repeats and hosts the worst, infinite for what was not
+    measured; the rungs."""
     problems, i = np.unique(rows.number, return_inverse=True)
     rungs, j = np.unique(rows.rung, return_inverse=True)
     worst = np.full((problems.size, rungs.size), -math.inf)

@@ -1,7 +1,9 @@
-"""A one-shot race in words: who is fastest in each lane, where the paper's method stands, whether the stage would notice.
+"""A one-shot race in words: who is fastest in each lane, where the paper's method stands, whether the stage would
+notice.
 
-Like is compared with like: within a lane, ours beside the best of the others, on a machine whose instruction set, compiler and drift are
-said. Figures have as many digits as the drift of the machine allows, and a reservation comes before the figures that it concerns.
+Like is compared with like: within a lane, ours beside the best of the others, on a machine whose instruction set,
+compiler and drift are said. Figures have as many digits as the drift of the machine allows, and a reservation comes
+before the figures that it concerns.
 """
 
 from __future__ import annotations
@@ -35,22 +37,32 @@ MUCH = 0.1
 def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
     """At most four sentences; ``core`` is instruction set and compiler, ``drift`` that of the machine as a share."""
     lines = ranking(found)
-    said = [*_winners(found, [line for line in lines if line.name != PACE], core, drift),
-            *_paper(found, [line for line in lines if line.name == PACE], drift)]
+    said = [
+        *_winners(found, [line for line in lines if line.name != PACE], core, drift),
+        *_paper(found, [line for line in lines if line.name == PACE], drift),
+    ]
     return [*(_reservation(drift) if any("µs" in sentence for sentence in said) else ()), *said, *_stage(found)]
 
 
 def _reservation(drift: float) -> Iterator[str]:
     if drift > MUCH:
-        yield (f"With reservation: in one fifth of the race the machine took {100.0 * drift:.0f} % more or less time for a fixed piece of work than "
-               "in all of it, so times that differ by less than that cannot be distinguished.")
+        yield (
+            f"With reservation: in one fifth of the race the machine took {100.0 * drift:.0f} % more or less time "
+            "for a fixed piece of work than "
+            "in all of it, so times that differ by less than that cannot be distinguished."
+        )
 
 
 def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
-    at = next((tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None)
+    at = next(
+        (tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None
+    )
     problems = "the problem" if found.problems == 1 else f"all {found.problems} problems"
     if at is None:
-        yield f"No solver reaches {ASKED[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on {problems} with one setting."
+        yield (
+            f"No solver reaches {ASKED[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on "
+            f"{problems} with one setting."
+        )
         return
     there = [line for line in lines if at in line.results]
     reach = [line for line in there if line.results[at].reached]
@@ -83,10 +95,18 @@ def _paper(found: Measurements, lines: Sequence[Line], drift: float) -> Iterator
     part = part[part.cost_gap.notna()]
     if part.empty:
         return
-    reach = [f"{ASKED[tier]} on {line.results[tier].right}" for line in lines for tier in (Tier.LOW, Tier.MID, Tier.HIGH) if tier in line.results]
-    yield (f"The paper's method, one projected step a sample, {_ends(part)} after its 15 200 steps (1.9 s)"
-           + (f" and reaches {joined(reach)} of {len(part)} problems" if reach else "")
-           + f"; without waiting for samples these steps take {rounded((part.update_us + part.solve_us_p50).median(), drift)} µs.")
+    reach = [
+        f"{ASKED[tier]} on {line.results[tier].right}"
+        for line in lines
+        for tier in (Tier.LOW, Tier.MID, Tier.HIGH)
+        if tier in line.results
+    ]
+    yield (
+        f"The paper's method, one projected step a sample, {_ends(part)} after its 15 200 steps (1.9 s)"
+        + (f" and reaches {joined(reach)} of {len(part)} problems" if reach else "")
+        + "; without waiting for samples these steps take "
+        f"{rounded((part.update_us + part.solve_us_p50).median(), drift)} µs."
+    )
 
 
 def _ends(part: pd.DataFrame) -> str:
@@ -107,8 +127,11 @@ def _stage(found: Measurements) -> Iterator[str]:
     steps, best = apart(most.model_error_um, most.optimum_error_um)
     says = f"would notice on {noticed}" if noticed else "would not notice on any"
     more = f", {number(most.stage_excess)} times the sensor's noise more" if most.stage_excess > 0.0 else ""
-    yield (f"The stage {says} of {len(part)} problems that the optimum was not reached: on {most.problem} the paper's model errs by {steps} µm "
-           f"RMS on unseen data and the optimum's by {best} µm{more} (up to {UNNOTICED:g} times goes unnoticed).")
+    yield (
+        f"The stage {says} of {len(part)} problems that the optimum was not reached: on {most.problem} the paper's "
+        f"model errs by {steps} µm "
+        f"RMS on unseen data and the optimum's by {best} µm{more} (up to {UNNOTICED:g} times goes unnoticed)."
+    )
 
 
 def notes(found: Measurements, summary: pd.DataFrame) -> list[str]:
@@ -117,11 +140,15 @@ def notes(found: Measurements, summary: pd.DataFrame) -> list[str]:
 
 
 def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
-    """Problems of which 1e-9 of the yardstick is less than rounding leaves of the cost, a sum of about d products as large as V*."""
+    """Problems of which 1e-9 of the yardstick is less than rounding leaves of the cost, a sum of about d products as
+    large as V*."""
     resolved = costs.d * np.finfo(float).eps * costs.V.abs()
     for name, part in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
-        yield (f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / part.optimum.max():.1e} of |V*|, less than rounding leaves of a cost in "
-               "double precision: a solver that stops by the difference of two costs cannot tell whether it is there.")
+        yield (
+            f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / part.optimum.max():.1e} of |V*|, less than "
+            "rounding leaves of a cost in "
+            "double precision: a solver that stops by the difference of two costs cannot tell whether it is there."
+        )
 
 
 def _other_scalings(found: Measurements) -> Iterator[str]:
@@ -137,9 +164,13 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
     for scaling, part in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
         best = part.sort_values("total_us").iloc[0]
         ratio = part.solve_us_p50 / part.solve_us_p50_cold
-        yield (f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} ({best.lane}) is the fastest "
-               f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times as long as a cold one "
-               f"(median over {solver_lanes(len(part))}).")
+        yield (
+            f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} "
+            f"({best.lane}) is the fastest "
+            f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times "
+            "as long as a cold one "
+            f"(median over {solver_lanes(len(part))})."
+        )
 
 
 def _turns(found: Measurements) -> Iterator[str]:
@@ -147,18 +178,32 @@ def _turns(found: Measurements) -> Iterator[str]:
     rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
     ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
-        yield (f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as long as hot (median "
-               f"over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g}).")
+        yield (
+            f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as "
+            "long as hot (median "
+            f"over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
+        )
 
 
 def _lanes(found: Measurements) -> Iterator[str]:
     """Lanes in which a library does otherwise unasked than by its own object."""
-    rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(["solver", "lane"])
-    asked = {(line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")}
+    rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(
+        ["solver", "lane"]
+    )
+    asked = {
+        (line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")
+    }
     for (solver, lane), there in asked.items():
         own = asked.get((in_lane_direct(solver), Lane.DIRECT))
         if own is not None and lane in FAMILIES:
-            differ = {name for name in {*there, *own} - {"raise_error"} if there.get(name) != own.get(name)}  # how a failure is said
-            has = [settings_label({name: value for name, value in of.items() if name in differ}) or "none of these" for of in (there, own)]
+            # how a failure is said
+            differ = {name for name in {*there, *own} - {"raise_error"} if there.get(name) != own.get(name)}
+            has = [
+                settings_label({name: value for name, value in of.items() if name in differ}) or "none of these"
+                for of in (there, own)
+            ]
             if differ:
-                yield f"The default settings of {solver} in the lane {lane} differ from those in the lane direct: {has[0]}; direct: {has[1]}."
+                yield (
+                    f"The default settings of {solver} in the lane {lane} differ from those in the lane direct: "
+                    f"{has[0]}; direct: {has[1]}."
+                )

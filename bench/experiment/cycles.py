@@ -34,22 +34,43 @@ def per_cycle(trial: Trial) -> Vector:
 def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
     """Errors by stage, name and cycle: of the runs, and of two on a drifting stage."""
     rig = runs[LEARNED].rig
-    drifting = replace(rig, gain_drift_per_s=DRIFT_PER_CYCLE / (rig.cycle * rig.sample_time), cycles=max(rig.cycles, FIXED_AFTER + 2))
-    trials = {**{(STEADY, name): run for name, run in runs.items()}, (DRIFTING, LEARNED): learned(drifting),
-              (DRIFTING, ONCE): learned_once(drifting, FIXED_AFTER)}
-    return pd.DataFrame([{"stage": stage, "name": name, "cycle": cycle, "percent": percent} for (stage, name), trial in trials.items()
-                         for cycle, percent in enumerate(per_cycle(trial), 1)])
+    drifting = replace(
+        rig, gain_drift_per_s=DRIFT_PER_CYCLE / (rig.cycle * rig.sample_time), cycles=max(rig.cycles, FIXED_AFTER + 2)
+    )
+    trials = {
+        **{(STEADY, name): run for name, run in runs.items()},
+        (DRIFTING, LEARNED): learned(drifting),
+        (DRIFTING, ONCE): learned_once(drifting, FIXED_AFTER),
+    }
+    return pd.DataFrame(
+        [
+            {"stage": stage, "name": name, "cycle": cycle, "percent": percent}
+            for (stage, name), trial in trials.items()
+            for cycle, percent in enumerate(per_cycle(trial), 1)
+        ]
+    )
 
 
 def figure(table: pd.DataFrame) -> Figure:
     """The errors, first on the stage that stays as it is."""
     last = int(table.cycle.max())
-    cycle = Axis("cycle", "cycle", values=range(1, last + 1), label="format(datum.value, 'd')", domain=(0.8, last + 0.2))
+    cycle = Axis(
+        "cycle", "cycle", values=range(1, last + 1), label="format(datum.value, 'd')", domain=(0.8, last + 0.2)
+    )
     error = Axis("percent", "RMS error, % of range", log=True)
-    return Figure("cycles", "Error against cycle number", f"RMS error of axes {' and '.join(AXES)} together in each cycle; weights are handed over "
-                  f"where a cycle ends. Above, a stage that stays as it is; below, one whose gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle.",
-                  table, [lines(cycle, error, names, f"stage == '{stage}'", points=True)
-                          for stage, names in ((STEADY, (STRAIGHT, HINDSIGHT, LEARNED)), (DRIFTING, (ONCE, LEARNED)))])
+    return Figure(
+        "cycles",
+        "Error against cycle number",
+        f"RMS error of axes {' and '.join(AXES)} together in each "
+        "cycle; weights are handed over "
+        "where a cycle ends. Above, a stage that stays as it is; below, one whose gain drifts by "
+        f"{100 * DRIFT_PER_CYCLE:g} % a cycle.",
+        table,
+        [
+            lines(cycle, error, names, f"stage == '{stage}'", points=True)
+            for stage, names in ((STEADY, (STRAIGHT, HINDSIGHT, LEARNED)), (DRIFTING, (ONCE, LEARNED)))
+        ],
+    )
 
 
 def sentences(table: pd.DataFrame) -> tuple[str, str]:
@@ -57,7 +78,11 @@ def sentences(table: pd.DataFrame) -> tuple[str, str]:
     found = {key: part.percent.to_numpy() for key, part in table.groupby(["stage", "name"])}
     steady, drifting, once = found[STEADY, LEARNED], found[DRIFTING, LEARNED], found[DRIFTING, ONCE]
     settled = int(np.argmax(steady <= 2.0 * steady.min())) + 1
-    return (f"Both axes together: from {steady[0]:.2f} % in cycle 1, in which nothing is known, to {steady[-1]:.3f} % in cycle {steady.size}; "
-            f"cycle {settled} is the first within twice the best.",
-            f"Where the gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle, a compensator that stopped learning after {FIXED_AFTER} cycles is at "
-            f"{once[-1]:.2f} % in cycle {once.size} and the one that learns on at {drifting[-1]:.2f} %.")
+    return (
+        f"Both axes together: from {steady[0]:.2f} % in cycle 1, in which nothing is known, to {steady[-1]:.3f} % "
+        f"in cycle {steady.size}; "
+        f"cycle {settled} is the first within twice the best.",
+        f"Where the gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle, a compensator that stopped learning after "
+        f"{FIXED_AFTER} cycles is at "
+        f"{once[-1]:.2f} % in cycle {once.size} and the one that learns on at {drifting[-1]:.2f} %.",
+    )

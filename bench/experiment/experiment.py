@@ -19,10 +19,13 @@ from bench.rig.trial import Trial
 
 
 def run(folder: Path, rig: Rig, progress: Progress = silent) -> tuple[Report, Path]:
-    """Make the experiment and write its report and figures into a folder, which is made if it is not there; OSError where it cannot be."""
+    """Make the experiment and write its report and figures into a folder, which is made if it is not there; OSError
+    where it cannot be."""
     folder.mkdir(parents=True, exist_ok=True)
     runs: dict[str, Trial] = {}
-    for done, (name, made) in enumerate({STRAIGHT: trial.straight, HINDSIGHT: trial.best_straight, LEARNED: trial.learned}.items()):
+    for done, (name, made) in enumerate(
+        {STRAIGHT: trial.straight, HINDSIGHT: trial.best_straight, LEARNED: trial.learned}.items()
+    ):
         progress(name, done, 5)
         runs[name] = made(rig)
     progress("a drifting stage", 3, 5)
@@ -34,33 +37,61 @@ def run(folder: Path, rig: Rig, progress: Progress = silent) -> tuple[Report, Pa
 def report(rig: Rig, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Report:
     """What the runs say and show."""
     indices = range(len(AXES))
-    rows = [[AXES[i], *(f"{runs[name].rms_percent()[i]:.3f}" for name in (STRAIGHT, HINDSIGHT, LEARNED))] for i in indices]
+    rows = [
+        [AXES[i], *(f"{runs[name].rms_percent()[i]:.3f}" for name in (STRAIGHT, HINDSIGHT, LEARNED))] for i in indices
+    ]
     return Report(
-        [verdict(runs)], Table("RMS error in the last cycle, % of range", ("axis", STRAIGHT, HINDSIGHT, LEARNED), rows),
+        [verdict(runs)],
+        Table("RMS error in the last cycle, % of range", ("axis", STRAIGHT, HINDSIGHT, LEARNED), rows),
         figures=[*(staircases.figure(i, runs) for i in indices), loops.figure(runs), cycles.figure(by_cycle)],
         notes=[*(staircases.sentence(i, runs) for i in indices), *loops.sentences(runs), *cycles.sentences(by_cycle)],
-        definitions=["A straight line is the one through the corners of the ranges. Errors are those of the measured platform in percent of the "
-                     "reference's range."],
-        environment=settings(rig), title="Self-learning compensation of a two-axis stage")
+        definitions=[
+            "A straight line is the one through the corners of the ranges. Errors are those of the measured "
+            "platform in percent of the "
+            "reference's range."
+        ],
+        environment=settings(rig),
+        title="Self-learning compensation of a two-axis stage",
+    )
 
 
 def verdict(runs: Mapping[str, Trial]) -> str:
     """The experiment in one sentence."""
-    before, best, after = (float(np.sqrt(np.mean(runs[name].rms_percent() ** 2))) for name in (STRAIGHT, HINDSIGHT, LEARNED))
+    before, best, after = (
+        float(np.sqrt(np.mean(runs[name].rms_percent() ** 2))) for name in (STRAIGHT, HINDSIGHT, LEARNED)
+    )
     first = f"Self-learning compensation brings the stage from {before:.2f} % to {after:.3f} % RMS of range"
     if not after < best:
         return f"{first}: a straight line with hindsight would have done as well ({best:.2f} %)."
-    return (f"{first}, {before / after:.0f} times nearer to the reference than a straight line and {best / after:.0f} times nearer "
-            f"than the best straight line that hindsight can give ({best:.2f} %).")
+    return (
+        f"{first}, {before / after:.0f} times nearer to the reference than a straight line and {best / after:.0f} "
+        "times nearer "
+        f"than the best straight line that hindsight can give ({best:.2f} %)."
+    )
 
 
 def settings(rig: Rig) -> list[tuple[str, str]]:
     """What the experiment was made with."""
     kinds = ", ".join(f"{axis}: {actuators.plant}" for axis, actuators in zip(AXES, rig.actuators, strict=True))
-    return [("stage", f"two axes, {'two actuators in push-pull' if rig.push_pull else 'one actuator'} each ({kinds}), cross-coupled, with structural "
-                      f"dynamics, noise of {1e3 * rig.noise_um:g} nm and steps of {1e3 * rig.quantum_um:g} nm in the sensors"),
-            ("reference", f"staircase of {LEVELS} levels over {RANGE_UM:g} µm, each held {rig.hold_s:g} s, a step taking {1e3 * rig.step_s:g} ms; "
-                          "axis y a quarter of a period ahead"),
-            ("model", f"n = {rig.n}, m = {rig.m}"),
-            ("learning", f"{rig.cycles} cycles of {rig.reset_s:g} s reset, {rig.build_s:g} s building and {rig.learn_s:g} s learning; solver "
-                         f"{rig.solver}; a sample every {1e6 * rig.sample_time:g} µs; seed {rig.seed}")]
+    return [
+        (
+            "stage",
+            f"two axes, {'two actuators in push-pull' if rig.push_pull else 'one actuator'} each ({kinds}), "
+            "cross-coupled, with structural "
+            f"dynamics, noise of {1e3 * rig.noise_um:g} nm and steps of {1e3 * rig.quantum_um:g} nm in the "
+            "sensors",
+        ),
+        (
+            "reference",
+            f"staircase of {LEVELS} levels over {RANGE_UM:g} µm, each held {rig.hold_s:g} s, a step "
+            f"taking {1e3 * rig.step_s:g} ms; "
+            "axis y a quarter of a period ahead",
+        ),
+        ("model", f"n = {rig.n}, m = {rig.m}"),
+        (
+            "learning",
+            f"{rig.cycles} cycles of {rig.reset_s:g} s reset, {rig.build_s:g} s building and "
+            f"{rig.learn_s:g} s learning; solver "
+            f"{rig.solver}; a sample every {1e6 * rig.sample_time:g} µs; seed {rig.seed}",
+        ),
+    ]

@@ -23,7 +23,8 @@ def arrived(rig: Rig) -> int:
 
 
 def opening_percent(reference: Vector, y: Vector) -> float:
-    """Widest opening of the loops in percent of the range: the largest spread of y over references that are nearly the same."""
+    """Widest opening of the loops in percent of the range: the largest spread of y over references that are nearly the
+    same."""
     share = (reference + AMPLITUDE_UM) / RANGE_UM
     bins = np.clip((share * BINS).astype(int), 0, BINS - 1)
     error = y - reference
@@ -34,16 +35,39 @@ def figure(runs: Mapping[str, Trial]) -> Figure:
     """The loops of both axes, and what is left of them on a finer scale."""
     rig = runs[LEARNED].rig
     at = np.arange(arrived(rig), len(rig.loop_ref), THINNING)
-    table = pd.concat([pd.DataFrame({"axis": axis, "name": name, "sample": at, "reference_um": (reference := rig.loop_ref[at, i]),
-                                     "position_um": (y := runs[name].loop[at, i]), "error_um": y - reference})
-                       for i, axis in enumerate(AXES) for name in (STRAIGHT, LEARNED)], ignore_index=True)
+    table = pd.concat(
+        [
+            pd.DataFrame(
+                {
+                    "axis": axis,
+                    "name": name,
+                    "sample": at,
+                    "reference_um": (reference := rig.loop_ref[at, i]),
+                    "position_um": (y := runs[name].loop[at, i]),
+                    "error_um": y - reference,
+                }
+            )
+            for i, axis in enumerate(AXES)
+            for name in (STRAIGHT, LEARNED)
+        ],
+        ignore_index=True,
+    )
     plots = []
     for axis in AXES:
         x, where = Axis("reference_um", f"reference {axis}, µm"), f"axis == '{axis}'"
-        plots += [lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), where, "sample"),
-                  lines(x, Axis("error_um", "error, µm"), (LEARNED,), where, "sample", height=150)]
-    return Figure("loops", "Hysteresis loops before and after", "Measured position over reference for triangles of falling amplitude, on signals "
-                  "that were never learned from; below each, what compensation leaves.", table, plots)
+        plots += [
+            lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), where, "sample"),
+            lines(x, Axis("error_um", "error, µm"), (LEARNED,), where, "sample", height=150),
+        ]
+    return Figure(
+        "loops",
+        "Hysteresis loops before and after",
+        "Measured position over reference for triangles of "
+        "falling amplitude, on signals "
+        "that were never learned from; below each, what compensation leaves.",
+        table,
+        plots,
+    )
 
 
 def sentences(runs: Mapping[str, Trial]) -> Iterator[str]:
@@ -51,6 +75,10 @@ def sentences(runs: Mapping[str, Trial]) -> Iterator[str]:
     rig = runs[LEARNED].rig
     part = slice(arrived(rig), None)
     for i, axis in enumerate(AXES):
-        wide, narrow = (opening_percent(rig.loop_ref[part, i], runs[name].loop[part, i]) for name in (STRAIGHT, LEARNED))
-        yield (f"Axis {axis}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
-               "compensation, on a signal that was never learned from.")
+        wide, narrow = (
+            opening_percent(rig.loop_ref[part, i], runs[name].loop[part, i]) for name in (STRAIGHT, LEARNED)
+        )
+        yield (
+            f"Axis {axis}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
+            "compensation, on a signal that was never learned from."
+        )

@@ -1,4 +1,5 @@
-"""The exported C built and run on this machine: with any compiler, replayed over recorded samples, counted by callgrind."""
+"""The exported C built and run on this machine: with any compiler, replayed over recorded samples, counted by
+callgrind."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from solvers.arrays import Vector
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 EXACT = ("-ffp-contract=off",)
-"""No fused multiplication and addition, so that every compiler and machine gives the same numbers to rounding of sums."""
+"""No fused multiplication and addition, so that every compiler and machine gives the same numbers to rounding of
+sums."""
 FAST = ("-O3", "-march=native", "-ffp-contract=fast")
 COUNTABLE = ("-O3", "-march=x86-64-v3", "-ffp-contract=fast")
 """What valgrind understands: no AVX-512."""
@@ -33,7 +35,9 @@ def tool(*names: str, package: str = "") -> str:
     for name in names:
         if found := shutil.which(name):
             return found
-    raise ExportError(f"there is no {' or '.join(names)} on this machine; apt-get install {package or names[0]} brings it on Debian")
+    raise ExportError(
+        f"there is no {' or '.join(names)} on this machine; apt-get install {package or names[0]} brings it on Debian"
+    )
 
 
 def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSettings) -> None:
@@ -48,7 +52,8 @@ def units(folder: Path) -> list[str]:
 
 def compiled(compiler: str, words: Sequence[str], folder: Path, what: str) -> None:
     """Call a compiler in a folder; ExportError says what it does not build, with the first error."""
-    scratch = {**os.environ, "TMPDIR": str(folder.resolve())}  # where what a compiler leaves that is killed goes with the folder
+    # where what a compiler leaves that is killed goes with the folder
+    scratch = {**os.environ, "TMPDIR": str(folder.resolve())}
     done = subprocess.run([compiler, *words], cwd=folder, env=scratch, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
@@ -59,7 +64,12 @@ def build(folder: Path, program: str, compiler: str, flags: Sequence[str]) -> Pa
     """Build ``program`` (replay or realtime) in a folder of :func:`write_sources`; ExportError where that fails."""
     target = folder / f"{program}-{Path(compiler).name}{''.join(flags).replace('/', '_').replace('=', '_')}"[:200]
     posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ("-pthread",)
-    compiled(compiler, ["-std=c99", *posix, *flags, f"{program}.c", *units(folder), "-o", str(target), "-lm"], folder, "the export")
+    compiled(
+        compiler,
+        ["-std=c99", *posix, *flags, f"{program}.c", *units(folder), "-o", str(target), "-lm"],
+        folder,
+        "the export",
+    )
     return target
 
 
@@ -104,13 +114,25 @@ def replay(program: Path, samples: ArrayLike, repetitions: int = 0) -> Replay:
 
 
 def instructions_per_step(program: Path, samples: ArrayLike, function: str = "piezo_step") -> float:
-    """Instructions of a function and of all that it calls, a step, counted by valgrind's callgrind over a replay (``COUNTABLE`` build)."""
+    """Instructions of a function and of all that it calls, a step, counted by valgrind's callgrind over a replay
+    (``COUNTABLE`` build)."""
     samples = np.ascontiguousarray(samples, dtype=np.float64)
     source, target, counts = (program.with_suffix(suffix) for suffix in (".in", ".out", ".callgrind"))
     samples.tofile(source)
-    done = subprocess.run([tool("valgrind"), "--tool=callgrind", f"--toggle-collect={function}",
-                           f"--callgrind-out-file={counts}", str(program), str(source), str(target)],
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [
+            tool("valgrind"),
+            "--tool=callgrind",
+            f"--toggle-collect={function}",
+            f"--callgrind-out-file={counts}",
+            str(program),
+            str(source),
+            str(target),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     found = re.search(r"Collected : (\d+)", done.stderr)
     if done.returncode != 0 or found is None:
         raise ExportError(f"valgrind did not count: {done.stderr.strip()[-200:]}")

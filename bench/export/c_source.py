@@ -1,4 +1,5 @@
-"""A model as C99 source: the files of the core as they are, an interface, and what is data: parameters, an example, a makefile.
+"""A model as C99 source: the files of the core as they are, an interface, and what is data: parameters, an example, a
+makefile.
 
 The interface and the templates have the prefix ``piezo``; another name is put in its place.
 """
@@ -22,15 +23,38 @@ from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.regressors import RegressorArrays
 from solvers.core.compile_core import folders as core_folders
 
-FILES = {"piezo_parameters.h": "parameters.h.jinja", "main.c": "main.c.jinja", "Makefile": "Makefile.jinja",
-         "CMakeLists.txt": "CMakeLists.txt.jinja", "README.md": "README.md.jinja"}
+FILES = {
+    "piezo_parameters.h": "parameters.h.jinja",
+    "main.c": "main.c.jinja",
+    "Makefile": "Makefile.jinja",
+    "CMakeLists.txt": "CMakeLists.txt.jinja",
+    "README.md": "README.md.jinja",
+}
 """What is rendered."""
 INTERFACE = Path(__file__).parent / "c"
 SHARED = ("vec8.h", "num.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
-LEARNER = ("mailbox.h", "sensor_guard.h", "controller.h", "controller.c", "status.h", "product.h", "factor.h", "block_pivoting.h", "block_pivoting.c",
-           "box.h", "box_fallback.h", *(f"box_{part}.c" for part in ("data", "dual", "exchange", "inverse", "pivoting")),
-           "eigenvalue.h", "eigenvalue.c", "descent.h", "descent.c", "acceleration.c", "regressors.h",
-           *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")), "learner.h")
+LEARNER = (
+    "mailbox.h",
+    "sensor_guard.h",
+    "controller.h",
+    "controller.c",
+    "status.h",
+    "product.h",
+    "factor.h",
+    "block_pivoting.h",
+    "block_pivoting.c",
+    "box.h",
+    "box_fallback.h",
+    *(f"box_{part}.c" for part in ("data", "dual", "exchange", "inverse", "pivoting")),
+    "eigenvalue.h",
+    "eigenvalue.c",
+    "descent.h",
+    "descent.c",
+    "acceleration.c",
+    "regressors.h",
+    *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")),
+    "learner.h",
+)
 """The core's files, alone and with a learner; of the latter the compiler takes what the kind of learning needs."""
 FLOAT_BOUND = 1e-5
 """Largest difference of the float from the double version in unit amplitudes of the drive, over a million samples."""
@@ -38,30 +62,49 @@ FLOAT_BOUND = 1e-5
 environment = c_templates("bench.export")
 
 
-def render(model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator",
-           files: Mapping[str, str] = FILES, more: Mapping[str, Any] | None = None) -> dict[str, str]:
+def render(
+    model: HysteresisCreepModel,
+    settings: ExportSettings | None = None,
+    title: str = "Compensator",
+    files: Mapping[str, str] = FILES,
+    more: Mapping[str, Any] | None = None,
+) -> dict[str, str]:
     """Return the text of each of the files, by name and template.
 
-    Every file begins with the title, which is one line; the templates may need ``more`` than what is known of any model.
+    Every file begins with the title, which is one line; the templates may need ``more`` than what is known of any
+    model.
     """
     settings = settings or ExportSettings()
     data = {**known(model, settings, title), **(more or {})}
-    return {_named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
-            for name, template in files.items()}
+    return {
+        _named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
+        for name, template in files.items()
+    }
 
 
 def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
-    """Text of the files that are the same for every model: the interface with ``more`` of its folder, and the core in a folder of its own."""
+    """Text of the files that are the same for every model: the interface with ``more`` of its folder, and the core in a
+    folder of its own."""
     interface = ("piezo.h", "piezo.c", *(("piezo_learner.h", "piezo_learner.c") if settings.learning else ()), *more)
     core = (*SHARED, *(LEARNER if settings.learning else ()))
     folders = core_folders(Path(piezo_model.core.__file__).parents[1])
-    return {**{_named(name, settings.name): _named((INTERFACE / name).read_text(encoding="utf-8"), settings.name)
-               for name in interface},
-            **{f"core/{name}": next(folder / name for folder in folders if (folder / name).exists()).read_text(encoding="utf-8")
-               for name in core}}
+    return {
+        **{
+            _named(name, settings.name): _named((INTERFACE / name).read_text(encoding="utf-8"), settings.name)
+            for name in interface
+        },
+        **{
+            f"core/{name}": next(folder / name for folder in folders if (folder / name).exists()).read_text(
+                encoding="utf-8"
+            )
+            for name in core
+        },
+    }
 
 
-def export(model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator") -> dict[str, str]:
+def export(
+    model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator"
+) -> dict[str, str]:
     """Return the text of each file of a folder that builds; names as of :func:`render` and :func:`sources`.
 
     Examples
@@ -78,11 +121,18 @@ def export(model: HysteresisCreepModel, settings: ExportSettings | None = None, 
     settings = settings or ExportSettings()
     same, rendered = sources(settings), render(model, settings, title)
     files = {**same, **rendered}
-    if len({name.lower() for name in files}) < len(same) + len(rendered) or settings.name.lower() in ("main", "makefile"):
-        raise ExportError(f"{settings.name!r} is the name of another file or function of the export; choose another --name")
+    if len({name.lower() for name in files}) < len(same) + len(rendered) or settings.name.lower() in (
+        "main",
+        "makefile",
+    ):
+        raise ExportError(
+            f"{settings.name!r} is the name of another file or function of the export; choose another --name"
+        )
     of_core = "".join(text for name, text in same.items() if name.startswith("core/"))
     if settings.name != "piezo" and (taken := re.search(rf"\b{settings.name}_\w+", of_core, re.IGNORECASE)):
-        raise ExportError(f"with the name {settings.name!r} a function could be named {taken[0]}, as in core; choose another --name")
+        raise ExportError(
+            f"with the name {settings.name!r} a function could be named {taken[0]}, as in core; choose another --name"
+        )
     return files
 
 
@@ -101,15 +151,29 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
     outer = RegressorArrays.of(s, "slope").outer
     kind = SOLVERS.index(settings.solver) if settings.learning else 0
     return {
-        "title": f"{title}. {model.warning}" if model.warning else title, "model": model, "s": s,
-        "settings": settings.numbers(s), "precision": precision,
-        "learning": settings.learning, "cyclic": settings.cyclic, "learning_kind": kind + 1 if settings.learning else 0,
-        "what_learns": LEARNS[kind], "solver": settings.solver,
-        "number": partial(numbers.literal, precision=precision), "double": numbers.literal,
-        "list": partial(numbers.initialiser, precision=precision), "weights": model.all_weights,
-        "r_H": np.array((0.0, *s.play_thresholds)), "gains": creep_gain(s.creep_rates, s.sample_time),
-        "zone_low": low, "zone_high": high, "outer_low": outer.low[:s.dead_zones], "outer_high": outer.high[:s.dead_zones],
-        "period": _period(s.sample_time), "float_bound": f"{FLOAT_BOUND:g}", "memory": memory.figures(s, settings),
+        "title": f"{title}. {model.warning}" if model.warning else title,
+        "model": model,
+        "s": s,
+        "settings": settings.numbers(s),
+        "precision": precision,
+        "learning": settings.learning,
+        "cyclic": settings.cyclic,
+        "learning_kind": kind + 1 if settings.learning else 0,
+        "what_learns": LEARNS[kind],
+        "solver": settings.solver,
+        "number": partial(numbers.literal, precision=precision),
+        "double": numbers.literal,
+        "list": partial(numbers.initialiser, precision=precision),
+        "weights": model.all_weights,
+        "r_H": np.array((0.0, *s.play_thresholds)),
+        "gains": creep_gain(s.creep_rates, s.sample_time),
+        "zone_low": low,
+        "zone_high": high,
+        "outer_low": outer.low[: s.dead_zones],
+        "outer_high": outer.high[: s.dead_zones],
+        "period": _period(s.sample_time),
+        "float_bound": f"{FLOAT_BOUND:g}",
+        "memory": memory.figures(s, settings),
     }
 
 

@@ -1,8 +1,8 @@
 """The exported C on ARM Cortex-M: sizes of the image, the same numbers, instructions of a step, under an emulator.
 
 The image holds the step and what it needs of the compiler's arithmetic, no start-up code and no drivers. It runs under
-qemu's user mode, which executes the same Thumb-2 instructions one by one and lists them. There are no cycles: a controller's
-memory and pipeline are not modelled.
+qemu's user mode, which executes the same Thumb-2 instructions one by one and lists them. There are no cycles: a
+controller's memory and pipeline are not modelled.
 """
 
 from __future__ import annotations
@@ -25,8 +25,17 @@ from solvers.arrays import Vector
 
 COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-arm"
 PACKAGES = {COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi", EMULATOR: "qemu-user"}
-FLAGS = ("-std=c99", "-O2", "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections",
-         "-nostartfiles", "--specs=nosys.specs", "-Wl,--gc-sections")
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-mthumb",
+    "-mfloat-abi=hard",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-nostartfiles",
+    "--specs=nosys.specs",
+    "-Wl,--gc-sections",
+)
 ENOUGH, GIVE_UP = 3_000_000, 5_000_000
 """Instructions to list, a few seconds, and most of them before the first step."""
 
@@ -40,8 +49,10 @@ class Core:
     arithmetic: str
 
 
-CORES = (Core("Cortex-M4F", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single precision in hardware, double in software"),
-         Core("Cortex-M7", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "single and double precision in hardware"))
+CORES = (
+    Core("Cortex-M4F", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single precision in hardware, double in software"),
+    Core("Cortex-M7", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "single and double precision in hardware"),
+)
 
 
 @dataclass(frozen=True)
@@ -74,17 +85,27 @@ class ControllerCost:
 def cross_build(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core) -> Path:
     """Build the image in a folder, without a warning; ExportError where there is no compiler or it fails."""
     compiler = tool(COMPILER, package=PACKAGES[COMPILER])
-    write_files(folder, {**export(model, settings), **render(model, settings, files={"controller.c": "controller.c.jinja"})})
+    write_files(
+        folder, {**export(model, settings), **render(model, settings, files={"controller.c": "controller.c.jinja"})}
+    )
     image = folder / f"{core.name}.elf"
-    compiled(compiler, [*WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", *units(folder), "-o", str(image), "-lm"], folder,
-             f"the export for {core.name}")
+    compiled(
+        compiler,
+        [*WARNINGS, *EXACT, *FLAGS, *core.flags, "controller.c", *units(folder), "-o", str(image), "-lm"],
+        folder,
+        f"the export for {core.name}",
+    )
     return image
 
 
 def image_bytes(image: Path) -> tuple[int, int]:
     """Flash and RAM of an image: code, constants and initial values; what is initialised and what is zero."""
-    done = subprocess.run([tool("arm-none-eabi-size", package="binutils-arm-none-eabi"), str(image)], capture_output=True, text=True,
-                          check=True)
+    done = subprocess.run(
+        [tool("arm-none-eabi-size", package="binutils-arm-none-eabi"), str(image)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     text, data, bss = (int(word) for word in done.stdout.splitlines()[1].split()[:3])
     return text + data, data + bss
 
@@ -103,9 +124,10 @@ def instructions(image: Path, samples: ArrayLike, enough: int = ENOUGH) -> tuple
         source.seek(0)
         with subprocess.Popen(words, stdin=source, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as emulator:
             assert emulator.stderr is not None
-            # A line is "Trace 0: host address [.../address/...] function"; a call begins where its first address comes again.
+            # A line is "Trace 0: host address [.../address/...] function"; a call begins where its first address comes
+            # again.
             for listed, line in enumerate(emulator.stderr):
-                function = line[line.rfind(b" ") + 1:-1]
+                function = line[line.rfind(b" ") + 1 : -1]
                 if function in counts:
                     address = line.split(b"/", 2)[1]
                     if address == entries.setdefault(function, address):
@@ -124,8 +146,9 @@ def instructions(image: Path, samples: ArrayLike, enough: int = ENOUGH) -> tuple
     return step, learn
 
 
-def controller_cost(folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core,
-                    samples: Vector) -> ControllerCost:
+def controller_cost(
+    folder: Path, model: HysteresisCreepModel, settings: ExportSettings, core: Core, samples: Vector
+) -> ControllerCost:
     """Build, measure and count, over as many of the samples as ENOUGH instructions allow."""
     image = cross_build(folder, model, settings, core)
     flash, ram = image_bytes(image)

@@ -1,7 +1,7 @@
 """The compensator as an FMU for Co-Simulation, FMI 2.0 or 3.0, from the same C source.
 
-One communication step of one sampling period takes the reference at its start; the drive is there at its end. The FMU carries
-a binary for the machine it was made on and the source for any other.
+One communication step of one sampling period takes the reference at its start; the drive is there at its end. The FMU
+carries a binary for the machine it was made on and the source for any other.
 
 Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 """
@@ -30,10 +30,22 @@ from piezo_model.structure import ModelStructure
 NAMESPACE = uuid.UUID("6f0d5a1e-57a4-5a0b-9d0e-0f6a4b8f7c11")
 METRE = 'm="1"'
 BASE_UNITS = {
-    "s": 's="1"', "1/s": 's="-1"', "V": 'kg="1" m="2" s="-3" A="-1"', "mV": 'kg="1" m="2" s="-3" A="-1" factor="1e-3"',
-    "kV": 'kg="1" m="2" s="-3" A="-1" factor="1e3"', "m": METRE, "mm": f'{METRE} factor="1e-3"',
-    "um": f'{METRE} factor="1e-6"', "µm": f'{METRE} factor="1e-6"', "nm": f'{METRE} factor="1e-9"', "rad": 'rad="1"',
-    "mrad": 'rad="1" factor="1e-3"', "urad": 'rad="1" factor="1e-6"', "A": 'A="1"', "N": 'kg="1" m="1" s="-2"'}
+    "s": 's="1"',
+    "1/s": 's="-1"',
+    "V": 'kg="1" m="2" s="-3" A="-1"',
+    "mV": 'kg="1" m="2" s="-3" A="-1" factor="1e-3"',
+    "kV": 'kg="1" m="2" s="-3" A="-1" factor="1e3"',
+    "m": METRE,
+    "mm": f'{METRE} factor="1e-3"',
+    "um": f'{METRE} factor="1e-6"',
+    "µm": f'{METRE} factor="1e-6"',
+    "nm": f'{METRE} factor="1e-9"',
+    "rad": 'rad="1"',
+    "mrad": 'rad="1" factor="1e-3"',
+    "urad": 'rad="1" factor="1e-6"',
+    "A": 'A="1"',
+    "N": 'kg="1" m="1" s="-2"',
+}
 """What the standard's base units make of the units of recordings; others are named without a definition."""
 
 
@@ -59,17 +71,41 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
         Variable("drive", 2, "output", "discrete", s.x_centre, x, "Drive of the actuator"),
         Variable("lowest_drive", 3, "parameter", "fixed", numbers["low"], x, "Lower limit of the drive"),
         Variable("highest_drive", 4, "parameter", "fixed", numbers["high"], x, "Upper limit of the drive"),
-        Variable("rate_limit", 5, "parameter", "fixed", rate, f"{x}/s" if x else "",
-                 "Largest change of the drive per second, 0 for none"),
-        Variable("measured", 6, "input", "discrete", s.y_centre, y, "Output that the last drive produced, for the integral action"),
-        Variable("integral_gain", 7, "parameter", "fixed", settings.integral_gain, "1/s", "Of the integral action, 0 for none"),
+        Variable(
+            "rate_limit",
+            5,
+            "parameter",
+            "fixed",
+            rate,
+            f"{x}/s" if x else "",
+            "Largest change of the drive per second, 0 for none",
+        ),
+        Variable(
+            "measured",
+            6,
+            "input",
+            "discrete",
+            s.y_centre,
+            y,
+            "Output that the last drive produced, for the integral action",
+        ),
+        Variable(
+            "integral_gain",
+            7,
+            "parameter",
+            "fixed",
+            settings.integral_gain,
+            "1/s",
+            "Of the integral action, 0 for none",
+        ),
     ]
 
 
 def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, fmi: int = 3) -> None:
     """Write the FMU, for FMI 2 or 3; the file is there whole or not at all.
 
-    ExportError where the settings are not those of the compensator alone in double precision, or there is no C compiler.
+    ExportError where the settings are not those of the compensator alone in double precision, or there is no C
+    compiler.
     """
     if settings.learning or settings.precision != "double":
         raise ExportError("an FMU holds the compensator alone, in double precision")
@@ -77,7 +113,10 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         raise ExportError(f"there is an FMU for FMI 2 and 3, not {fmi}")
     name = settings.name
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
-    code = {**sources(settings, f"fmi{fmi}.c", "fmu.h"), **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"})}
+    code = {
+        **sources(settings, f"fmi{fmi}.c", "fmu.h"),
+        **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"}),
+    }
     token = f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()))}}}"
     about = _about(model.structure, settings, token, fmi)
     code |= render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, about)
@@ -99,9 +138,15 @@ def _about(s: ModelStructure, settings: ExportSettings, token: str, fmi: int) ->
         units[unit] = BASE_UNITS.get(unit, "")
         if unit.endswith("/s") and unit[:-2] == "V":
             units[unit] = BASE_UNITS["V"].replace('s="-3"', 's="-4"')
-    return {"name": settings.name, "token": token, "fmi": fmi, "variables": found,
-            "units": {unit: Markup(base) for unit, base in units.items()},
-            "rate_limit": settings.rate_limit or 0.0, "integral_gain": settings.integral_gain}
+    return {
+        "name": settings.name,
+        "token": token,
+        "fmi": fmi,
+        "variables": found,
+        "units": {unit: Markup(base) for unit, base in units.items()},
+        "rate_limit": settings.rate_limit or 0.0,
+        "integral_gain": settings.integral_gain,
+    }
 
 
 def _platform(fmi: int) -> str:
@@ -115,6 +160,22 @@ def _library(code: dict[str, str], name: str, fmi: int) -> bytes:
     compiler = tool("cc", "gcc", "clang")
     with tempfile.TemporaryDirectory(prefix="piezobench-fmu-") as folder:
         write_files(Path(folder), code)
-        compiled(compiler, [*WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared", f"{name}.c", f"fmi{fmi}.c",
-                            "-o", "library.so", "-lm"], Path(folder), "the FMU")
+        compiled(
+            compiler,
+            [
+                *WARNINGS,
+                "-Wno-unused-parameter",
+                *EXACT,
+                "-O2",
+                "-fPIC",
+                "-shared",
+                f"{name}.c",
+                f"fmi{fmi}.c",
+                "-o",
+                "library.so",
+                "-lm",
+            ],
+            Path(folder),
+            "the FMU",
+        )
         return (Path(folder) / "library.so").read_bytes()

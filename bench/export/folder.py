@@ -14,7 +14,8 @@ from bench.export.settings import ExportError
 def write_folder(target: Path, files: Mapping[str, str]) -> None:
     """Write text files into a new or empty folder.
 
-    ExportError where the target is a file or a folder with something in it, or its folder does not exist or may not be written to.
+    ExportError where the target is a file or a folder with something in it, or its folder does not exist or may not be
+    written to.
     """
     if target.is_symlink() and not target.exists():
         raise ExportError(f"{target}: is a link to nothing")

@@ -22,11 +22,14 @@ def compensator_bytes(s: ModelStructure, precision: Precision) -> int:
 
 
 def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLOCKS) -> int:
-    """Size of the learner's state and of what it shares with the step, with that of an exact solver beside it; 0 without learning."""
+    """Size of the learner's state and of what it shares with the step, with that of an exact solver beside it; 0
+    without learning."""
     if not settings.learning:
         return 0
     numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
-    size = int(face.exported_learner_bytes(*s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4))
+    size = int(
+        face.exported_learner_bytes(*s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4)
+    )
     return size + int(solvers_face.box_bytes(s.d)) if settings.solver == "box_active_set" else size
 
 
@@ -35,6 +38,10 @@ def figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:
     learner = learner_bytes(s, settings)
     constants = 8 * (2 * (s.n + 1) + len(s.creep_rates) + s.dead_zones * (7 if learner else 3) + s.creep_weights + 1)
     stack = 8 * (2 * s.d + 2 * s.lanes * (1 + len(s.creep_rates)) + 4 * s.d)
-    return {"compensator": compensator_bytes(s, settings.precision), "learner": learner,
-            "block": learner - learner_bytes(s, settings, BLOCKS - 1), "constants": constants,
-            "stack": -(-(stack + (STACK if learner else 1024)) // 256) * 256}
+    return {
+        "compensator": compensator_bytes(s, settings.precision),
+        "learner": learner,
+        "block": learner - learner_bytes(s, settings, BLOCKS - 1),
+        "constants": constants,
+        "stack": -(-(stack + (STACK if learner else 1024)) // 256) * 256,
+    }

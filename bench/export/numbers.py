@@ -16,7 +16,8 @@ class ExportError(ValueError):
 
 
 def literal(value: float, precision: Precision = "double") -> str:
-    """A constant that reads back as the number; ExportError where single precision would make it infinite or lose its digits.
+    """A constant that reads back as the number; ExportError where single precision would make it infinite or lose its
+    digits.
 
     Examples
     --------
@@ -29,7 +30,9 @@ def literal(value: float, precision: Precision = "double") -> str:
     if math.isnan(value):
         raise ValueError("NaN is no constant")
     if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise ExportError(f"the constant {value:g} does not fit into single precision; export it with --precision double")
+        raise ExportError(
+            f"the constant {value:g} does not fit into single precision; export it with --precision double"
+        )
     return repr(value)
 
 

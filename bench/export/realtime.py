@@ -1,9 +1,10 @@
 """The exported step in real time: an absolute schedule, and what the machine made of it.
 
-Sample k is due at t₀ + k T. The loop sleeps until then (``clock_nanosleep`` with an absolute time, SCHED_FIFO and locked memory
-where the system allows), wakes up late by the *wake-up latency*, takes its step, the *service time*, and ends at the
-*response time* after t₀ + k T. A deadline is missed where that is above T. A step that does nothing on the same schedule is
-the floor of the machine.
+Sample k is due at t₀ + k T. The loop sleeps until then (``clock_nanosleep`` with an absolute time, SCHED_FIFO and
+locked memory where the system allows), wakes up late by the *wake-up latency*, takes its step, the *service time*, and
+ends at the
+*response time* after t₀ + k T. A deadline is missed where that is above T. A step that does nothing on the same
+schedule is the floor of the machine.
 """
 
 from __future__ import annotations
@@ -58,11 +59,13 @@ class Paced:
 class RealTime:
     """The exported step, built for this machine; ExportError where there is no C compiler, or it does not build.
 
-    It asks for a priority of SCHED_FIFO, 1 to 99, unless that is 0, and is pinned to a core, by default the last that may be used.
+    It asks for a priority of SCHED_FIFO, 1 to 99, unless that is 0, and is pinned to a core, by default the last that
+    may be used.
     """
 
-    def __init__(self, model: HysteresisCreepModel, settings: ExportSettings, priority: int = 80,
-                 core: int | None = None) -> None:
+    def __init__(
+        self, model: HysteresisCreepModel, settings: ExportSettings, priority: int = 80, core: int | None = None
+    ) -> None:
         compiler = tool("cc", "gcc", "clang")
         self._priority, self._core = priority, max(os.sched_getaffinity(0)) if core is None else core
         self._folder = tempfile.TemporaryDirectory(prefix="piezobench-realtime-")
@@ -80,9 +83,12 @@ class RealTime:
         self._folder.cleanup()
 
     def run(self, rate_Hz: float, seconds: float, null: bool = False) -> Paced:
-        """Run the step, or one that does nothing, at a rate; ExportError where the time is shorter than a sampling period."""
+        """Run the step, or one that does nothing, at a rate; ExportError where the time is shorter than a sampling
+        period."""
         if rate_Hz * seconds < 1.0:
-            raise ExportError(f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s")
+            raise ExportError(
+                f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s"
+            )
         out = Path(self._folder.name) / "times"
         words = [str(self._program), repr(rate_Hz), repr(seconds), str(self._priority), str(self._core), str(out)]
         done = subprocess.run([*words, *(["null"] if null else [])], capture_output=True, text=True, check=False)
@@ -92,12 +98,14 @@ class RealTime:
         allowed = dict(line.split(" ", 1) for line in done.stdout.splitlines())
         return Paced(rate_Hz, wake, end - wake, end, allowed)
 
-    def highest_rate(self, from_Hz: float, seconds: float = SEARCH_S,
-                     told: Callable[[float, float], None] = lambda rate, met: None) -> float:
+    def highest_rate(
+        self, from_Hz: float, seconds: float = SEARCH_S, told: Callable[[float, float], None] = lambda rate, met: None
+    ) -> float:
         """Highest rate found at which 99.99 % of the deadlines are met; 0 where none was.
 
         A trial is no shorter than the sample that p99.99 needs. ``told`` hears of each rate and its share.
         """
+
         def holds(rate: float) -> bool:
             met = self.run(rate, max(seconds, needed(MET) / rate)).met
             told(rate, met)
@@ -106,7 +114,9 @@ class RealTime:
         return highest(holds, from_Hz)
 
 
-def highest(holds: Callable[[float], bool], start: float, slowest: float = SLOWEST_HZ, fastest: float = FASTEST_HZ) -> float:
+def highest(
+    holds: Callable[[float], bool], start: float, slowest: float = SLOWEST_HZ, fastest: float = FASTEST_HZ
+) -> float:
     """Highest rate that holds, to a quarter of an octave; 0 where none does.
 
     Rates go up by half an octave until one fails (or down until one holds), then once by half of that.
@@ -157,8 +167,12 @@ class RealTimeFigures:
     @property
     def times_ns(self) -> dict[str, Nanoseconds]:
         """Times by name."""
-        return {"wake-up": self.step.wake_ns, "service": self.step.service_ns, "response": self.step.response_ns,
-                "null response": self.null.response_ns}
+        return {
+            "wake-up": self.step.wake_ns,
+            "service": self.step.service_ns,
+            "response": self.step.response_ns,
+            "null response": self.null.response_ns,
+        }
 
     @property
     def times_us(self) -> dict[str, NDArray[np.float64]]:
@@ -172,10 +186,20 @@ class RealTimeFigures:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
-        tails = {name: {p.name: p.value for p in (percentile(us, q) for q in QUANTILES)} | {"max": float(us.max())}
-                 for name, us in self.times_us.items()}
-        return {"rate_Hz": self.step.rate_Hz, "samples": self.step.response_ns.size, "missed": self.step.missed,
-                "null_missed": self.null.missed, "highest_rate_Hz": self.highest_rate_Hz, "allowed": self.step.allowed,
-                "us": tails, "histograms_us": {name: {f"{bound:g}": n for bound, n in count.items()}
-                                               for name, count in self.histograms.items()},
-                "cost": None if self.cost is None else self.cost.to_dict()}
+        tails = {
+            name: {p.name: p.value for p in (percentile(us, q) for q in QUANTILES)} | {"max": float(us.max())}
+            for name, us in self.times_us.items()
+        }
+        return {
+            "rate_Hz": self.step.rate_Hz,
+            "samples": self.step.response_ns.size,
+            "missed": self.step.missed,
+            "null_missed": self.null.missed,
+            "highest_rate_Hz": self.highest_rate_Hz,
+            "allowed": self.step.allowed,
+            "us": tails,
+            "histograms_us": {
+                name: {f"{bound:g}": n for bound, n in count.items()} for name, count in self.histograms.items()
+            },
+            "cost": None if self.cost is None else self.cost.to_dict(),
+        }

@@ -1,7 +1,7 @@
 """What an export is asked for, and the numbers that follow from it.
 
-Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation a sample or
-with a solver that answers once the data are there, and *continuous* with the exact optimum at every interval.
+Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation a
+sample or with a solver that answers once the data are there, and *continuous* with the exact optimum at every interval.
 """
 
 from __future__ import annotations
@@ -23,8 +23,12 @@ Part = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
 """Those that can be exported; the last one means continuous operation, which is exact."""
-LEARNS = ("one projected step a sample, in cycles", "accelerated projected steps at the end of each building phase",
-          "the exact optimum at the end of each building phase", "the exact optimum of each interval, continuously")
+LEARNS = (
+    "one projected step a sample, in cycles",
+    "accelerated projected steps at the end of each building phase",
+    "the exact optimum at the end of each building phase",
+    "the exact optimum of each interval, continuously",
+)
 BLOCKS = 8
 """Of the ring between step and learner: it may fall so many blocks behind, less two, before samples are left out."""
 
@@ -82,7 +86,9 @@ class ExportSettings:
         if not 0.0 <= self.proximal < 1.0:
             raise ExportError(f"proximal must be at least 0 and below 1, not {self.proximal}")
         if self.x_limits is not None and any(map(math.isinf, self.x_limits)):
-            raise ExportError(f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}")
+            raise ExportError(
+                f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}"
+            )
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
             raise ExportError(f"the lowest drive {self.x_limits[0]:g} must be below the highest {self.x_limits[1]:g}")
         try:
@@ -90,7 +96,10 @@ class ExportSettings:
         except ValueError as error:
             raise ExportError(f"the name {error}") from None
         if len(self.name) > LONGEST_NAME:
-            raise ExportError(f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every compiler tells apart")
+            raise ExportError(
+                f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every "
+                "compiler tells apart"
+            )
 
     @property
     def learning(self) -> bool:
@@ -110,7 +119,10 @@ class ExportSettings:
             raise ExportError(str(error)) from None
         low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
         return {
-            "low": low, "high": high, "fade": math.exp(-s.sample_time / self.fade_s), "integral_gain": gain,
+            "low": low,
+            "high": high,
+            "fade": math.exp(-s.sample_time / self.fade_s),
+            "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             **self._learner_numbers(s),
         }
@@ -120,8 +132,16 @@ class ExportSettings:
         if self.cyclic:
             lasts = {f"{name}_lasts": s.samples(getattr(self, f"{name}_s")) for name in ("reset", "build", "learn")}
             block = block_samples(tuple(lasts.values()))
-            numbers: dict[str, float] = {**lasts, "forgetting": 1.0, "share": 1.0, "proximal": self.proximal, "min_slope": MIN_SLOPE,
-                                         "step_ratio": 0.5, "steps": 100_000, "tolerance": AcceleratedProjection.always["tolerance"]}
+            numbers: dict[str, float] = {
+                **lasts,
+                "forgetting": 1.0,
+                "share": 1.0,
+                "proximal": self.proximal,
+                "min_slope": MIN_SLOPE,
+                "step_ratio": 0.5,
+                "steps": 100_000,
+                "tolerance": AcceleratedProjection.always["tolerance"],
+            }
         else:
             block, numbers = continuous_numbers(s, self.hand_over_s, self.memory_s, self.reset_s)
         return {**numbers, "block": block, "blocks": BLOCKS, "delay": block}

@@ -1,7 +1,8 @@
-"""What a step of the export costs: nanoseconds and instructions on this machine, memory and instructions on controllers.
+"""What a step of the export costs: nanoseconds and instructions on this machine, memory and instructions on
+controllers.
 
-Learning is slow beside a sample: a cycle of 10 s has one block at which a phase ends. Counting instructions is slow, too. So
-steps are counted over cycles of the same proportions that are as short as the samples that can be counted.
+Learning is slow beside a sample: a cycle of 10 s has one block at which a phase ends. Counting instructions is slow,
+too. So steps are counted over cycles of the same proportions that are as short as the samples that can be counted.
 """
 
 from __future__ import annotations
@@ -70,18 +71,27 @@ def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions
             absent.append(f"Instructions here were not counted: {error}.")
         for core in CORES:
             try:
-                controllers.append(controller_cost(folder, model, in_blocks(model, settings, shortened(model, settings, LISTED)), core,
-                                                   samples[:2 * LISTED]))
+                controllers.append(
+                    controller_cost(
+                        folder,
+                        model,
+                        in_blocks(model, settings, shortened(model, settings, LISTED)),
+                        core,
+                        samples[: 2 * LISTED],
+                    )
+                )
             except ExportError as error:
                 absent.append(f"{core.name} was left out: {error}.")
-    return StepCost(time.fastest_ns, time.with_learning_ns, counted, learning, time.axis_bytes, tuple(controllers), tuple(absent))
+    return StepCost(
+        time.fastest_ns, time.with_learning_ns, counted, learning, time.axis_bytes, tuple(controllers), tuple(absent)
+    )
 
 
 def loop_samples(model: HysteresisCreepModel, settings: ExportSettings, count: int) -> Vector:
     """References (N,), with learning beside them the outputs measured before (N, 2).
 
-    The actuator is the model itself and its sensor has noise; without any, the program would be degenerate and its active set
-    restless.
+    The actuator is the model itself and its sensor has noise; without any, the program would be degenerate and its
+    active set restless.
     """
     s, k = model.structure, np.arange(count)
     y_ref = s.y_centre + s.y_scale * (0.6 * np.sin(0.013 * k) * np.cos(0.00041 * k) + 0.1 * np.sin(0.11 * k))
@@ -96,15 +106,23 @@ def shortened(model: HysteresisCreepModel, settings: ExportSettings, samples: in
     """The same with a cycle of so many samples."""
     cycle_s = settings.reset_s + settings.build_s + settings.learn_s
     share = samples * model.structure.sample_time / cycle_s
-    return replace(settings, name="piezo", reset_s=share * settings.reset_s, build_s=share * settings.build_s,
-                   learn_s=share * settings.learn_s)
+    return replace(
+        settings,
+        name="piezo",
+        reset_s=share * settings.reset_s,
+        build_s=share * settings.build_s,
+        learn_s=share * settings.learn_s,
+    )
 
 
 def in_blocks(model: HysteresisCreepModel, settings: ExportSettings, short: ExportSettings) -> ExportSettings:
-    """Short cycles with phases of whole blocks, of as many samples as those of the settings have: they decide what a step and a block cost."""
+    """Short cycles with phases of whole blocks, of as many samples as those of the settings have: they decide what a
+    step and a block cost."""
     if not settings.cyclic:
         return short
     s, block = model.structure, settings.numbers(model.structure)["block"]
-    reset_s, build_s, learn_s = (s.sample_time * block * max(1, round(s.samples(seconds) / block))
-                                 for seconds in (short.reset_s, short.build_s, short.learn_s))
+    reset_s, build_s, learn_s = (
+        s.sample_time * block * max(1, round(s.samples(seconds) / block))
+        for seconds in (short.reset_s, short.build_s, short.learn_s)
+    )
     return replace(short, reset_s=reset_s, build_s=build_s, learn_s=learn_s)

@@ -1,11 +1,13 @@
 """The same work on every recording of a fleet: each has a row on disk once it is done, and is not done again.
 
     OUT/NAME.json           what the work makes of a recording, such as its model
-    OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of what it read,
+    OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of
+    what it read,
                             and one of what was made
 
-The row comes last and goes first, each file is written whole, and the digests decide: so an interruption at any moment costs
-the recordings that were under way, and other settings or another content, read or made, are done again. So is what was refused.
+The row comes last and goes first, each file is written whole, and the digests decide: so an interruption at any moment
+costs the recordings that were under way, and other settings or another content, read or made, are done again. So is
+what was refused.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked
 
 Row = dict[str, Any]
-"""``recording``, ``name`` and ``refused``, the sentence that says why there is no more, or ""; then figures of the work."""
+"""``recording``, ``name`` and ``refused``, the sentence that says why there is no more, or ""; then figures of the
+work."""
 
 
 class Kept(TypedDict):
-    """A row on disk: SHA-256 of all that decides what is made, and of what was made, empty where that is the row alone."""
+    """A row on disk: SHA-256 of all that decides what is made, and of what was made, empty where that is the row
+    alone."""
 
     digest: str
     made: str
@@ -79,24 +83,34 @@ def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Ro
 
 
 def draw(part: Part) -> str:
-    """Write the page of a recording whose work is done; returns its place in the folder, or "" where the work has none."""
+    """Write the page of a recording whose work is done; returns its place in the folder, or "" where the work has
+    none."""
     if not isinstance(part.work, Drawing):
         return ""
     with ExitStack() as stack:
-        recording, made, *further = (stack.enter_context(file_here(place)) for place in (
-            part.recording, f"{part.out}/{part.work.made or 'rows/{}.json'}".format(part.name), *part.work.reads(part.name)))
+        recording, made, *further = (
+            stack.enter_context(file_here(place))
+            for place in (
+                part.recording,
+                f"{part.out}/{part.work.made or 'rows/{}.json'}".format(part.name),
+                *part.work.reads(part.name),
+            )
+        )
         folder = stack.enter_context(folder_here(f"{part.out}/pages"))
         part.work.draw(recording, further, made, folder / f"{part.name}.html")
     return f"pages/{part.name}.html"
 
 
 def row_of(part: Part) -> Row:
-    """The row of a recording, done now or before; whatever goes wrong is said in it, since the others are to have theirs."""
+    """The row of a recording, done now or before; whatever goes wrong is said in it, since the others are to have
+    theirs."""
     row, kept = {"recording": part.recording, "name": part.name, "refused": ""}, f"{part.name}.json"
     here: Path | None = None
     try:
         with ExitStack() as stack:
-            here, *further = (stack.enter_context(file_here(place)) for place in (part.recording, *part.work.reads(part.name)))
+            here, *further = (
+                stack.enter_context(file_here(place)) for place in (part.recording, *part.work.reads(part.name))
+            )
             digest = _digest(part.work, (here, *further))
             if (before := _kept(part, digest)) is not None:
                 return {**row, **before}
@@ -122,8 +136,9 @@ def _sentence(error: Exception) -> str:
 
 
 def _digest(work: Work, files: Sequence[Path]) -> str:
-    found = hashlib.sha256(json.dumps(
-        [version("piezobench"), type(work).__name__, asdict(work)], sort_keys=True).encode())  # type: ignore[call-overload]
+    found = hashlib.sha256(
+        json.dumps([version("piezobench"), type(work).__name__, asdict(work)], sort_keys=True).encode()
+    )  # type: ignore[call-overload]
     for path in files:
         with path.open("rb") as file:
             found.update(hashlib.file_digest(file, "sha256").digest())
@@ -141,7 +156,9 @@ def _kept(part: Part, digest: str) -> Row | None:
         figures: Row = unpacked(found["figures"])
     except ValueError:  # of an older program, or damaged
         return None
-    if found["digest"] != digest or (made and hashlib.sha256(fs.cat_file(f"{out}/{made}")).hexdigest() != found["made"]):
+    if found["digest"] != digest or (
+        made and hashlib.sha256(fs.cat_file(f"{out}/{made}")).hexdigest() != found["made"]
+    ):
         return None
     return figures
 

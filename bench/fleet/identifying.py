@@ -15,7 +15,8 @@ from piezo_model.identification.identify import LagChoice, check_direction
 
 @dataclass(frozen=True)
 class Identifying:
-    """Settings of `identify`, and keywords of ``Recording.open``; what is None of orders and rates is chosen from the recording."""
+    """Settings of `identify`, and keywords of ``Recording.open``; what is None of orders and rates is chosen from the
+    recording."""
 
     opening: Mapping[str, Any] = field(default_factory=dict)
     n: int | None = None
@@ -36,9 +37,19 @@ class Identifying:
         model = self.of(self.opened(recording))
         model.save(target)
         s, fit = model.structure, model.report["fit"]
-        figures = {name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")}
-        return {**figures, "forced": model.warning, "output_unit": s.output_unit, "sample_time_s": s.sample_time, "n": s.n, "m": s.dead_zones // 2,
-                **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)}}
+        figures = {
+            name: fit[name]
+            for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")
+        }
+        return {
+            **figures,
+            "forced": model.warning,
+            "output_unit": s.output_unit,
+            "sample_time_s": s.sample_time,
+            "n": s.n,
+            "m": s.dead_zones // 2,
+            **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
+        }
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
         """Write the page that identify writes of one recording."""
@@ -52,5 +63,14 @@ class Identifying:
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
         """The model of a recording."""
-        return identify(recording, n=self.n, m=self.m, creep_rates=self.creep_rates, skip=self.skip, lag=self.lag, solver=self.solver,
-                        force=self.force, progress=progress)
+        return identify(
+            recording,
+            n=self.n,
+            m=self.m,
+            creep_rates=self.creep_rates,
+            skip=self.skip,
+            lag=self.lag,
+            solver=self.solver,
+            force=self.force,
+            progress=progress,
+        )

@@ -61,7 +61,10 @@ def names_of(places: Sequence[str]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     twice = next(i for i, each in enumerate(parts) if each in parts[:i])
-    raise RecordingError(f"{places[twice]}: what is made of it would have the name of what is made of {places[parts.index(parts[twice])]}")
+    raise RecordingError(
+        f"{places[twice]}: what is made of it would have the name of what is made of "
+        f"{places[parts.index(parts[twice])]}"
+    )
 
 
 def model_of(place: str, name: str) -> str:

@@ -1,13 +1,13 @@
 """What a fleet says and shows: one table, outliers first, and one page.
 
-With v a measure of a recording (the logarithm of its error, or a weight of its model), med and MAD the median over the fleet and
-the median absolute deviation from it, a measure's distance is
+With v a measure of a recording (the logarithm of its error, or a weight of its model), med and MAD the median over the
+fleet and the median absolute deviation from it, a measure's distance is
 
     |v − med v| / max(1.4826 MAD v, LEAST),
 
-which is in standard deviations for the normal law, and which many outliers do not hide. That of a recording is the larger of the error's and of
-the median over the weights: single weights that the data hardly determine differ in any fleet. Source: P. J. Rousseeuw and C. Croux,
-J. Amer. Statist. Assoc. 88 (1993) 1273 to 1283.
+which is in standard deviations for the normal law, and which many outliers do not hide. That of a recording is the
+larger of the error's and of the median over the weights: single weights that the data hardly determine differ in any
+fleet. Source: P. J. Rousseeuw and C. Croux, J. Amer. Statist. Assoc. 88 (1993) 1273 to 1283.
 """
 
 from __future__ import annotations

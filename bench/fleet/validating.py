@@ -1,4 +1,5 @@
-"""Validation as the command line asks for it: of one model on each recording of a fleet, or of a fleet's models on one recording each."""
+"""Validation as the command line asks for it: of one model on each recording of a fleet, or of a fleet's models on one
+recording each."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from piezo_model.identification.validation import Validation
 
 @dataclass(frozen=True)
 class Validating:
-    """``model`` is the place of a model, or of a folder with one NAME.json a recording; ``opening`` are keywords of ``Recording.open``."""
+    """``model`` is the place of a model, or of a folder with one NAME.json a recording; ``opening`` are keywords of
+    ``Recording.open``."""
 
     model: str
     opening: Mapping[str, Any] = field(default_factory=dict)
@@ -30,8 +32,13 @@ class Validating:
         """Figures of the fit, and the offset of the sensor against the session of the identification."""
         _, model, found = self.judged(recording, further[0])
         fit = asdict(found.fit)
-        return {**{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
-                "forced": model.warning, "shift": found.shift, "beyond_percent": found.beyond_percent, "output_unit": found.unit}
+        return {
+            **{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
+            "forced": model.warning,
+            "shift": found.shift,
+            "beyond_percent": found.beyond_percent,
+            "output_unit": found.unit,
+        }
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
         """Write the page that validate writes of one recording."""

@@ -1,7 +1,7 @@
 """What the processes of a live run share: one block of memory, written without waiting for anybody.
 
-The loop writes samples into a ring and counts them; whoever reads them takes what is there and never holds the loop up. Commands go the
-other way: a command is written whole before it is counted. Every entry has one writer.
+The loop writes samples into a ring and counts them; whoever reads them takes what is there and never holds the loop up.
+Commands go the other way: a command is written whole before it is counted. Every entry has one writer.
 """
 
 from __future__ import annotations
@@ -62,12 +62,13 @@ COUNTS = (
     "stop",
     "core",
 )
-"""Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of each
-follow, and the core of the loop."""
+"""Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of
+each follow, and the core of the loop."""
 
 
 class Board:
-    """The block, a file in memory that the first process makes and the others open; a whole number of ``COUNTS`` is an attribute."""
+    """The block, a file in memory that the first process makes and the others open; a whole number of ``COUNTS`` is an
+    attribute."""
 
     def __init__(self, path: Path, rate: float, make: bool = False) -> None:
         self.capacity = max(1024, round(RING_S * rate))

@@ -112,7 +112,8 @@ class Controller:
         return cls(learner, True, every)
 
     def step(self, y_ref: float, y: float) -> float:
-        """The drive for a reference, after what the last drive gave; while learning waits, that counts as not measured."""
+        """The drive for a reference, after what the last drive gave; while learning waits, that counts as not
+        measured."""
         return self._step(y_ref, y if self.learning or self._learner is None else math.nan)
 
     def _fixed_step(self, y_ref: float, y: float) -> float:

@@ -8,8 +8,8 @@
         def exchange(self, x): ...                           # write the drive, return what was measured
         def close(self): ...
 
-Optional are ``timeout_s``, how long an exchange may take before the stage is taken for lost (0.5 s), and ``reopens``, whether a second
-process may open the stage after the first has died (True), which is what brings it to rest then.
+Optional are ``timeout_s``, how long an exchange may take before the stage is taken for lost (0.5 s), and ``reopens``,
+whether a second process may open the stage after the first has died (True), which is what brings it to rest then.
 """
 
 from __future__ import annotations
@@ -142,7 +142,8 @@ class Simulated:
 
 
 class SimulatedStage:
-    """A plant as a stage, which goes on by the clock as hardware does: between two exchanges it keeps the drive of the first."""
+    """A plant as a stage, which goes on by the clock as hardware does: between two exchanges it keeps the drive of the
+    first."""
 
     input_unit, output_unit = "V", "um"
     reopens = False

@@ -1,8 +1,10 @@
-"""The loop: at every sampling period write the drive, take what is measured, and count what that took, on an absolute schedule.
+"""The loop: at every sampling period write the drive, take what is measured, and count what that took, on an absolute
+schedule.
 
-Sample k is due at t_0 + k T. Service is the time from its begin to its end, response that from its due time; where the response is above T
-the deadline was missed, and due times that have passed meanwhile are left out. Whatever the compensator wants, the drive moves by at most
-rate · T a sample and stays inside the limits; in the end it ramps to rest, however the end came.
+Sample k is due at t_0 + k T. Service is the time from its begin to its end, response that from its due time; where the
+response is above T the deadline was missed, and due times that have passed meanwhile are left out. Whatever the
+compensator wants, the drive moves by at most rate · T a sample and stays inside the limits; in the end it ramps to
+rest, however the end came.
 
 The loop has a process of its own on a core of its own and waits for nobody: see `board`.
 """
@@ -29,8 +31,9 @@ LEAD_NS = 20_000_000
 NULL_S = 1.0
 """Of the null loop, which does nothing on the same schedule before the stage is opened."""
 PRIORITY, WAKE_NS, SHORTEST_NS = 50, 40_000, 100_000
-"""With real-time scheduling: its priority, how long before a due time the loop watches the clock, and the shortest sampling
-period that leaves the system enough of the core, which otherwise stops such a loop for 50 ms of every second."""
+"""With real-time scheduling: its priority, how long before a due time the loop watches the clock, and the shortest
+sampling period that leaves the system enough of the core, which otherwise stops such a loop for 50 ms of every
+second."""
 LOOK_AT_PARENT = 1_000
 """Samples between two looks whether the process that watches is still there."""
 
@@ -125,7 +128,8 @@ class Loop:
                     self._board.say(f"holds {self._reference.at(0):.6g}")
 
     def run(self) -> bool:
-        """Follow until the end, then ramp to rest; whether it is there, since a stage that takes no drive any more is given up."""
+        """Follow until the end, then ramp to rest; whether it is there, since a stage that takes no drive any more is
+        given up."""
         board, rate, clock = self._board, self._task.rate, time.perf_counter_ns
         period, last = round(1e9 / rate), round(self._task.seconds * rate) or math.inf
         before = board.read(board.head - 1)[1][-1, 0] + 1.0 / rate if board.head else 0.0
@@ -211,7 +215,8 @@ def main(task: Task, ready: Callable[[str], None]) -> None:
 
 
 def rescue(task: Task) -> None:
-    """The process that brings a stage to rest whose loop could not: it opens the stage anew and ramps from where the drive was left."""
+    """The process that brings a stage to rest whose loop could not: it opens the stage anew and ramps from where the
+    drive was left."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     board, device = Board(task.board, task.rate), task.device.make()

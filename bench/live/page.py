@@ -1,7 +1,8 @@
-"""The page of a live run: what the loop has written on the board, drawn by Bokeh's server, and buttons that write commands on it.
+"""The page of a live run: what the loop has written on the board, drawn by Bokeh's server, and buttons that write
+commands on it.
 
-It only reads and asks; whatever becomes of it, the loop goes on. The server is bound to this machine unless told otherwise, answers only
-at a path that nobody can guess, and serves its own scripts, so nothing leaves the machine.
+It only reads and asks; whatever becomes of it, the loop goes on. The server is bound to this machine unless told
+otherwise, answers only at a path that nobody can guess, and serves its own scripts, so nothing leaves the machine.
 """
 
 from __future__ import annotations
@@ -40,12 +41,14 @@ STATES = {
 }
 STYLE = """
 :root { color-scheme: light dark; }
-body { margin: 0 auto; max-width: 88rem; padding: 0 .8rem 2rem; background: light-dark(#fff, #15181c); color: light-dark(#1b1f24, #e3e6ea);
+body { margin: 0 auto; max-width: 88rem; padding: 0 .8rem 2rem;
+ background: light-dark(#fff, #15181c); color: light-dark(#1b1f24, #e3e6ea);
   font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
 """
 TEMPLATE = f"""
 {{% block title %}}piezobench live{{% endblock %}}
-{{% block postamble %}}<meta name="viewport" content="width=device-width, initial-scale=1"><style>{STYLE}</style>{{% endblock %}}
+{{% block postamble %}}<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>{STYLE}</style>{{% endblock %}}
 """
 
 

@@ -1,8 +1,9 @@
-"""The recording: what the loop writes on the board goes to disk every second, and what is there stays readable whatever happens.
+"""The recording: what the loop writes on the board goes to disk every second, and what is there stays readable whatever
+happens.
 
-It is a stream of Arrow batches beside the file that was asked for, each batch flushed to the disk, so that a process that dies or a disk
-that fills leaves everything up to the last second. In the end the stream becomes the Parquet file, and goes; where there is no room for
-that it stays, and ``identify`` reads it as it is.
+It is a stream of Arrow batches beside the file that was asked for, each batch flushed to the disk, so that a process
+that dies or a disk that fills leaves everything up to the last second. In the end the stream becomes the Parquet file,
+and goes; where there is no room for that it stays, and ``identify`` reads it as it is.
 """
 
 from __future__ import annotations
@@ -108,7 +109,8 @@ def _whole(stream: Path) -> tuple[int, int]:
 
 
 def main(board_path: Path, rate: float, path: Path, names: tuple[str, ...]) -> None:
-    """The process of the recorder: it ends when the loop has ended, and asks the loop to stop where the disk is full."""
+    """The process of the recorder: it ends when the loop has ended, and asks the loop to stop where the disk is
+    full."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     board, parent = Board(board_path, rate), os.getppid()

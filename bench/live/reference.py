@@ -76,7 +76,8 @@ def staircase(text: str, unit: str, centre: float, sample_time: float) -> Refere
 
 
 def of_file(path: Path, unit: str, sample_time: float) -> Reference:
-    """The reference column of a file, over and over; ReferenceError where it is sampled otherwise or in another unit."""
+    """The reference column of a file, over and over; ReferenceError where it is sampled otherwise or in another
+    unit."""
     found = read_reference(path)
     if abs(found.sample_time / sample_time - 1.0) > 0.01:
         raise ReferenceError(

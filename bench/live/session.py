@@ -1,7 +1,8 @@
 """A live run: starts the processes, watches them, and sees to it that the stage ends at rest.
 
-The loop is watched by its beat. Where it hangs longer than the stage allows, or dies, its process is ended and another one opens the stage
-and ramps it to rest; a stage that cannot be opened twice is left as it is, which is said. A recorder or page that dies is started again.
+The loop is watched by its beat. Where it hangs longer than the stage allows, or dies, its process is ended and another
+one opens the stage and ramps it to rest; a stage that cannot be opened twice is left as it is, which is said. A
+recorder or page that dies is started again.
 """
 
 from __future__ import annotations
@@ -92,7 +93,8 @@ class Session:
         record: Path | None = None,
         page: tuple[str, int] | None = None,
     ) -> None:
-        """Check all that can be checked before the first sample; DeviceError, ModelError or ReferenceError says what is wrong."""
+        """Check all that can be checked before the first sample; DeviceError, ModelError or ReferenceError says what is
+        wrong."""
         made = device.make()
         self.declared = Declared.of(made, str(device))
         self._plan, self._record, self._page, self.token = plan, record, page, secrets.token_urlsafe(16)
@@ -209,7 +211,10 @@ class Session:
         self._failed = True
         left = quantity(float(self.board.drive[0]), self.declared.input_unit)
         if not self.declared.reopens:
-            return f"{why[0].upper()}{why[1:]}, and the stage cannot be opened by another process: its drive was {left} at last."
+            return (
+                f"{why[0].upper()}{why[1:]}, and the stage cannot be opened by another process: its drive was "
+                f"{left} at last."
+            )
         ramp_s = (self.declared.x_limits[1] - self.declared.x_limits[0]) / self.declared.rate_limit
         process = self._start(loop.rescue, self.task)
         process.join(ramp_s + OPENING_S)

@@ -1,1 +1,2 @@
-"""What is passed between the parts of a race: a task goes down to a solver as a request, an outcome comes back, a row is kept."""
+"""What is passed between the parts of a race: a task goes down to a solver as a request, an outcome comes back, a row
+is kept."""

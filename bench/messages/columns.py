@@ -1,6 +1,7 @@
 """Tables of a run: the type of a column follows from its name, and one that is not listed here holds doubles.
 
-Rows are named by the columns by which they are sorted; no two may have the same name, and no part of a name may be missing.
+Rows are named by the columns by which they are sorted; no two may have the same name, and no part of a name may be
+missing.
 """
 
 from __future__ import annotations
@@ -19,10 +20,31 @@ from piezo_model.json_file import decoded
 from solvers.protocol import Lane, Tier
 
 TEXT, COUNT, FLAG = pa.large_string(), pa.int64(), pa.bool_()
-SHARED = {**dict.fromkeys(("task", "problem_set", "problem", "solver", "lane", "tier", "setting", "scaling", "start", "settings", "status",
-                           "message", "basis", "what", "host"), TEXT),
-          **dict.fromkeys(("d", "rung", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
-          **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG), "ns": pa.list_(pa.int64())}
+SHARED = {
+    **dict.fromkeys(
+        (
+            "task",
+            "problem_set",
+            "problem",
+            "solver",
+            "lane",
+            "tier",
+            "setting",
+            "scaling",
+            "start",
+            "settings",
+            "status",
+            "message",
+            "basis",
+            "what",
+            "host",
+        ),
+        TEXT,
+    ),
+    **dict.fromkeys(("d", "rung", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
+    **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG),
+    "ns": pa.list_(pa.int64()),
+}
 """Of columns that several tables have; a kind of race says itself of what type others of its table are."""
 CHOICES = {"lane": tuple(Lane), "tier": tuple(Tier), "scaling": ("scaled", "raw"), "start": ("cold", "warm")}
 
@@ -53,7 +75,9 @@ def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFram
     table = pa.table([_checked(table[field.name], field) for field in wanted], wanted)
     for column in name:
         if table[column].null_count:
-            raise TableError(f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}")
+            raise TableError(
+                f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}"
+            )
     found: pd.DataFrame = table.to_pandas()
     if name and (twice := found.duplicated(list(name))).any():
         raise TableError(f"row {int(twice.argmax()) + 1} is there twice")
@@ -63,10 +87,13 @@ def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFram
 def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     """The values in the type of the field, where they are of its kind."""
     column, wanted, given = field.name, field.type, values.type
-    fits = (pa.types.is_null(given) or given.equals(wanted)
-            or (pa.types.is_large_string(wanted) and (pa.types.is_string(given) or pa.types.is_dictionary(given)))
-            or (pa.types.is_int64(wanted) and pa.types.is_integer(given))
-            or (pa.types.is_floating(wanted) and (pa.types.is_integer(given) or pa.types.is_floating(given))))
+    fits = (
+        pa.types.is_null(given)
+        or given.equals(wanted)
+        or (pa.types.is_large_string(wanted) and (pa.types.is_string(given) or pa.types.is_dictionary(given)))
+        or (pa.types.is_int64(wanted) and pa.types.is_integer(given))
+        or (pa.types.is_floating(wanted) and (pa.types.is_integer(given) or pa.types.is_floating(given)))
+    )
     try:
         if not fits:
             raise pa.ArrowInvalid

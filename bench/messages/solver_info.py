@@ -1,7 +1,7 @@
 """What a solver says of its answer, made fit for a table: whoever wrote the solver may say anything.
 
-A count of iterations is a whole number from 0 to 2⁵³ and a time a finite one from 0 on; what is said beyond that is taken for
-nothing said. Numbers of an answer and its duals are real, or the adapter has failed.
+A count of iterations is a whole number from 0 to 2⁵³ and a time a finite one from 0 on; what is said beyond that is
+taken for nothing said. Numbers of an answer and its duals are real, or the adapter has failed.
 """
 
 from __future__ import annotations
@@ -28,9 +28,13 @@ def solver_info(solution: Solution) -> dict[str, Any]:
     extras = solution.extras or {}
     count, time_us = _number(extras.get("iterations", extras.get("steps"))), _number(extras.get("reported_us"))
     duals = {name: getattr(solution, name) for name in ("y", "z", "z_box")}
-    return {"found": bool(solution.found), "solver_status": " ".join(str(extras.get("status", "")).split())[:LONGEST],
-            "iterations": int(count) if count <= MOST and count.is_integer() else UNSAID, "reported_us": time_us,
-            **{name: None if dual is None else real(dual) for name, dual in duals.items()}}
+    return {
+        "found": bool(solution.found),
+        "solver_status": " ".join(str(extras.get("status", "")).split())[:LONGEST],
+        "iterations": int(count) if count <= MOST and count.is_integer() else UNSAID,
+        "reported_us": time_us,
+        **{name: None if dual is None else real(dual) for name, dual in duals.items()},
+    }
 
 
 def real(values: Any) -> Vector:

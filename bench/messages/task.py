@@ -1,6 +1,7 @@
 """A task, what a solver's process is asked for it, and what comes back.
 
-A task is the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting. Its rows begin by naming it.
+A task is the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting. Its rows
+begin by naming it.
 """
 
 from __future__ import annotations
@@ -75,16 +76,40 @@ class Task:
     @property
     def key(self) -> str:
         """A file name that is the same in every run for the same task."""
-        text = json.dumps([self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text,
-                           dict(self.more), self.repeat, self.start], sort_keys=True)
+        text = json.dumps(
+            [
+                self.problem_set,
+                self.problem,
+                self.scaling,
+                self.solver,
+                self.lane,
+                self.setting.text,
+                dict(self.more),
+                self.repeat,
+                self.start,
+            ],
+            sort_keys=True,
+        )
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def columns(self, settings: Mapping[str, Any] | None = None) -> Row:
         """The columns that every row begins with; ``settings`` are those that the solver was given."""
-        return {"task": self.key, "problem_set": self.problem_set, "problem": self.problem, "d": self.d, "solver": self.solver,
-                "lane": str(self.lane), "setting": self.setting.text, "rung": self.setting.rung, "is_default": self.setting.is_default,
-                "scaling": self.scaling, "start": self.start, "repeat": self.repeat, "host": os.uname().nodename,
-                "settings": json.dumps(dict(settings or self.more), default=str)}
+        return {
+            "task": self.key,
+            "problem_set": self.problem_set,
+            "problem": self.problem,
+            "d": self.d,
+            "solver": self.solver,
+            "lane": str(self.lane),
+            "setting": self.setting.text,
+            "rung": self.setting.rung,
+            "is_default": self.setting.is_default,
+            "scaling": self.scaling,
+            "start": self.start,
+            "repeat": self.repeat,
+            "host": os.uname().nodename,
+            "settings": json.dumps(dict(settings or self.more), default=str),
+        }
 
     def asked(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The settings for a problem whose constant is c."""
@@ -92,7 +117,8 @@ class Task:
 
 
 def settings_of(solver: Described) -> Sequence[Setting]:
-    """The settings of a solver's ladder from loose to tight; the first is what it does unasked, unless a rung is the same."""
+    """The settings of a solver's ladder from loose to tight; the first is what it does unasked, unless a rung is the
+    same."""
     unasked = setting_text(solver.unasked)
     rungs = [Setting(setting_text(rung), i, setting_text(rung) == unasked) for i, rung in enumerate(solver.ladder)]
     return rungs if any(rung.is_default for rung in rungs) else [Setting(unasked), *rungs]
@@ -101,7 +127,9 @@ def settings_of(solver: Described) -> Sequence[Setting]:
 def limited(solver: Described, limit: int) -> Setting:
     """The tightest setting with a limit of iterations, so that it is the limit that ends a solve."""
     rung = tightest(solver)
-    return Setting(setting_text({**solver.ladder[-1], solver.iteration_setting: limit}), is_default=False, rung_text=rung.text)
+    return Setting(
+        setting_text({**solver.ladder[-1], solver.iteration_setting: limit}), is_default=False, rung_text=rung.text
+    )
 
 
 def tightest(solver: Described) -> Setting:
@@ -154,7 +182,8 @@ class Request(ABC):
 
     @abstractmethod
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Do it; ``first`` says that nothing was compiled, loaded and allocated before. What is raised becomes an outcome, see `attempt`."""
+        """Do it; ``first`` says that nothing was compiled, loaded and allocated before. What is raised becomes an
+        outcome, see `attempt`."""
 
 
 def attempt(work: Callable[[], Outcome]) -> Outcome:

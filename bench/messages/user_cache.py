@@ -27,4 +27,6 @@ def keep(path: Path, write: Callable[[Path], None]) -> None:
         write(path)
     except OSError as error:
         if _once.acquire(blocking=False):
-            logging.getLogger("piezobench").warning("%s: cannot be written (%s), so nothing is kept for the next time", folder(), error.strerror)
+            logging.getLogger("piezobench").warning(
+                "%s: cannot be written (%s), so nothing is kept for the next time", folder(), error.strerror
+            )

@@ -13,7 +13,11 @@ from bench.problem_files.qps import read_qps
 __all__ = ["READERS", "ProblemFileError", "ReadProgram", "read"]
 
 READERS: Mapping[str, Callable[[Path], ReadProgram]] = {
-    ".npz": read_npz, ".mat": read_mat, ".qps": read_qps, ".mps": read_qps}
+    ".npz": read_npz,
+    ".mat": read_mat,
+    ".qps": read_qps,
+    ".mps": read_qps,
+}
 """Reader by suffix, in small letters; what it finds wrong is a ValueError, whose sentence need not name the file."""
 
 

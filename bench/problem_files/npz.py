@@ -33,8 +33,20 @@ from bench.problem_files.program import (
 )
 
 PARTS = ("data", "indices", "indptr", "shape")
-DAMAGED = (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError, RuntimeError,
-           MemoryError, OverflowError, struct.error)
+DAMAGED = (
+    ValueError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+    SyntaxError,
+    tokenize.TokenError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    struct.error,
+)
 """What NumPy and zipfile raise of a damaged file, whose headers are literals of Python."""
 
 
@@ -92,14 +104,17 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def read_npz(path: Path) -> ReadProgram:
-    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one; ValueError says what is wrong."""
+    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one; ValueError says
+    what is wrong."""
     with opened(path) as arrays:
         found = {name: _field(path, arrays, name) for name in QP_FIELDS}
         unread = [name for name in ("l", "u") if name in arrays]
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):
         require(found[name] is not None, f"holds no {name}; a program has P and q at least")
-    require(not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub")
+    require(
+        not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub"
+    )
     found |= {name: vector(name, found[name]) for name in ("q", "h", "b", "lb", "ub") if found[name] is not None}
     found |= {name: with_infinities(found[name]) for name in ("h", "lb", "ub") if found[name] is not None}
     return ReadProgram(checked(Problem(**found)), constant)
@@ -114,6 +129,9 @@ def _field(path: Path, arrays: Any, name: str) -> Any:
             raise
         partner = dict(zip("GA", "hb", strict=True)).get(name, "")
         if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # and not None, then
-            raise ProblemFileError(f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
-                                   f"as {', '.join(f'{name}/{part}' for part in PARTS)}") from None
+            raise ProblemFileError(
+                f"{path}: {name} is stored as a Python object, which is not read; store sparse "
+                "matrices "
+                f"as {', '.join(f'{name}/{part}' for part in PARTS)}"
+            ) from None
         return None

@@ -65,14 +65,21 @@ def about(path: Any) -> Iterator[None]:
 
 
 def doubles(name: str, values: Any) -> Any:
-    """Numbers of a file as doubles, dense or sparse; ValueError where they are complex, text, or more exact than that."""
+    """Numbers of a file as doubles, dense or sparse; ValueError where they are complex, text, or more exact than
+    that."""
     numbers = values if isinstance(values, np.ndarray) else values.data
-    require(numbers.dtype.kind in "biuf", f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}")
+    require(
+        numbers.dtype.kind in "biuf", f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}"
+    )
     with np.errstate(invalid="ignore"):
         found = numbers.astype(np.float64)
         exact = np.array_equal(found.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f")
     require(exact, f"{name} holds numbers that no double is equal to")
-    return found if isinstance(values, np.ndarray) else csc_matrix((found, values.indices, values.indptr), shape=values.shape)
+    return (
+        found
+        if isinstance(values, np.ndarray)
+        else csc_matrix((found, values.indices, values.indptr), shape=values.shape)
+    )
 
 
 def vector(name: str, values: Any) -> Vector:
@@ -93,14 +100,27 @@ def constant_term(name: str, values: Any) -> float:
 def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> csc_matrix:
     """A matrix in compressed columns; ValueError where its index arrays lie, before any compiled code follows them."""
     data, indices, indptr, shape = (np.asarray(part) for part in (data, indices, indptr, shape))
-    require(shape.shape == (2,) and all(part.dtype.kind in "iu" for part in (indices, indptr, shape)) and (shape >= 0).all(),
-            f"{name} has a shape or indices that are not whole numbers")
+    require(
+        shape.shape == (2,)
+        and all(part.dtype.kind in "iu" for part in (indices, indptr, shape))
+        and (shape >= 0).all(),
+        f"{name} has a shape or indices that are not whole numbers",
+    )
     rows, count = (int(size) for size in shape)
-    require(all(part.ndim == 1 for part in (data, indices, indptr)) and indptr.size == count + 1 and indices.size == data.size,
-            f"{name} is of shape ({rows}, {count}) and its index arrays are not")
-    require(indptr[0] == 0 and indptr[-1] == data.size and (indptr[1:] >= indptr[:-1]).all(),
-            f"{name} has columns that do not begin where the one before ends")
-    require(not indices.size or (indices.min() >= 0 and indices.max() < rows), f"{name} has an element outside its {rows} rows")
+    require(
+        all(part.ndim == 1 for part in (data, indices, indptr))
+        and indptr.size == count + 1
+        and indices.size == data.size,
+        f"{name} is of shape ({rows}, {count}) and its index arrays are not",
+    )
+    require(
+        indptr[0] == 0 and indptr[-1] == data.size and (indptr[1:] >= indptr[:-1]).all(),
+        f"{name} has columns that do not begin where the one before ends",
+    )
+    require(
+        not indices.size or (indices.min() >= 0 and indices.max() < rows),
+        f"{name} has an element outside its {rows} rows",
+    )
     M = csc_matrix((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=(rows, count))
     M.sort_indices()
     require(M.has_canonical_format, f"{name} has an element that is given twice")
@@ -136,8 +156,14 @@ def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: V
     equal, upper, lower = l == u, (l != u) & np.isfinite(u), (l != u) & np.isfinite(l)
     G, h = vstack([C[upper], -C[lower]], format="csc"), np.concatenate([u[upper], -l[lower]])
     A, b = csc_matrix(C[equal]), u[equal]
-    return Problem(csc_matrix(P), q, *((G, h + 0.0) if h.size else (None, None)), *((A, b) if b.size else (None, None)),
-                   lb if np.isfinite(lb).any() else None, ub if np.isfinite(ub).any() else None)
+    return Problem(
+        csc_matrix(P),
+        q,
+        *((G, h + 0.0) if h.size else (None, None)),
+        *((A, b) if b.size else (None, None)),
+        lb if np.isfinite(lb).any() else None,
+        ub if np.isfinite(ub).any() else None,
+    )
 
 
 def checked(qp: Problem) -> Problem:
@@ -147,19 +173,27 @@ def checked(qp: Problem) -> Problem:
     shapes = [("P", qp.P, (d, d)), *((name, getattr(qp, name), (d,)) for name in ("lb", "ub"))]
     for rows, right in (("G", "h"), ("A", "b")):
         M, v = getattr(qp, rows), getattr(qp, right)
-        require((M is None) == (v is None), f"has {rows if v is None else right} without {right if v is None else rows}")
+        require(
+            (M is None) == (v is None), f"has {rows if v is None else right} without {right if v is None else rows}"
+        )
         if v is not None:
             shapes += [(right, v, (v.size,)), (rows, M, (v.size, d))]
     for name, value, shape in shapes:
-        require(value is None or value.shape == shape,
-                f"{name} is of shape {getattr(value, 'shape', None)} and not {shape}, for the {d} variables of q")
+        require(
+            value is None or value.shape == shape,
+            f"{name} is of shape {getattr(value, 'shape', None)} and not {shape}, for the {d} variables of q",
+        )
     for name in ("P", "q", "G", "A", "b"):
         value = getattr(qp, name)
-        require(value is None or np.isfinite(value if isinstance(value, np.ndarray) else value.data).all(),
-                f"{name} has an element that is not a finite number")
+        require(
+            value is None or np.isfinite(value if isinstance(value, np.ndarray) else value.data).all(),
+            f"{name} has an element that is not a finite number",
+        )
     check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
     difference = abs(qp.P - qp.P.T)
-    require(not difference.size or difference.max() <= SYMMETRY * abs(qp.P).max(),
-            "P is not symmetric; one that holds a triangle only is not guessed at")
+    require(
+        not difference.size or difference.max() <= SYMMETRY * abs(qp.P).max(),
+        "P is not symmetric; one that holds a triangle only is not guessed at",
+    )
     P = 0.5 * (qp.P + qp.P.T)
     return Problem(P if isinstance(P, np.ndarray) else csc_matrix(P), qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)

@@ -1,8 +1,9 @@
-"""Test sets of qpbenchmark: read from the class in a Python file, and written beside saved problems as one that needs nothing of ours.
+"""Test sets of qpbenchmark: read from the class in a Python file, and written beside saved problems as one that needs
+nothing of ours.
 
-qpbenchmark loads the class whose name is the file's in title case without underscores (S. Caron and others, the package qpbenchmark,
-class ``TestSet``). It is somebody's code, so :func:`read_test_set` is for a process of its own. In what is written each problem is
-there once in each scaling.
+qpbenchmark loads the class whose name is the file's in title case without underscores (S. Caron and others, the package
+qpbenchmark, class ``TestSet``). It is somebody's code, so :func:`read_test_set` is for a process of its own. In what is
+written each problem is there once in each scaling.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ TEMPLATE = Template('''"""Test set of qpbenchmark: the problem set $set of piezo
 
 puts the results into $module.csv and a report into $module.md, both beside this file.
 
-Made by `piezobench problems --set $set --export`; the problems are the NPZ files beside this one, and their field `meta`
+Made by `piezobench problems --set $set --export`; the problems are the NPZ files beside this one,
+and their field `meta`
 holds the certified optima.
 """
 
@@ -65,7 +67,8 @@ class $class_name(TestSet):
             with np.load(path, allow_pickle=False) as arrays:
                 for scaling in ("scaled", "raw"):
                     if f"{scaling}/q" in arrays:
-                        yield Problem(*(field(arrays, f"{scaling}/{name}") for name in FIELDS), f"{path.stem}--{scaling}")
+                        fields = (field(arrays, f"{scaling}/{name}") for name in FIELDS)
+                        yield Problem(*fields, f"{path.stem}--{scaling}")
 
 
 if __name__ == "__main__":
@@ -83,13 +86,17 @@ def read_test_set(path: str) -> list[tuple[str, Problem]] | str:
         loaded = import_module(module)
         if not hasattr(loaded, name):
             return f"has no class {name}, which qpbenchmark looks for in a file of that name"
-        return [(str(problem.name), Problem(*(getattr(problem, field) for field in QP_FIELDS))) for problem in getattr(loaded, name)()]
+        return [
+            (str(problem.name), Problem(*(getattr(problem, field) for field in QP_FIELDS)))
+            for problem in getattr(loaded, name)()
+        ]
     except Exception as error:  # whatever somebody's code raises
         return f"{type(error).__name__}: {error}"
 
 
 def write_test_set(folder: Path, set_name: str, sparse: bool) -> Path:
-    """Write the class file of one problem set, ``piezobench_<set>.py``, into the folder of its problems, ``<set>--<problem>.npz``.
+    """Write the class file of one problem set, ``piezobench_<set>.py``, into the folder of its problems,
+    ``<set>--<problem>.npz``.
 
     Where any matrix is ``sparse`` qpbenchmark asks sparse solvers only.
     """

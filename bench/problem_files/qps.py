@@ -2,12 +2,13 @@
 
     minimise r + qᵀx + ½ xᵀP x   subject to   rows of kind E, L, G with ranges,  lb ≤ x ≤ ub
 
-QUADOBJ (or QSECTION) lists one triangle of P, QMATRIX all of it. The reader is our own because the proof of an optimum is
-about the data as they stand in the file: HiGHS, which reads these files too, drops coefficients up to 1e-9.
+QUADOBJ (or QSECTION) lists one triangle of P, QMATRIX all of it. The reader is our own because the proof of an optimum
+is about the data as they stand in the file: HiGHS, which reads these files too, drops coefficients up to 1e-9.
 
-Conventions: the right-hand side of the objective is −r. A range R makes of L the interval [b − |R|, b], of G [b, b + |R|] and
-of E [b, b + R] or [b + R, b]. An upper bound below zero without a lower bound makes the lower one −∞. Free rows after
-the first are passed over. Fields are told by blanks, or by the columns of fixed format where names hold blanks.
+Conventions: the right-hand side of the objective is −r. A range R makes of L the interval [b − |R|, b], of G [b, b +
+|R|] and of E [b, b + R] or [b + R, b]. An upper bound below zero without a lower bound makes the lower one −∞. Free
+rows after the first are passed over. Fields are told by blanks, or by the columns of fixed format where names hold
+blanks.
 
 Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming problems", Optim. Methods Softw. 11 (1999).
 """
@@ -125,7 +126,7 @@ class _Reading:
         require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         kind = words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
         if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # though some files give one
-            words = [*words[:2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
+            words = [*words[: 2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
         if self.section == "ROWS":
             require(len(words) == 1, f"has {len(words) + 1} fields where 2 are needed")
             return kind, words[0], []
@@ -133,8 +134,10 @@ class _Reading:
         if self.section == "BOUNDS":
             require(len(words) == 2, f"has {len(words)} fields where 2 are needed")
         else:
-            require(2 <= len(words) <= 4 and (head or self.section in ("RHS", "RANGES")),
-                    "is no name followed by one or two pairs of name and number")
+            require(
+                2 <= len(words) <= 4 and (head or self.section in ("RHS", "RANGES")),
+                "is no name followed by one or two pairs of name and number",
+            )
         return kind, head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
@@ -145,46 +148,73 @@ class _Reading:
             require(not quadratic or column in self.columns, f"there is no column {column!r}")
         require(quadratic or name in self.kinds, f"there is no row {name!r}")
         if quadratic:
-            require(self.whole_P or head == name or (name, head) not in self.values["quadratic"],
-                    f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX")
+            require(
+                self.whole_P or head == name or (name, head) not in self.values["quadratic"],
+                f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX",
+            )
             _put(self.values["quadratic"], (head, name), value, "element")
         elif self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
             _put(self.values["COLUMNS"], (name, head), value, "element")
         else:
             self._only_vector(head)
-            require(self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
-                    f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for")
+            require(
+                self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
+                f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for",
+            )
             _put(self.values[self.section], name, value, "row")
 
     def _only_vector(self, head: str) -> None:
-        require(self.vectors.setdefault(self.section, head) == head, f"a second vector {head!r} in the section {self.section}")
+        require(
+            self.vectors.setdefault(self.section, head) == head,
+            f"a second vector {head!r} in the section {self.section}",
+        )
 
     def _bound(self, kind: str, head: str, column: str, text: str) -> None:
         self._only_vector(head)
         require(column in self.columns, f"there is no column {column!r}")
         require(kind in BOUNDS, f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
         value = 0.0 if kind in WITHOUT_VALUE else float(with_infinities(_number(text)))
-        require(value != {"LO": np.inf, "UP": -np.inf}.get(kind) and (kind != "FX" or np.isfinite(value)),
-                f"no number of the column {column!r} is within the bound {text}")
-        sides = {"LO": {"lower": value}, "UP": {"upper": value}, "FX": {"lower": value, "upper": value}, "MI": {"lower": -np.inf},
-                 "PL": {"upper": np.inf}, "FR": {"lower": -np.inf, "upper": np.inf}}
+        require(
+            value != {"LO": np.inf, "UP": -np.inf}.get(kind) and (kind != "FX" or np.isfinite(value)),
+            f"no number of the column {column!r} is within the bound {text}",
+        )
+        sides = {
+            "LO": {"lower": value},
+            "UP": {"upper": value},
+            "FX": {"lower": value, "upper": value},
+            "MI": {"lower": -np.inf},
+            "PL": {"upper": np.inf},
+            "FR": {"lower": -np.inf, "upper": np.inf},
+        }
         for which, side in sides[kind].items():
             before = self.values[which].setdefault(column, side)
-            require(before == side, f"the {which} bound of the column {column!r} is given twice, as {before:g} and as {side:g}")
+            require(
+                before == side,
+                f"the {which} bound of the column {column!r} is given twice, as {before:g} and as {side:g}",
+            )
 
     def _program(self) -> ReadProgram:
         objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
         d = len(self.columns)
         require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
-        linear, right, ranges, lower, upper = (self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper"))
+        linear, right, ranges, lower, upper = (
+            self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper")
+        )
         rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
-        q = _sparse([(0, self.columns[column], value) for (row, column), value in linear.items() if row == objective], (1, d)).toarray()[0]
-        C = _sparse([(rows[row], self.columns[column], value) for (row, column), value in linear.items() if row in rows], (len(rows), d))
+        q = _sparse(
+            [(0, self.columns[column], value) for (row, column), value in linear.items() if row == objective], (1, d)
+        ).toarray()[0]
+        C = _sparse(
+            [(rows[row], self.columns[column], value) for (row, column), value in linear.items() if row in rows],
+            (len(rows), d),
+        )
         sides = np.array([_interval(self.kinds[name], right.get(name, 0.0), ranges.get(name)) for name in rows])
         l, u = sides.reshape(-1, 2).T  # noqa: E741
         ub = np.array([upper.get(column, np.inf) for column in self.columns])
-        lb = np.array([lower.get(column, -np.inf if high < 0.0 else 0.0) for column, high in zip(self.columns, ub, strict=True)])
+        lb = np.array(
+            [lower.get(column, -np.inf if high < 0.0 else 0.0) for column, high in zip(self.columns, ub, strict=True)]
+        )
         elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.values["quadratic"].items()]
         if not self.whole_P:
             elements += [(j, i, value) for i, j, value in elements if i != j]

@@ -59,4 +59,7 @@ def check_options(names: Sequence[str], options: Iterable[str]) -> None:
     for option in options:
         if not any(option in (*cls.needs, *cls.takes) for cls in chosen):
             takers = [name for name, cls in sorted(all_sets().items()) if option in (*cls.needs, *cls.takes)]
-            raise ProblemSetError(f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not for {' and '.join(names)}")
+            raise ProblemSetError(
+                f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not "
+                f"for {' and '.join(names)}"
+            )

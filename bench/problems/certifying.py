@@ -1,8 +1,8 @@
 """Proofs of programs that come from anywhere, several at once, each within so much work.
 
-Nobody promises that a foreign program is convex, feasible, bounded or small, nor that the library that is asked for a start
-survives it, so each proof is found in a process of its own. Work is counted in bit operations: what can be proven does not hang on
-the load of a machine.
+Nobody promises that a foreign program is convex, feasible, bounded or small, nor that the library that is asked for a
+start survives it, so each proof is found in a process of its own. Work is counted in bit operations: what can be proven
+does not hang on the load of a machine.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ class Provers:
 
     def __exit__(self, *_: object) -> None:
         self._threads.shutdown(wait=False, cancel_futures=True)
-        while not all(future.done() for future in self._begun):  # a process that is just starting is ended in a later round
+        # a process that is just starting is ended in a later round
+        while not all(future.done() for future in self._begun):
             for prover in self._all:
                 prover.interrupt()
             time.sleep(0.02)
@@ -153,8 +154,11 @@ def start(qp: Problem) -> Vector:
     matrices = [None if M is None else csc_matrix(M) for M in (qp.P, qp.G, qp.A)]
     for solver in STARTERS:
         if solver in qpsolvers.available_solvers:
-            P, G, A = matrices if solver in qpsolvers.sparse_solvers else (
-                None if M is None else M.toarray() for M in matrices)
+            P, G, A = (
+                matrices
+                if solver in qpsolvers.sparse_solvers
+                else (None if M is None else M.toarray() for M in matrices)
+            )
             try:
                 with warnings.catch_warnings(action="ignore"):  # of a solver that has no answer
                     x = qpsolvers.solve_problem(Problem(P, qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub), solver=solver).x

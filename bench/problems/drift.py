@@ -1,9 +1,10 @@
-"""A data basis that forgets, over an actuator whose gain drifts: problems that follow each other, each close to the last.
+"""A data basis that forgets, over an actuator whose gain drifts: problems that follow each other, each close to the
+last.
 
     P_k = Σ_j λ^(k−j) Ξ_j Ξ_jᵀ / W_k,   λ = exp(−Ts/τ),   τ = 2 s
 
-One problem every quarter of a second, each with the optimum of the one before it as ``warm_start``. This is what a solver
-that runs beside a controller sees, and where a warm start has to pay.
+One problem every quarter of a second, each with the optimum of the one before it as ``warm_start``. This is what a
+solver that runs beside a controller sees, and where a warm start has to pay.
 """
 
 from __future__ import annotations
@@ -35,15 +36,19 @@ class Drift(ProblemSet):
 
     def problems(self) -> Iterator[RaceProblem]:
         """Drive on by a quarter of a second, take a snapshot, certify it."""
-        experiment = Experiment("relay_preisach", "random_walk", build_s=BUILD_S, drift_per_s=DRIFT_PER_S, seed=self.seed)
-        plant, x, y, basis = experiment.measured(BUILD_S + COUNT * EVERY_S + UNSEEN_S, math.exp(-SAMPLE_TIME / TIME_CONSTANT_S))
+        experiment = Experiment(
+            "relay_preisach", "random_walk", build_s=BUILD_S, drift_per_s=DRIFT_PER_S, seed=self.seed
+        )
+        plant, x, y, basis = experiment.measured(
+            BUILD_S + COUNT * EVERY_S + UNSEEN_S, math.exp(-SAMPLE_TIME / TIME_CONSTANT_S)
+        )
         noise_um = experiment.noise * (plant.y_range[1] - plant.y_range[0])
         first, step, ahead = (round(seconds / SAMPLE_TIME) for seconds in (BUILD_S, EVERY_S, UNSEEN_S))
         basis.update(x[:first], y[:first])
         start = basis.problem()
         before, earlier = certified(self.name, "start", start).optimal_weights, [start]
         for end in range(first + step, first + COUNT * step + 1, step):
-            basis.update(x[end - step:end], y[end - step:end])
+            basis.update(x[end - step : end], y[end - step : end])
             unseen = slice(end, end + ahead)
             validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], noise_um)
             now = basis.problem()

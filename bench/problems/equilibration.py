@@ -4,10 +4,10 @@ With x = D z the cost is multiplied by κ and the rows by E:
 
     P' = κ D P D,   q' = κ D q,   [A'; G'] = E [A; G] D,   [b'; h'] = E [b; h],   lb' = D⁻¹ lb,   ub' = D⁻¹ ub
 
-D and E bring the rows and columns of [P Cᵀ; C 0] near the largest element one (D. Ruiz, "A scaling algorithm to equilibrate
-both rows and columns norms in matrices", RAL-TR-2001-034), κ the cost, as OSQP does it (B. Stellato and others, Math. Program.
-Comput. 12, 2020, section 5.1). All are rounded to powers of two: the scaled program is the given one to the last bit, its
-optimum is the same, and a diagonal of P lies between about 1/4 and 4 rather than at one.
+D and E bring the rows and columns of [P Cᵀ; C 0] near the largest element one (D. Ruiz, "A scaling algorithm to
+equilibrate both rows and columns norms in matrices", RAL-TR-2001-034), κ the cost, as OSQP does it (B. Stellato and
+others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers of two: the scaled program is the given
+one to the last bit, its optimum is the same, and a diagonal of P lies between about 1/4 and 4 rather than at one.
 """
 
 from __future__ import annotations

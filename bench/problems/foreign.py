@@ -1,10 +1,10 @@
 """Programs of others, from a folder of files: NPZ, MAT as the Maros–Mészáros set is converted to, QPS and MPS.
 
-They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; what a solver cannot take
-is reported as unsupported. Raw is the file's program; scaled is equilibrated by powers of two (see `equilibration`). A
-program is raced only where its optimum is certified within ``work`` bit operations; the others are in ``left_out`` with the
-reason. Proofs are kept between races (see `proof_cache`). Problems that were saved here are recognised, and their own proofs are
-replayed.
+They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; what a solver cannot
+take is reported as unsupported. Raw is the file's program; scaled is equilibrated by powers of two (see
+`equilibration`). A program is raced only where its optimum is certified within ``work`` bit operations; the others are
+in ``left_out`` with the reason. Proofs are kept between races (see `proof_cache`). Problems that were saved here are
+recognised, and their own proofs are replayed.
 """
 
 from __future__ import annotations
@@ -89,11 +89,26 @@ class ForeignPrograms(ProblemSet):
                 raise
             proof_cache.save(key, proofs)
         raw_proof, proof = proofs
-        return RaceProblem(self.name, name, {
-            "scaled": CertifiedForm(scaled.qp, scaled.cost * program.constant, csc_matrix(diags(scaled.unit)), proof,
-                                    cost_unit=scaled.cost),
-            "raw": CertifiedForm(program.qp, program.constant, csc_matrix(identity(scaled.unit.size, dtype=np.float64)),
-                                 raw_proof, cost_unit=1.0)})
+        return RaceProblem(
+            self.name,
+            name,
+            {
+                "scaled": CertifiedForm(
+                    scaled.qp,
+                    scaled.cost * program.constant,
+                    csc_matrix(diags(scaled.unit)),
+                    proof,
+                    cost_unit=scaled.cost,
+                ),
+                "raw": CertifiedForm(
+                    program.qp,
+                    program.constant,
+                    csc_matrix(identity(scaled.unit.size, dtype=np.float64)),
+                    raw_proof,
+                    cost_unit=1.0,
+                ),
+            },
+        )
 
 
 class Foreign(ForeignPrograms):

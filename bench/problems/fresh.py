@@ -2,10 +2,10 @@
 
     P = Σ θ_k P_k,   q = Σ θ_k q_k,   c = Σ θ_k c_k,    θ ≥ 0, Σ θ_k = 1
 
-is the data basis of the windows, each with a weight of its own, under the constraints of the problem; V + c stays a sum of
-squares. A problem without windows has each entry of its q made smaller by up to a tenth, all by the same share where P is singular,
-by which a bounded problem stays bounded. What is judged of the answers is a sample that the parent draws, against optima that are
-proven only then, and that no process of a solver can know.
+is the data basis of the windows, each with a weight of its own, under the constraints of the problem; V + c stays a sum
+of squares. A problem without windows has each entry of its q made smaller by up to a tenth, all by the same share where
+P is singular, by which a bounded problem stays bounded. What is judged of the answers is a sample that the parent
+draws, against optima that are proven only then, and that no process of a solver can know.
 """
 
 from __future__ import annotations
@@ -53,11 +53,20 @@ class FreshData:
         self._apart = 0 if windows else form.qp.q.size if _is_definite(P) else 1
         self._shares, self._factors = self._drawn(count)
         ends = [min(end, count) for end in STRETCHES]
-        self.sample = tuple(sorted({int(self._chance.integers(low, high)) for low, high in zip([0, *ends], ends, strict=False) if low < high}))
+        self.sample = tuple(
+            sorted(
+                {
+                    int(self._chance.integers(low, high))
+                    for low, high in zip([0, *ends], ends, strict=False)
+                    if low < high
+                }
+            )
+        )
         self._certified: dict[int, CertifiedForm | None] = {}
 
     def block(self, first: int, last: int) -> tuple[Matrix, Matrix]:
-        """P (n, d, d) and q (n, d) of the calls from ``first`` to ``last`` − 1, symmetric to the last bit where the problem is."""
+        """P (n, d, d) and q (n, d) of the calls from ``first`` to ``last`` − 1, symmetric to the last bit where the
+        problem is."""
         return self._mixed(self._shares[first:last], self._factors[first:last])
 
     def unseen(self, count: int) -> tuple[Matrix, Matrix]:
@@ -84,7 +93,9 @@ class FreshData:
             mixed = Problem(P, q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
             try:
                 proof = certify(mixed, np.array(self._form.certificate.x))
-                self._certified[call] = CertifiedForm(mixed, c, self._form.to_weights, proof, cost_unit=self._form.cost_unit)
+                self._certified[call] = CertifiedForm(
+                    mixed, c, self._form.to_weights, proof, cost_unit=self._form.cost_unit
+                )
             except NotCertified:  # nothing is judged on what cannot be proven
                 self._certified[call] = None
         return self._certified[call]

@@ -17,5 +17,9 @@ class Noise(Simulated):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """One a level."""
-        return {f"noise-{level:.0e}" if level else "noise-none": Experiment("dense_prandtl_ishlinskii", "multi_sine", noise=level, seed=self.seed)
-                for level in LEVELS}
+        return {
+            f"noise-{level:.0e}" if level else "noise-none": Experiment(
+                "dense_prandtl_ishlinskii", "multi_sine", noise=level, seed=self.seed
+            )
+            for level in LEVELS
+        }

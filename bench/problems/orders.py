@@ -18,4 +18,7 @@ class Orders(Simulated):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """One an order, smallest first."""
-        return {f"d{2 * n + 2 * m + 2:03d}": Experiment("relay_preisach", "random_walk", n, m, seed=self.seed) for n, m in ORDERS}
+        return {
+            f"d{2 * n + 2 * m + 2:03d}": Experiment("relay_preisach", "random_walk", n, m, seed=self.seed)
+            for n, m in ORDERS
+        }

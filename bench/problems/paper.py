@@ -18,4 +18,8 @@ class Paper(Simulated):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """Every plant under every drive."""
-        return {f"{plant}-{drive}": Experiment(plant, drive, seed=self.seed + i) for plant in plants.names() for i, drive in enumerate(DRIVES)}
+        return {
+            f"{plant}-{drive}": Experiment(plant, drive, seed=self.seed + i)
+            for plant in plants.names()
+            for i, drive in enumerate(DRIVES)
+        }

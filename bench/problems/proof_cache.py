@@ -1,7 +1,7 @@
 """Proofs of programs that come from anywhere, kept between races under a hash of the data that they are proofs of.
 
-They lie in the user's cache, one JSON file a program. What could not be proven is kept too, with the reason and the work that was
-allowed, since neither depends on the machine.
+They lie in the user's cache, one JSON file a program. What could not be proven is kept too, with the reason and the
+work that was allowed, since neither depends on the machine.
 """
 
 from __future__ import annotations

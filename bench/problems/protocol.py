@@ -24,8 +24,16 @@ from piezo_model.json_file import FileName, decoded
 from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, certify
 
-__all__ = ["QP_FIELDS", "SCALINGS", "CertifiedForm", "ProblemSet", "ProblemSetError", "RaceProblem", "Validation",
-           "certified"]
+__all__ = [
+    "QP_FIELDS",
+    "SCALINGS",
+    "CertifiedForm",
+    "ProblemSet",
+    "ProblemSetError",
+    "RaceProblem",
+    "Validation",
+    "certified",
+]
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 
@@ -55,15 +63,18 @@ class CertifiedForm:
     """Shape (d, d)."""
     certificate: Certificate
     warm_start: Vector | None = None
-    """The optimum of the problem before this one, in the variables z of this one, where problems follow each other. Shape (d,)."""
+    """The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
+    Shape (d,)."""
     cost_unit: float = 0.0
-    """One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum of squares."""
+    """One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum
+    of squares."""
     windows: tuple[Window, ...] = ()
     """Of which data are mixed that change from call to call."""
 
     @cached_property
     def yardstick(self) -> float:
-        """What a cost gap is divided by: V* + c, a sum of squares; for a program of others max(½ x*ᵀP x*, |qᵀx*|), or ``cost_unit`` if that is 0."""
+        """What a cost gap is divided by: V* + c, a sum of squares; for a program of others max(½ x*ᵀP x*, |qᵀx*|), or
+        ``cost_unit`` if that is 0."""
         x = np.array(self.certificate.x)
         if self.cost_unit == 0.0:
             return self.certificate.value_rounded + self.c
@@ -152,23 +163,32 @@ class RaceProblem:
         return float("inf") if hidden else float(values[-1] / values[0])
 
     def save(self, path: Path, proven: bool = True) -> None:
-        """Write everything as NPZ, whole or not at all; on request without the proofs, which are then made again on loading."""
+        """Write everything as NPZ, whole or not at all; on request without the proofs, which are then made again on
+        loading."""
         arrays: dict[str, Any] = {}
         meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}, "cost_unit": {}}
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
-            arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(f"{scaling}/warm_start", form.warm_start)
+            arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(
+                f"{scaling}/warm_start", form.warm_start
+            )
             if form.windows:
-                arrays |= {f"{scaling}/windows/P": np.array([window.P for window in form.windows]),
-                           f"{scaling}/windows/q": np.array([window.q for window in form.windows]),
-                           f"{scaling}/windows/c": np.array([window.c for window in form.windows])}
+                arrays |= {
+                    f"{scaling}/windows/P": np.array([window.P for window in form.windows]),
+                    f"{scaling}/windows/q": np.array([window.q for window in form.windows]),
+                    f"{scaling}/windows/c": np.array([window.c for window in form.windows]),
+                }
             meta["certificates"][scaling] = form.certificate.to_json() if proven else ""
             meta["c"][scaling], meta["cost_unit"][scaling] = form.c, form.cost_unit
         if self.validation is not None:
             v = self.validation
             meta |= {"structure": v.structure.to_dict(), **({} if math.isnan(v.noise_um) else {"noise_um": v.noise_um})}
-            arrays |= {"validation/play": v.state.play, "validation/creep": v.state.creep, "validation/x": v.x,
-                       "validation/y": v.y}
+            arrays |= {
+                "validation/play": v.state.play,
+                "validation/creep": v.state.creep,
+                "validation/x": v.x,
+                "validation/y": v.y,
+            }
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
 
@@ -181,9 +201,15 @@ class RaceProblem:
             for scaling, text in meta["certificates"].items():
                 qp = unpacked_program(data, f"{scaling}/")
                 proof = Certificate.from_json(text) if text else certify(qp, starting_point(qp))
-                forms[scaling] = CertifiedForm(qp, meta["c"][scaling], unpacked(data, f"{scaling}/to_weights"), proof,
-                                               unpacked(data, f"{scaling}/warm_start"),
-                                               meta.get("cost_unit", {}).get(scaling, 0.0), _windows(data, f"{scaling}/windows/"))
+                forms[scaling] = CertifiedForm(
+                    qp,
+                    meta["c"][scaling],
+                    unpacked(data, f"{scaling}/to_weights"),
+                    proof,
+                    unpacked(data, f"{scaling}/warm_start"),
+                    meta.get("cost_unit", {}).get(scaling, 0.0),
+                    _windows(data, f"{scaling}/windows/"),
+                )
             if not forms:
                 raise ProblemFileError(f"{path}: holds no certificate")
             validation = None
@@ -208,8 +234,14 @@ def starting_point(qp: Problem) -> Vector:
     return np.zeros(qp.q.size) if start is None else start
 
 
-def certified(set_name: str, name: str, problem: IdentificationProblem, validation: Validation | None = None,
-              before: Vector | None = None, neighbours: Sequence[IdentificationProblem] = ()) -> RaceProblem:
+def certified(
+    set_name: str,
+    name: str,
+    problem: IdentificationProblem,
+    validation: Validation | None = None,
+    before: Vector | None = None,
+    neighbours: Sequence[IdentificationProblem] = (),
+) -> RaceProblem:
     """Prove the optimum of an identification in both scalings, in slope coordinates.
 
     The ``neighbours`` are those of other windows of the same data.
@@ -221,9 +253,14 @@ def certified(set_name: str, name: str, problem: IdentificationProblem, validati
     for scaling in SCALINGS:
         form = problem.form("slope", scaling)
         others = [neighbour.form("slope", scaling, like=problem) for neighbour in neighbours]
-        forms[scaling] = CertifiedForm(form.qp, form.c, form.to_weights, certify(form.qp, starting_point(form.qp)),
-                                       None if before is None else np.maximum(form.variables(before), form.qp.lb),
-                                       windows=tuple(Window(other.qp.P, other.qp.q, other.c) for other in others))
+        forms[scaling] = CertifiedForm(
+            form.qp,
+            form.c,
+            form.to_weights,
+            certify(form.qp, starting_point(form.qp)),
+            None if before is None else np.maximum(form.variables(before), form.qp.lb),
+            windows=tuple(Window(other.qp.P, other.qp.q, other.c) for other in others),
+        )
     return RaceProblem(set_name, name, forms, validation)
 
 
@@ -290,7 +327,8 @@ class ProblemSet(ABC):
         """Make the problems one by one, each with its certified optimum."""
 
     def model(self) -> tuple[HysteresisCreepModel, float] | None:
-        """Of a set that is one recording, what ``identify`` makes of the part that is fitted, and its error on the rest in per cent.
+        """Of a set that is one recording, what ``identify`` makes of the part that is fitted, and its error on the rest
+        in per cent.
 
         Raises
         ------

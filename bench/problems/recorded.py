@@ -1,12 +1,12 @@
 """Anybody's recording, seen by models of several orders over several windows.
 
-The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first sample
-on, from the states and with the sign that `piezo_model.identification.preprocessing` finds, and counted from the end of a switch-on
-transient or the start of the window, whichever is later. A recording has an unknown constant, so every model has an offset, a
-variable without bounds.
+The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first
+sample on, from the states and with the sign that `piezo_model.identification.preprocessing` finds, and counted from the
+end of a switch-on transient or the start of the window, whichever is later. A recording has an unknown constant, so
+every model has an offset, a variable without bounds.
 
-Beside the problems stands the model that `identify` makes of the fitted part, of the orders and rates of the first problem, so that the
-times of the race are those of its size. Its error, and that of any other model, is what
+Beside the problems stands the model that `identify` makes of the fitted part, of the orders and rates of the first
+problem, so that the times of the race are those of its size. Its error, and that of any other model, is what
 ``HysteresisCreepModel.validate`` finds on the part that is kept back.
 """
 
@@ -31,7 +31,15 @@ WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 KEPT_BACK = 0.2
 LONGEST_VALIDATION = 200_000
 """Samples; every problem carries its own copy."""
-READING = {"sample_time": float, "header_row": int, "decimal": str, "sheet": str, "resample": float, "input_unit": str, "output_unit": str}
+READING = {
+    "sample_time": float,
+    "header_row": int,
+    "decimal": str,
+    "sheet": str,
+    "resample": float,
+    "input_unit": str,
+    "output_unit": str,
+}
 """Options of ``Recording.open`` for what a file does not say, and how each is read from its text."""
 SOLVER, PROXIMAL = "box_active_set", 1e-10
 
@@ -41,10 +49,16 @@ class Recorded(ProblemSet):
 
     name = "recorded"
     origin = "a recording of yours"
-    description = "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
+    description = (
+        "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
+    )
     needs: ClassVar = {"recording": "a recording in any known format"}
-    takes: ClassVar = {"time": "time column", "input": "input column", "output": "output column",
-                       **dict.fromkeys(READING, "how the file is read")}
+    takes: ClassVar = {
+        "time": "time column",
+        "input": "input column",
+        "output": "output column",
+        **dict.fromkeys(READING, "how the file is read"),
+    }
 
     def __len__(self) -> int:
         """Orders times windows."""
@@ -53,7 +67,9 @@ class Recorded(ProblemSet):
     @cached_property
     def _whole(self) -> Recording:
         time, input, output = (self.options.get(role) for role in ("time", "input", "output"))
-        reading: dict[str, Any] = {name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options}
+        reading: dict[str, Any] = {
+            name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options
+        }
         return check_direction(Recording.open(self.options["recording"], time, input, output, **reading)).in_memory()
 
     @cached_property
@@ -65,7 +81,12 @@ class Recorded(ProblemSet):
     def model(self) -> tuple[HysteresisCreepModel, float]:
         """The model of the fitted part, and its error on the rest."""
         fitted, unseen = self._parts
-        model = identify(fitted, n=ORDERS[0][0], m=ORDERS[0][1], creep_rates=choose_creep_rates(fitted.sample_time, fitted.duration_s))
+        model = identify(
+            fitted,
+            n=ORDERS[0][0],
+            m=ORDERS[0][1],
+            creep_rates=choose_creep_rates(fitted.sample_time, fitted.duration_s),
+        )
         return model, unseen_error(model, unseen)
 
     def problems(self) -> Iterator[RaceProblem]:
@@ -100,15 +121,22 @@ def kept_back(problem: RaceProblem) -> Recording:
     """What was kept back of the recording that a problem of this set is made of; every problem carries it."""
     v = problem.validation
     assert v is not None
-    return Recording.from_arrays(v.x, v.y, v.structure.sample_time, input_unit=v.structure.input_unit, output_unit=v.structure.output_unit,
-                                 name="the last fifth of the recording")
+    return Recording.from_arrays(
+        v.x,
+        v.y,
+        v.structure.sample_time,
+        input_unit=v.structure.input_unit,
+        output_unit=v.structure.output_unit,
+        name="the last fifth of the recording",
+    )
 
 
 def sensor_noise(y: NDArray[np.float64]) -> float:
-    """Standard deviation of the white part of an output (N,), from its third differences, in which what is slow cancels.
+    """Standard deviation of the white part of an output (N,), from its third differences, in which what is slow
+    cancels.
 
-    White noise of deviation σ has third differences of deviation √20 σ (weights 1, −3, 3, −1). Their median takes no notice of the
-    corners of a drive. 0 where most neighbouring samples are equal.
+    White noise of deviation σ has third differences of deviation √20 σ (weights 1, −3, 3, −1). Their median takes no
+    notice of the corners of a drive. 0 where most neighbouring samples are equal.
 
     Examples
     --------
@@ -122,14 +150,27 @@ def sensor_noise(y: NDArray[np.float64]) -> float:
 def part(whole: Recording, samples: slice) -> Recording:
     """Some samples of a recording, checked like a recording of their own."""
     x, y = whole.arrays()
-    return Recording.from_arrays(x[samples], y[samples], whole.sample_time, input_unit=whole.input_unit,
-                                 output_unit=whole.output_unit,
-                                 name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}")
+    return Recording.from_arrays(
+        x[samples],
+        y[samples],
+        whole.sample_time,
+        input_unit=whole.input_unit,
+        output_unit=whole.output_unit,
+        name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}",
+    )
 
 
 def counted(recording: Recording, n: int, m: int) -> Preprocessed:
     """A structure over the ranges of the counted part, the first sample of it, and the states at the start."""
-    s = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range,
-                                   choose_creep_rates(recording.sample_time, recording.duration_s), recording.sample_time,
-                                   offset=True, input_unit=recording.input_unit, output_unit=recording.output_unit)
+    s = ModelStructure.equidistant(
+        n,
+        m,
+        recording.x_range,
+        recording.y_range,
+        choose_creep_rates(recording.sample_time, recording.duration_s),
+        recording.sample_time,
+        offset=True,
+        input_unit=recording.input_unit,
+        output_unit=recording.output_unit,
+    )
     return preprocess(recording, s, SOLVER, PROXIMAL, None, fit_range=True)

@@ -51,23 +51,27 @@ class Experiment:
         """The actuator with its sensor, at rest."""
         actuator = plants.get(self.plant, sample_time=SAMPLE_TIME)
         noise_um = self.noise * (actuator.y_range[1] - actuator.y_range[0])
-        return plants.Sensor(actuator, noise_um=noise_um, quantum_um=noise_um / 2.0,
-                             gain_drift_per_s=self.drift_per_s, seed=self.seed)
+        return plants.Sensor(
+            actuator, noise_um=noise_um, quantum_um=noise_um / 2.0, gain_drift_per_s=self.drift_per_s, seed=self.seed
+        )
 
     def reference(self, drive: str, duration_s: float, plant: plants.Plant) -> Vector:
         """A signal by name over the part of the input range that is covered, V."""
         low, high = plant.x_range
         options = {"seed": self.seed} if drive in SEEDED else {}
-        return SIGNALS[drive](duration_s=duration_s, sample_time=SAMPLE_TIME, low=low,
-                              high=low + self.reach * (high - low), **options)
+        return SIGNALS[drive](
+            duration_s=duration_s, sample_time=SAMPLE_TIME, low=low, high=low + self.reach * (high - low), **options
+        )
 
     def structure(self, plant: plants.Plant, x: Vector, y: Vector) -> ModelStructure:
         """The model's structure, its thresholds spread over the full input range and the measured output."""
-        return ModelStructure.equidistant(self.n, self.m, plant.x_range, centred_range(x, y, self.reach), CREEP_RATES,
-                                          SAMPLE_TIME)
+        return ModelStructure.equidistant(
+            self.n, self.m, plant.x_range, centred_range(x, y, self.reach), CREEP_RATES, SAMPLE_TIME
+        )
 
     def measured(self, duration_s: float, forgetting: float = 1.0) -> tuple[plants.Sensor, Vector, Vector, DataBasis]:
-        """Actuator, input and output after so long under the drive, and a data basis for the structure of the building phase, still empty."""
+        """Actuator, input and output after so long under the drive, and a data basis for the structure of the building
+        phase, still empty."""
         plant, built = self.sensor(), round(self.build_s / SAMPLE_TIME)
         x = self.reference(self.drive, duration_s, plant)
         y = plant.run(x)

@@ -1,4 +1,5 @@
-"""Programs of a test set of qpbenchmark, read from its class, so that whoever has one there can race it here as it is."""
+"""Programs of a test set of qpbenchmark, read from its class, so that whoever has one there can race it here as it
+is."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Work on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
 
-In a race each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It writes its
-rows itself, so a cluster's workers must reach the run's folder under the same path.
+In a race each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It
+writes its rows itself, so a cluster's workers must reach the run's folder under the same path.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ class Backend(StrEnum):
 class Workers:
     """How work is spread; not part of a race's settings, since it may be resumed elsewhere.
 
-    ``count`` are on this machine, and a cluster says itself how many it has; ``scheduler`` is the address of a Dask scheduler.
+    ``count`` are on this machine, and a cluster says itself how many it has; ``scheduler`` is the address of a Dask
+    scheduler.
     """
 
     count: int = 1
@@ -81,7 +82,8 @@ class Workers:
 
 
 def distribute(parts: Sequence[P], entries: Sequence[Entry], settings: ChildSettings, workers: Workers) -> Iterator[P]:
-    """Do parts of a race on several workers, which give their cores back in the end; yields them as they get done, in any order."""
+    """Do parts of a race on several workers, which give their cores back in the end; yields them as they get done, in
+    any order."""
     with _backend(workers) as (count, client):
         yield from _done(work, [(part, tuple(entries), settings) for part in parts], workers, count)
         if client is not None:
@@ -100,14 +102,20 @@ def each(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> It
         try:
             yield from _done(function, zip(items), workers, count)
         except BrokenProcessPool:
-            raise RaceError("a worker was killed, perhaps for want of memory; what is done is kept, and the same command carries on") from None
+            raise RaceError(
+                "a worker was killed, perhaps for want of memory; what is done is kept, and the same command carries on"
+            ) from None
 
 
-def _done(function: Callable[..., R], arguments: Iterable[tuple[Any, ...]], workers: Workers, count: int) -> Iterator[R]:
-    # What waits in the queue of joblib's local workers when they are stopped ends in a KeyError of its own thread: only what they take at once.
+def _done(
+    function: Callable[..., R], arguments: Iterable[tuple[Any, ...]], workers: Workers, count: int
+) -> Iterator[R]:
+    # What waits in the queue of joblib's local workers when they are stopped ends in a KeyError of its own thread: only
+    # what they take at once.
     parent, ahead = (os.getpid(), "2 * n_jobs") if workers.backend is Backend.LOCAL else (None, "all")
     yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch=ahead, return_as="generator_unordered")(
-        delayed(_attended)(function, some, parent) for some in arguments)
+        delayed(_attended)(function, some, parent) for some in arguments
+    )
 
 
 @contextmanager
@@ -141,15 +149,19 @@ def _client(address: str) -> Iterator[Any]:
 
 
 def _check_cores(client: Any) -> None:
-    """RaceError where a host of the cluster has more workers (threads of them) than cores, which would wait for ever."""
+    """RaceError where a host of the cluster has more workers (threads of them) than cores, which would wait for
+    ever."""
     threads: Counter[str] = Counter()
     there = client.run(cores_here)
     for address, worker in client.scheduler_info()["workers"].items():
         threads[there[address][0]] += worker["nthreads"]
     for host, count in dict(there.values()).items():
         if threads[host] > count:
-            raise RaceError(f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start fewer, each "
-                            f"with one thread")
+            raise RaceError(
+                f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start "
+                "fewer, each "
+                f"with one thread"
+            )
 
 
 # What follows runs in a worker.
@@ -187,7 +199,8 @@ def _attended(function: Callable[..., R], arguments: tuple[Any, ...], parent: in
 
 @cache
 def _end_with(parent: int) -> None:
-    """Have this process end at once when its parent does: joblib's would wait for ever with a result that nobody reads any more."""
+    """Have this process end at once when its parent does: joblib's would wait for ever with a result that nobody reads
+    any more."""
     try:
         handle = os.pidfd_open(parent)
     except ProcessLookupError:
@@ -220,8 +233,8 @@ def _taken(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverP
 def _permit_children() -> None:
     """Let this process start others, whoever started it.
 
-    Under a nanny a Dask worker is a daemon, to which multiprocessing forbids children; ours end with their connection. A
-    worker of joblib's tells its children of a way to start processes that only joblib knows.
+    Under a nanny a Dask worker is a daemon, to which multiprocessing forbids children; ours end with their connection.
+    A worker of joblib's tells its children of a way to start processes that only joblib knows.
     """
     multiprocessing.current_process().daemon = False
     if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():

@@ -1,7 +1,7 @@
 """A child process that is forked from a server, for libraries that take long to import.
 
-The server has imported what all children need (qpsolvers is among it, and it imports every library that it finds), with every
-thread pool limited to one thread.
+The server has imported what all children need (qpsolvers is among it, and it imports every library that it finds), with
+every thread pool limited to one thread.
 """
 
 from __future__ import annotations
@@ -19,8 +19,14 @@ from bench.messages.race_error import RaceError
 from piezo_model.child_process import Child, serve
 from solvers.registry import FAMILIES, Entry
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
-                    "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
 PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "solvers.core")
 """What the server imports in any case; absent ones are passed over."""
 
@@ -29,14 +35,18 @@ def _context(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> Any:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*PRELOADED, *modules, *{f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}])
+    context.set_forkserver_preload(
+        [*PRELOADED, *modules, *{f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}]
+    )
     return context
 
 
 def warm_up(entries: Iterable[Entry], modules: Iterable[str] = ()) -> None:
-    """Start the server that children are forked from, with these modules and what the lanes of these solvers need imported.
+    """Start the server that children are forked from, with these modules and what the lanes of these solvers need
+    imported.
 
-    It imports for a second or two, beside whatever comes next; one that runs already stays as it is. RaceError where its socket has no place.
+    It imports for a second or two, beside whatever comes next; one that runs already stays as it is. RaceError where
+    its socket has no place.
     """
     _context(entries, modules)
     try:
@@ -44,8 +54,10 @@ def warm_up(entries: Iterable[Entry], modules: Iterable[str] = ()) -> None:
     except OSError as error:
         if "AF_UNIX path too long" not in str(error):
             raise
-        raise RaceError(f"{tempfile.gettempdir()} has too long a name for the sockets of the solvers' processes; "
-                        "set TMPDIR to another folder") from None
+        raise RaceError(
+            f"{tempfile.gettempdir()} has too long a name for the sockets of the solvers' processes; "
+            "set TMPDIR to another folder"
+        ) from None
 
 
 class ForkedChild(Child):

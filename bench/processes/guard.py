@@ -1,8 +1,8 @@
 """What the process of a solver is watched for: what it opens that is not its own, and functions that it replaces.
 
-Both are set up before the solver's file is imported. An audit hook (PEP 578) cannot be taken away, and sees every file that Python
-opens and every folder that it lists. What times a solver and carries its answers is compared name by name with what it was, functions
-of ours with the code and the defaults that they had.
+Both are set up before the solver's file is imported. An audit hook (PEP 578) cannot be taken away, and sees every file
+that Python opens and every folder that it lists. What times a solver and carries its answers is compared name by name
+with what it was, functions of ours with the code and the defaults that they had.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) ->
             name = os.fsdecode(arguments[0])
             path = absolute(name) + os.sep
             _, root, process, *_ = (*path.split(os.sep), "", "")
-            if (path.startswith(places) or (root == "proc" and number(process) and process != ours)) and len(seen) < MOST:
+            if (path.startswith(places) or (root == "proc" and number(process) and process != ours)) and len(
+                seen
+            ) < MOST:
                 seen.append(f"opened {name}")
         elif event in HOOKS and len(seen) < MOST:
             seen.append(f"called {event}")
@@ -44,7 +46,9 @@ def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) ->
     def said() -> tuple[str, ...]:
         for where, names, key, was, code, defaults in before:
             now = names.get(key)
-            if (now is not was or (code is not None and (now.__code__ is not code or now.__defaults__ is not defaults))) and len(seen) < MOST:
+            if (
+                now is not was or (code is not None and (now.__code__ is not code or now.__defaults__ is not defaults))
+            ) and len(seen) < MOST:
                 seen.append(f"replaced {where}.{key}")
         return tuple(seen)
 
@@ -56,9 +60,18 @@ def _parts(module: ModuleType) -> Iterator[Part]:
     for name, value in list(vars(module).items()):
         yield _part(module.__name__, vars(module), name, value)
         if isinstance(value, type) and value.__module__ == module.__name__:
-            yield from (_part(f"{module.__name__}.{name}", vars(value), key, part) for key, part in vars(value).items()
-                        if isinstance(part, FunctionType))
+            yield from (
+                _part(f"{module.__name__}.{name}", vars(value), key, part)
+                for key, part in vars(value).items()
+                if isinstance(part, FunctionType)
+            )
 
 
 def _part(where: str, names: Mapping[str, Any], key: str, value: Any) -> Part:
-    return where, names, key, value, *((value.__code__, value.__defaults__) if isinstance(value, FunctionType) else (None, None))
+    return (
+        where,
+        names,
+        key,
+        value,
+        *((value.__code__, value.__defaults__) if isinstance(value, FunctionType) else (None, None)),
+    )

@@ -2,12 +2,14 @@
 
     x ← Q x, 64 times, with Q orthogonal (32, 32): nothing that a solver, a problem or this project's kernels change
 
-One *look* is some dozens of timed runs in a process of its own, on the core of the race; its level is their median. What slows a core is of
-two kinds, which are told apart. Neighbours: whoever has the other thread of the same core slows it to two thirds or half of its speed for
-milliseconds to seconds at a time, and no counter of a virtual machine shows that; hence the share of the looks that are slow. The *drift* of a
-race is of what remains in a figure, a median over problems that are spread over the race:
+One *look* is some dozens of timed runs in a process of its own, on the core of the race; its level is their median.
+What slows a core is of two kinds, which are told apart. Neighbours: whoever has the other thread of the same core slows
+it to two thirds or half of its speed for milliseconds to seconds at a time, and no counter of a virtual machine shows
+that; hence the share of the looks that are slow. The *drift* of a race is of what remains in a figure, a median over
+problems that are spread over the race:
 
-    max |median level of a fifth of the looks / median level of all − 1|,    over the looks of each core in order of time
+    max |median level of a fifth of the looks / median level of all − 1|,    over the looks of each core in order of
+    time
 """
 
 from __future__ import annotations
@@ -76,15 +78,21 @@ class Sentinel(ForkedChild):
 
 def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     """One row a look from notes with ``host``, ``core`` and ``sentinel`` (looks): raw times, level and its ratio."""
-    rows = [(note["host"], note["core"], when, np.array(ns, dtype=np.int64), float(np.median(ns)))
-            for note in notes for when, ns in note["sentinel"]]
-    looks = pd.DataFrame(rows, columns=["host", "core", "at_s", "ns", "level_ns"]).sort_values("at_s", ignore_index=True)
+    rows = [
+        (note["host"], note["core"], when, np.array(ns, dtype=np.int64), float(np.median(ns)))
+        for note in notes
+        for when, ns in note["sentinel"]
+    ]
+    looks = pd.DataFrame(rows, columns=["host", "core", "at_s", "ns", "level_ns"]).sort_values(
+        "at_s", ignore_index=True
+    )
     looks["ratio"] = looks.level_ns / looks.groupby(["host", "core"]).level_ns.transform("median")
     return looks
 
 
 def drift(looks: pd.DataFrame) -> float:
-    """How far the median level of a fifth of the looks on a core is from that of all of them, at most, as a share of it.
+    """How far the median level of a fifth of the looks on a core is from that of all of them, at most, as a share of
+    it.
 
     Examples
     --------
@@ -98,8 +106,14 @@ def drift(looks: pd.DataFrame) -> float:
 
 def _of_fifths(looks: pd.DataFrame) -> NDArray[np.float64]:
     """The median ratio in each fifth of the looks on each core; of each look where there are fewer."""
-    return np.array([np.median(part) for _, core in looks.groupby(["host", "core"]) for part in np.array_split(core.ratio.to_numpy(), FIFTHS)
-                     if part.size])
+    return np.array(
+        [
+            np.median(part)
+            for _, core in looks.groupby(["host", "core"])
+            for part in np.array_split(core.ratio.to_numpy(), FIFTHS)
+            if part.size
+        ]
+    )
 
 
 def sentences(looks: pd.DataFrame) -> list[str]:
@@ -109,12 +123,20 @@ def sentences(looks: pd.DataFrame) -> list[str]:
     found = []
     if drift(looks) > TOLERATED:
         fifths = 100.0 * (_of_fifths(looks) - 1.0)
-        found.append(f"The machine drifted: a fixed piece of work was timed {len(looks)} times in the course of the run, and the medians of the "
-                     f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a difference of that size "
-                     "between two figures may be the machine's.")
+        found.append(
+            f"The machine drifted: a fixed piece of work was timed {len(looks)} times in the course of the "
+            "run, and the medians of the "
+            f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a "
+            "difference of that size "
+            "between two figures may be the machine's."
+        )
     more = looks.ratio / looks.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
     if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
-        found.append(f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % longer than when undisturbed in "
-                     f"{100.0 * slow:.0f} % of {len(looks)} trials, at most {100.0 * more.max():.0f} % longer, as where a neighbour uses the same "
-                     "core, so the times of a single row may be too long by as much.")
+        found.append(
+            f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % "
+            "longer than when undisturbed in "
+            f"{100.0 * slow:.0f} % of {len(looks)} trials, at most {100.0 * more.max():.0f} % longer, as "
+            "where a neighbour uses the same "
+            "core, so the times of a single row may be too long by as much."
+        )
     return found

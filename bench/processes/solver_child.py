@@ -1,6 +1,7 @@
 """Each solver in a process of its own, with a time and a memory limit.
 
-A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new one.
+A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new
+one.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
 
 
 class SolverChild(ForkedChild):
-    """The process of one solver in one lane, pinned to a core if one is given; started at once, and again after it was lost."""
+    """The process of one solver in one lane, pinned to a core if one is given; started at once, and again after it was
+    lost."""
 
     def __init__(self, entry: Entry, settings: ChildSettings = STANDARD, core: int | None = None) -> None:
         super().__init__()

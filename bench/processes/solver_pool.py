@@ -33,7 +33,9 @@ class SolverPool(ExitStack):
         self._repeat = repeat
         self.sentinel = self.enter_context(Sentinel(self.core))
         self.children: dict[tuple[str, Lane], SolverChild] = {
-            (entry.name, entry.lane): self.enter_context(SolverChild(entry, self.settings, self.core)) for entry in self.entries}
+            (entry.name, entry.lane): self.enter_context(SolverChild(entry, self.settings, self.core))
+            for entry in self.entries
+        }
 
     def begin(self, repeat: int) -> None:
         """Put fresh processes in the place of those that have run another repeat."""

@@ -1,8 +1,9 @@
 """Which setting a solver has in a stream or a loop: the one that stands for a tier in the table of a one-shot race.
 
-That is a run of the user's, or the accuracy of the reference run, which is shipped with the package. A solver that the table does not
-know, one of a file and one whose ladder has changed since take their tightest setting, and are said to be untested; so do those that do
-not reach the tier there, and are said not to. ``make settings RUN=results/reference`` writes the shipped table.
+That is a run of the user's, or the accuracy of the reference run, which is shipped with the package. A solver that the
+table does not know, one of a file and one whose ladder has changed since take their tightest setting, and are said to
+be untested; so do those that do not reach the tier there, and are said not to. ``make settings RUN=results/reference``
+writes the shipped table.
 """
 
 from __future__ import annotations
@@ -30,14 +31,27 @@ from solvers.registry import Described
 SCALING = "scaled"
 """The data of a stream and of a loop."""
 SHIPPED = "reference_rows.parquet"
-NAMES = ("problem_set", "problem", "scaling", "solver", "lane", "setting", "rung", "is_default", "start", "repeat", "host", "status")
+NAMES = (
+    "problem_set",
+    "problem",
+    "scaling",
+    "solver",
+    "lane",
+    "setting",
+    "rung",
+    "is_default",
+    "start",
+    "repeat",
+    "host",
+    "status",
+)
 FIGURES = ("cost_gap", "violation", "timed_gap", "stage_excess", "noise_um")
 ACCURACY = columns.schema((*NAMES, *FIGURES))
 """What is shipped of the rows."""
 DEFAULT, EACH, REFERENCE = "default", "each", "reference"
 UNTESTED, NOT_REACHED = "untested", "not reached"
-"""On what grounds a setting stands for a tier, where it is not the name of a run that says so: ``default`` is what the solver does unasked,
-``untested`` and ``not reached`` its tightest setting, ``each`` one of several that all race."""
+"""On what grounds a setting stands for a tier, where it is not the name of a run that says so: ``default`` is what the
+solver does unasked, ``untested`` and ``not reached`` its tightest setting, ``each`` one of several that all race."""
 Choices = Mapping[Setting, Mapping[Tier, str]]
 """Settings with the tiers that each stands for, and on what grounds."""
 
@@ -67,7 +81,8 @@ def _shipped() -> pd.DataFrame:
 
 @lru_cache(maxsize=1)
 def _of_run(path: Path, written_ns: int) -> pd.DataFrame:
-    """The table of a finished run, made once for a file that was written then: a race asks for it when it is checked and when it begins."""
+    """The table of a finished run, made once for a file that was written then: a race asks for it when it is checked
+    and when it begins."""
     rows = Run(path).rows(ONESHOT)
     if not (rows.scaling == SCALING).any():
         raise RaceError(f"{path}: settings are taken from a race in scaled data, and this one has none")
@@ -110,9 +125,13 @@ def tier_label(tier: str, basis: str) -> str:
 
 def definition(run: str) -> str:
     """What a reader has to know of the settings in a race that took them from this run."""
-    return (f"The setting of a solver is the one that stands for the tier in {run or 'the reference run'}, evaluated at the constant of these "
-            "data. Untested: it does not know this solver, or not with these settings, so the tightest is taken; not reached: no setting that "
-            "was measured there reaches the tier, and again the tightest is taken.")
+    return (
+        f"The setting of a solver is the one that stands for the tier in {run or 'the reference run'}, evaluated "
+        "at the constant of these "
+        "data. Untested: it does not know this solver, or not with these settings, so the tightest is taken; not "
+        "reached: no setting that "
+        "was measured there reaches the tier, and again the tightest is taken."
+    )
 
 
 def accuracy(rows: pd.DataFrame) -> pd.DataFrame:

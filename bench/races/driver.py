@@ -1,9 +1,10 @@
-"""What every race does: find out who is there, do each task that is not done yet, keep it, watch the machine, and carry on after an interruption.
+"""What every race does: find out who is there, do each task that is not done yet, keep it, watch the machine, and carry
+on after an interruption.
 
-A kind of race is a :class:`Race`: what solvers are asked, and what is made of their answers. Its tasks come in parts. A part is what one
-worker does in one go; every finished task is on disk before the next one starts, and the notes of a part (where it ran, what disturbed it,
-how the sentinel fared) come last and say that it is done. Parts come in phases: those of a phase may be done in any order, and the next
-phase is planned by the rows of those before.
+A kind of race is a :class:`Race`: what solvers are asked, and what is made of their answers. Its tasks come in parts. A
+part is what one worker does in one go; every finished task is on disk before the next one starts, and the notes of a
+part (where it ran, what disturbed it, how the sentinel fared) come last and say that it is done. Parts come in phases:
+those of a phase may be done in any order, and the next phase is planned by the rows of those before.
 """
 
 from __future__ import annotations
@@ -60,9 +61,17 @@ class Part(ABC):
         rows = self.work(run, pool, tell)
         between = machine.between(before, machine.counters())
         pool.sentinel.look()
-        run.save_notes(self.name, {
-            "host": os.uname().nodename, "core": pool.core, "sentinel": pool.sentinel.taken(), **between,
-            "preemptions": sum(row["preemptions"] for row in rows), "timed_calls": sum(row["samples"] for row in rows)})
+        run.save_notes(
+            self.name,
+            {
+                "host": os.uname().nodename,
+                "core": pool.core,
+                "sentinel": pool.sentinel.taken(),
+                **between,
+                "preemptions": sum(row["preemptions"] for row in rows),
+                "timed_calls": sum(row["samples"] for row in rows),
+            },
+        )
 
     @abstractmethod
     def work(self, run: Run, pool: SolverPool, tell: Tell) -> Sequence[Row]:
@@ -87,11 +96,15 @@ class Race(ABC, Generic[S]):
 
     def __init__(self, run: Run, settings: S, progress: Progress) -> None:
         self.run, self.settings, self.progress = run, settings, progress
-        self.entrants = {(entry.name, entry.lane): entry for entry in [*([null_solver.ENTRY] if self.floor else ()), *self.entries(settings)]}
+        self.entrants = {
+            (entry.name, entry.lane): entry
+            for entry in [*([null_solver.ENTRY] if self.floor else ()), *self.entries(settings)]
+        }
 
     @classmethod
     def entries(cls, settings: S) -> Sequence[Entry]:
-        """Who takes part by these settings; RaceError, RunError or ProblemSetError unless there is all that is asked for."""
+        """Who takes part by these settings; RaceError, RunError or ProblemSetError unless there is all that is asked
+        for."""
         return checked(settings, cls.preload)
 
     @property
@@ -104,7 +117,8 @@ class Race(ABC, Generic[S]):
 
     @abstractmethod
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """The parts of each phase for the solvers that run here; those of a phase are done when the next one is asked for."""
+        """The parts of each phase for the solvers that run here; those of a phase are done when the next one is asked
+        for."""
 
     def finish(self) -> None:
         """What is left to do when no solver runs any more."""
@@ -138,7 +152,9 @@ class TaskRace(Race[S]):
 
     def rows(self, task: Task, outcome: Outcome) -> list[Row]:
         """The rows of a task, once for each tier that its setting stands for."""
-        shared = self.schema.row(**{**task.columns(), "status": outcome.failure, "message": outcome.message, **self.known(task, outcome)})
+        shared = self.schema.row(
+            **{**task.columns(), "status": outcome.failure, "message": outcome.message, **self.known(task, outcome)}
+        )
         found = [self.failed] if outcome.failure else self.judged(task, outcome)
         tiers = [{"tier": str(tier), "basis": basis} for tier, basis in task.basis.items()] or [{}]
         return [{**shared, **tier, **figures} for tier in tiers for figures in found]
@@ -199,7 +215,10 @@ def note_conditions(race: Race[Any], workers: Workers) -> None:
     looks = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:
         looks.to_parquet(temporary, index=False)
-    run.note(conditions={
-        "sentinel_drift": sentinel.drift(looks), "parts": [{name: value for name, value in note.items() if name != "sentinel"}
-                                                           for note in notes],
-        "warnings": [*sentinel.sentences(looks), *machine.disturbances(notes, workers.count), *race.warnings]})
+    run.note(
+        conditions={
+            "sentinel_drift": sentinel.drift(looks),
+            "parts": [{name: value for name, value in note.items() if name != "sentinel"} for note in notes],
+            "warnings": [*sentinel.sentences(looks), *machine.disturbances(notes, workers.count), *race.warnings],
+        }
+    )

@@ -21,8 +21,11 @@ from solvers.registry import Described, Entry, from_file
 E = TypeVar("E", bound=Entry)
 
 
-def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str, preload: Iterable[str] = ()) -> list[E]:
-    """Those that are asked for by name and lane; those of the user's own files always are, and are loaded in a process of their own.
+def chosen(
+    settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str, preload: Iterable[str] = ()
+) -> list[E]:
+    """Those that are asked for by name and lane; those of the user's own files always are, and are loaded in a process
+    of their own.
 
     ``preload`` are modules that their processes need.
     """
@@ -31,7 +34,11 @@ def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], 
     unknown = sorted(set(settings.solvers) - names)
     if unknown:
         raise RaceError(f"there is no {what} {unknown[0]!r}; known are {', '.join(sorted(names))}")
-    found = [entry for entry in known if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)]
+    found = [
+        entry
+        for entry in known
+        if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)
+    ]
     warm_up(found, preload)
     taken = {(entry.name, entry.lane) for entry in known}
     for path in settings.solver_files:
@@ -40,9 +47,13 @@ def chosen(settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], 
         except ImportError as error:
             raise RaceError(str(error)) from None
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
-            raise RaceError(f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}")
+            raise RaceError(
+                f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"
+            )
         if (entry.name, entry.lane) in taken:
-            raise RaceError(f"{path}: there is a {what} {entry.name} in the lane {entry.lane} already; name it otherwise")
+            raise RaceError(
+                f"{path}: there is a {what} {entry.name} in the lane {entry.lane} already; name it otherwise"
+            )
         taken.add((entry.name, entry.lane))
         found.append(entry)
     if not found:
@@ -61,11 +72,14 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
 
 
 def field_of(run: Run, pool: SolverPool) -> list[Described]:
-    """The solvers that run here, noted in the run; RaceError where there is none, or one that was asked for by its name is in no lane."""
+    """The solvers that run here, noted in the run; RaceError where there is none, or one that was asked for by its name
+    is in no lane."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = [solver for solver in described if not solver.absent]
-    run.note(field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
-             absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent})
+    run.note(
+        field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
+        absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent},
+    )
     here = {solver.name for solver in field}
     for solver in described:
         if solver.name in run.settings["settings"]["solvers"] and solver.name not in here:

@@ -1,6 +1,7 @@
 """What a kind of race is to those above it: how it is set up, carried on, reported and shown.
 
-The folder is the registry: each ``kind.py`` in a folder beside this file has a kind, or several that share all but settings and report.
+The folder is the registry: each ``kind.py`` in a folder beside this file has a kind, or several that share all but
+settings and report.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class Kind:
     def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
         """Make the run's folder."""
         self.race.entries(settings)
-        return Run.create(results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name)
+        return Run.create(
+            results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name
+        )
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
         """Do whatever is not done yet and gather the tables."""
@@ -69,7 +72,8 @@ class Kind:
             run.finish(self.schema)
 
     def write(self, run: Run) -> tuple[Report, Path]:
-        """Write ``report.md`` and ``report.html`` with what lies beside them; returns the report and the path of the first."""
+        """Write ``report.md`` and ``report.html`` with what lies beside them; returns the report and the path of the
+        first."""
         report = of_run(run, self.title, self.report(run))
         return report, write_report(report, run.path)
 
@@ -77,8 +81,15 @@ class Kind:
 @cache
 def kinds() -> dict[str, Kind]:
     """The kinds of race by name, the default one first."""
-    names = sorted((path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name))
-    found = [each for name in names for each in vars(import_module(f"{__package__}.{name}.kind")).values() if isinstance(each, Kind)]
+    names = sorted(
+        (path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name)
+    )
+    found = [
+        each
+        for name in names
+        for each in vars(import_module(f"{__package__}.{name}.kind")).values()
+        if isinstance(each, Kind)
+    ]
     return {each.name: each for each in found}
 
 
@@ -91,7 +102,8 @@ def kind_of(run: Run) -> Kind:
 
 
 def open_run(path: Path) -> Run:
-    """Open a run of a kind that is known, with settings that such a run can have; RunError says what is wrong with it."""
+    """Open a run of a kind that is known, with settings that such a run can have; RunError says what is wrong with
+    it."""
     run = Run.open(path)
     settings_of(run, kind_of(run).settings)
     return run

@@ -1,10 +1,12 @@
 """The judge: one definition of right for every solver, from the problem's data and never from the solver's word.
 
-- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a program
+- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a
+program
                   whose cost is no sum of squares over max(½ x*ᵀP x*, |qᵀx*|)
 - violation       ‖x − x̂‖∞ / ‖x*‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
-- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or zero
+- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or
+zero
 - model error     RMS error of the model on data that the fit has not seen, per cent of the output's range
 - stage excess    (model error − that of x*) / standard deviation of the sensor's noise; NaN where either is unknown
 
@@ -61,14 +63,28 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement
     if not outcome.found:
         return Judgement(Status.SOLVER_FAILED, outcome.solver_status)
     bounds = form.qp.q if form.qp.lb is not None or form.qp.ub is not None else None
-    for name, dual, primal in (("y", outcome.y, form.qp.b), ("z", outcome.z, form.qp.h), ("z_box", outcome.z_box, bounds)):
+    for name, dual, primal in (
+        ("y", outcome.y, form.qp.b),
+        ("z", outcome.z, form.qp.h),
+        ("z_box", outcome.z_box, bounds),
+    ):
         if dual is not None and primal is not None and dual.shape != primal.shape:
-            return Judgement(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
+            return Judgement(
+                Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}"
+            )
     gap, violation = relative_gap(form, x)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     error = model_error(problem, form, x)
-    return Judgement(Status.OK, "", gap, violation, *_residuals(solution), _weight_error(problem, form, x), error,
-                     stage_excess(problem, error))
+    return Judgement(
+        Status.OK,
+        "",
+        gap,
+        violation,
+        *_residuals(solution),
+        _weight_error(problem, form, x),
+        error,
+        stage_excess(problem, error),
+    )
 
 
 def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:

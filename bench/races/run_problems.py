@@ -1,7 +1,7 @@
 """The problems of a run: made once, kept in its folder, and loaded from there ever after.
 
-While solvers run their proofs are in this process alone, and are written when all solvers have ended; a race that is resumed before
-proves them again.
+While solvers run their proofs are in this process alone, and are written when all solvers have ended; a race that is
+resumed before proves them again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,11 @@ from piezo_model import IdentificationError
 
 def left_out(run: Run) -> list[tuple[str, str]]:
     """Problems of the sets that are not raced, and why."""
-    return [(f"{set_name}/{name}", why) for set_name, found in run.settings.get("left_out", {}).items() for name, why in found.items()]
+    return [
+        (f"{set_name}/{name}", why)
+        for set_name, found in run.settings.get("left_out", {}).items()
+        for name, why in found.items()
+    ]
 
 
 def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterator[RaceProblem]:

@@ -23,12 +23,14 @@ Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
 
 def option(default: float, text: str, least: float = 1) -> Any:
-    """A number that belongs to one kind of race and that the command line asks for, a whole one where its default is."""
+    """A number that belongs to one kind of race and that the command line asks for, a whole one where its default
+    is."""
     return field(default=default, metadata={"help": text, "least": least})
 
 
 def fixed(value: Any) -> Any:
-    """A setting that is the same in every race of a kind: nobody can set it, and the command line refuses its option."""
+    """A setting that is the same in every race of a kind: nobody can set it, and the command line refuses its
+    option."""
     return field(default_factory=lambda: value, init=False)
 
 
@@ -60,7 +62,9 @@ class RaceSettings:
         """ValueError for an option below its least value."""
         for each in fields(self):
             if "least" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
-                raise ValueError(f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}")
+                raise ValueError(
+                    f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}"
+                )
 
     def to_dict(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 
 class PlainConsole(Console):
-    """Shows text as it is: names and units such as [um] come from files of users, and are neither markup nor commands."""
+    """Shows text as it is: names and units such as [um] come from files of users, and are neither markup nor
+    commands."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, markup=False, emoji=False, **options)
@@ -79,7 +80,8 @@ def lines_of(texts: Iterable[str]) -> list[str]:
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int = 240) -> None:
-    """Print a table, the first ``left`` columns aligned to the left; where nobody looks, as wide as it needs up to ``width``."""
+    """Print a table, the first ``left`` columns aligned to the left; where nobody looks, as wide as it needs up to
+    ``width``."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0) if width == COLUMNS else (0, 1))
     for i, heading in enumerate(headings):
         table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
@@ -89,7 +91,8 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
 
 
 def print_report(report: Written, below: Sequence[str] = ()) -> None:
-    """The first screen of a report: verdict, as many rows of the short table as there is room for, how many more there are, and lines below."""
+    """The first screen of a report: verdict, as many rows of the short table as there is room for, how many more there
+    are, and lines below."""
     above, shown = lines_of(report.verdict), report.terminal or report.table
     if shown is not None and shown.rows:
         above += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]

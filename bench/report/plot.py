@@ -1,8 +1,8 @@
 """Plots as data: which columns of a table lie along which axes, and with what marks.
 
-A room that has something to show names columns here and draws nothing; `bench.report.vega` makes the drawing. By convention a table has
-the columns ``name``, what a line stands for, ``view``, where there is a choice between several, and ``front``, whether a line is among
-the best, which have colours and names.
+A room that has something to show names columns here and draws nothing; `bench.report.vega` makes the drawing. By
+convention a table has the columns ``name``, what a line stands for, ``view``, where there is a choice between several,
+and ``front``, whether a line is among the best, which have colours and names.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ LEAST_GAP = 1e-17
 BEST = 12
 """Lines of a picture that have colours and names; there are twelve that can be told apart."""
 PALETTE = ("#1f86c7", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Okabe and Ito's colours, which colour-blind readers can tell apart; their blue is too dark to be read on a dark page, this one is read on both."""
+"""Okabe and Ito's colours, which colour-blind readers can tell apart; their blue is too dark to be read on a dark page,
+this one is read on both."""
 GREY = "#999999"
 INK = "currentColor"
 HEIGHT = 380
@@ -119,7 +120,8 @@ def together(parts: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def log_ticks(values: pd.Series) -> tuple[list[float], str]:
-    """Where a logarithmic axis over these values has lines, where a reader counts, and how their labels are written; none on a short stretch."""
+    """Where a logarithmic axis over these values has lines, where a reader counts, and how their labels are written;
+    none on a short stretch."""
     known = values[np.isfinite(values.astype(float)) & (values > 0.0)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (1.0, 10.0)
     first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))

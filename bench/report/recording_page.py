@@ -1,4 +1,5 @@
-"""The page of one recording: its loops measured and modelled, the error over time, the weights, what is left over, and advice."""
+"""The page of one recording: its loops measured and modelled, the error over time, the weights, what is left over, and
+advice."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""What a run, a comparison, a fleet, a recording or the experiment says and shows: sentences, tables and figures as data.
+"""What a run, a comparison, a fleet, a recording or the experiment says and shows: sentences, tables and figures as
+data.
 
-It is rendered once for each of three readers: the terminal (`bench.report.console`), Markdown and a page (`bench.report.writing`).
+It is rendered once for each of three readers: the terminal (`bench.report.console`), Markdown and a page
+(`bench.report.writing`).
 """
 
 from __future__ import annotations

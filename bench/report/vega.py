@@ -1,8 +1,8 @@
 """Plots as Vega-Lite specifications, drawn by the page's script or to SVG.
 
-Vega is of the University of Washington's Interactive Data Lab and in use since 2013. Its bundle of 0.9 MB comes offline in the package
-vl-convert-python (the one of plotly is 4.6 MB), a specification is a small text in which no code of ours runs, and it is drawn as SVG:
-text that takes the page's colours, light or dark, and prints sharp.
+Vega is of the University of Washington's Interactive Data Lab and in use since 2013. Its bundle of 0.9 MB comes offline
+in the package vl-convert-python (the one of plotly is 4.6 MB), a specification is a small text in which no code of ours
+runs, and it is drawn as SVG: text that takes the page's colours, light or dark, and prints sharp.
 """
 
 from __future__ import annotations
@@ -127,7 +127,8 @@ def _filter(plot: Plot, mark: Mark) -> str:
 
 
 def _layers(table: pd.DataFrame, plot: Plot, where: str, marks: Sequence[Mark]) -> dict[str, Any]:
-    """Marks of the same rows, with the legend of the first: Vega merges those of colour, dash and shape only within one mark."""
+    """Marks of the same rows, with the legend of the first: Vega merges those of colour, dash and shape only within one
+    mark."""
     layers = [_layer(table, plot, mark) for mark in marks]
     for layer in layers[1:]:
         for channel in {"color", "shape", "strokeDash"} & layer["encoding"].keys():

@@ -38,7 +38,8 @@ def number(value: float) -> str:
 
 
 def rounded(value: float, drift: float) -> str:
-    """A time in as many digits as the drift of the machine allows: three below a hundredth, two below a tenth, else one.
+    """A time in as many digits as the drift of the machine allows: three below a hundredth, two below a tenth, else
+    one.
 
     Examples
     --------

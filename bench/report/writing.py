@@ -1,7 +1,7 @@
 """A report as files: a page that stands alone, Markdown with pictures beside it, the data of each figure as CSV.
 
-Everything comes through templates that escape whatever they are handed, plots as JSON in which no markup survives. The page has its
-plots, tables, style and script in it, and forbids itself the network by its own content security policy.
+Everything comes through templates that escape whatever they are handed, plots as JSON in which no markup survives. The
+page has its plots, tables, style and script in it, and forbids itself the network by its own content security policy.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def write_markdown(report: Report, path: Path, pictures: int = 1) -> Path:
 
 
 def write_report(report: Report, folder: Path, name: str = "report", pictures: int = 1) -> Path:
-    """Write ``<name>.html`` and ``<name>.md`` with what lies beside them, and ``summary.csv`` where there is one; returns the path of the second."""
+    """Write ``<name>.html`` and ``<name>.md`` with what lies beside them, and ``summary.csv`` where there is one;
+    returns the path of the second."""
     if report.summary is not None:
         with replacing(folder / "summary.csv") as temporary:
             report.summary.to_csv(temporary, index=False)

@@ -1,8 +1,8 @@
 """The test rig of the experiment: a two-axis stage, its reference, and what is known of it before anything is learned.
 
-The stage stands for the one of the paper's Fig. 3: an actuator an axis or two in push-pull, guided by elastic joints. It is
-given the staircase of Fig. 4 on both axes, a quarter of a period apart, so that neither moves as the other does. A step of
-the staircase takes ``step_s``: a jump would ring the structure, which is not what is looked at here.
+The stage stands for the one of the paper's Fig. 3: an actuator an axis or two in push-pull, guided by elastic joints.
+It is given the staircase of Fig. 4 on both axes, a quarter of a period apart, so that neither moves as the other does.
+A step of the staircase takes ``step_s``: a jump would ring the structure, which is not what is looked at here.
 
 Errors are those of the measured platform, in µm or in percent of the reference's range.
 """
@@ -55,7 +55,8 @@ class Rig:
     solver: str = "projected_difference"
     lane: str | None = None
     setting: str | None = None
-    """Of the solver's ladder, as of ``solvers.protocol.setting_text``; the tightest that it says it reaches by default."""
+    """Of the solver's ladder, as of ``solvers.protocol.setting_text``; the tightest that it says it reaches by
+    default."""
     reset_s: float = 0.1
     build_s: float = 8.0
     learn_s: float = 1.9
@@ -76,8 +77,15 @@ class Rig:
     @classmethod
     def quick(cls, **options: Any) -> Rig:
         """A rig with short phases, for a look in a few seconds."""
-        short: dict[str, Any] = {"reset_s": 0.05, "build_s": 2.0, "learn_s": 0.2, "cycles": 3, "hold_s": 0.0625,
-                                 "step_s": 0.01, "loops_s": 1.0}
+        short: dict[str, Any] = {
+            "reset_s": 0.05,
+            "build_s": 2.0,
+            "learn_s": 0.2,
+            "cycles": 3,
+            "hold_s": 0.0625,
+            "step_s": 0.01,
+            "loops_s": 1.0,
+        }
         return cls(**{**short, **options})
 
     @property
@@ -92,52 +100,98 @@ class Rig:
 
     def stage(self, number: int = 0) -> Stage:
         """Make the stage, at rest, with noise of its own for every number."""
+
         def axis(actuators: Actuators) -> Axis:
-            made = tuple(plants.get(actuators.plant, sample_time=self.sample_time, **dict(actuators.options))
-                         for _ in range(2 if self.push_pull else 1))
+            made = tuple(
+                plants.get(actuators.plant, sample_time=self.sample_time, **dict(actuators.options))
+                for _ in range(2 if self.push_pull else 1)
+            )
             return Axis(actuators=made, gain_drift_per_s=self.gain_drift_per_s)
 
         first, second = self.actuators
-        return Stage(axes=(axis(first), axis(second)), coupling=COUPLING, noise_um=self.noise_um, quantum_um=self.quantum_um,
-                     seed=1000 * self.seed + number)
+        return Stage(
+            axes=(axis(first), axis(second)),
+            coupling=COUPLING,
+            noise_um=self.noise_um,
+            quantum_um=self.quantum_um,
+            seed=1000 * self.seed + number,
+        )
 
     @property
     def decoupling(self) -> Matrix:
         """D, estimated from a recording in which both axes wander about, before the experiment and any drift."""
-        return estimated(Rig(self.actuators, self.push_pull, sample_time=self.sample_time, noise_um=self.noise_um,
-                             quantum_um=self.quantum_um, seed=self.seed))  # once for all rigs that differ in nothing else
+        return estimated(
+            Rig(
+                self.actuators,
+                self.push_pull,
+                sample_time=self.sample_time,
+                noise_um=self.noise_um,
+                # once for all rigs that differ in nothing else
+                quantum_um=self.quantum_um,
+                seed=self.seed,
+            )
+        )
 
     @cached_property
     def structures(self) -> tuple[ModelStructure, ModelStructure]:
         """The model structure of each axis; its ranges make it the straight line of an uncompensated drive."""
-        first, second = (ModelStructure.equidistant(self.n, self.m, axis.x_range, axis.y_range, CREEP_RATES,
-                                                    self.sample_time, offset=True) for axis in self.stage().axes)
+        first, second = (
+            ModelStructure.equidistant(
+                self.n, self.m, axis.x_range, axis.y_range, CREEP_RATES, self.sample_time, offset=True
+            )
+            for axis in self.stage().axes
+        )
         return first, second
 
     def learner(self, structure: ModelStructure) -> SelfLearningCompensator:
         """A learner for one axis, which stands at the low end of its drive."""
         limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
-        return SelfLearningCompensator(structure, self.reset_s, self.build_s, self.learn_s, self.solver, limits,
-                                       state=at_low_end(structure),
-                                       samples_to_solve=self.samples_to_solve,
-                                       solver_options={"lane": self.lane, "setting": self.setting})
+        return SelfLearningCompensator(
+            structure,
+            self.reset_s,
+            self.build_s,
+            self.learn_s,
+            self.solver,
+            limits,
+            state=at_low_end(structure),
+            samples_to_solve=self.samples_to_solve,
+            solver_options={"lane": self.lane, "setting": self.setting},
+        )
 
     @cached_property
     def y_ref(self) -> Matrix:
         """Staircases for all cycles, shape (N, 2), µm."""
         quarter = self.period // 4
         count = self.samples or self.cycles * self.cycle
-        steps = staircase(duration_s=(count + quarter) * self.sample_time, sample_time=self.sample_time,
-                          low=-AMPLITUDE_UM, high=AMPLITUDE_UM, levels=LEVELS, hold_s=self.hold_s)
-        return np.column_stack([smoothed(part, self.step_s, self.sample_time) for part in (steps[:count], steps[quarter:quarter + count])])
+        steps = staircase(
+            duration_s=(count + quarter) * self.sample_time,
+            sample_time=self.sample_time,
+            low=-AMPLITUDE_UM,
+            high=AMPLITUDE_UM,
+            levels=LEVELS,
+            hold_s=self.hold_s,
+        )
+        return np.column_stack(
+            [
+                smoothed(part, self.step_s, self.sample_time)
+                for part in (steps[:count], steps[quarter : quarter + count])
+            ]
+        )
 
     @cached_property
     def loop_ref(self) -> Matrix:
-        """Triangles of falling amplitude for hysteresis loops, shape (N, 2), µm; they begin where the staircases end."""
+        """Triangles of falling amplitude for hysteresis loops, shape (N, 2), µm; they begin where the staircases
+        end."""
         loops = []
         for i, cycles in enumerate((3.5, 4.5)):
-            triangle = decaying_triangle(duration_s=self.loops_s, sample_time=self.sample_time, low=-AMPLITUDE_UM,
-                                         high=AMPLITUDE_UM, cycles=cycles, final_share=0.1)
+            triangle = decaying_triangle(
+                duration_s=self.loops_s,
+                sample_time=self.sample_time,
+                low=-AMPLITUDE_UM,
+                high=AMPLITUDE_UM,
+                cycles=cycles,
+                final_share=0.1,
+            )
             loops.append(smoothed(np.concatenate([self.y_ref[-1:, i], triangle]), self.step_s, self.sample_time)[1:])
         return np.column_stack(loops)
 
@@ -146,8 +200,18 @@ class Rig:
 def estimated(rig: Rig) -> Matrix:
     """The decoupling matrix of a rig from ``WANDER_S`` seconds."""
     stage = rig.stage(number=1)
-    x = np.column_stack([random_walk(duration_s=WANDER_S, sample_time=rig.sample_time, low=axis.x_range[0],
-                                     high=axis.x_range[1], seed=1000 * rig.seed + i) for i, axis in enumerate(stage.axes)])
+    x = np.column_stack(
+        [
+            random_walk(
+                duration_s=WANDER_S,
+                sample_time=rig.sample_time,
+                low=axis.x_range[0],
+                high=axis.x_range[1],
+                seed=1000 * rig.seed + i,
+            )
+            for i, axis in enumerate(stage.axes)
+        ]
+    )
     return estimate_decoupling(x, stage.run(x))
 
 

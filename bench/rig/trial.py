@@ -1,4 +1,5 @@
-"""Runs of the rig: along a straight line, along the best straight line with hindsight, and with self-learning compensation.
+"""Runs of the rig: along a straight line, along the best straight line with hindsight, and with self-learning
+compensation.
 
 All of them stand behind the same decoupling matrix and start from the same rest.
 """
@@ -40,7 +41,7 @@ class Trial:
         """Deviation in one cycle; −1 is the last."""
         count = self.rig.cycle
         start = cycle * count if cycle >= 0 else len(self.y) + cycle * count
-        return self.error_um[start:start + count]
+        return self.error_um[start : start + count]
 
     def rms_percent(self, cycle: int = -1) -> Vector:
         """RMS error of both axes in one cycle, percent of the reference's range."""
@@ -48,7 +49,8 @@ class Trial:
 
 
 def straight(rig: Rig, slope: Vector | None = None, offset_V: Vector | None = None) -> Trial:
-    """Drive along straight lines: through the corners of the ranges, unless slopes (V/µm) and offsets are given, (2,)."""
+    """Drive along straight lines: through the corners of the ranges, unless slopes (V/µm) and offsets are given,
+    (2,)."""
     stage = rig.stage()
     if slope is None or offset_V is None:
         slope, offset_V = lines(rig)
@@ -61,18 +63,21 @@ def straight(rig: Rig, slope: Vector | None = None, offset_V: Vector | None = No
 def lines(rig: Rig) -> tuple[Vector, Vector]:
     """Slopes and offsets (2,) of the lines through the corners of the ranges."""
     slope = np.array([s.x_scale / s.y_scale for s in rig.structures])
-    return slope, np.array([s.x_centre for s in rig.structures]) - slope * np.array([s.y_centre for s in rig.structures])
+    return slope, np.array([s.x_centre for s in rig.structures]) - slope * np.array(
+        [s.y_centre for s in rig.structures]
+    )
 
 
 def best_straight(rig: Rig) -> Trial:
-    """The straight lines that nobody can know beforehand: nearest to the reference over the last cycle in the mean square.
+    """The straight lines that nobody can know beforehand: nearest to the reference over the last cycle in the mean
+    square.
 
     Gauss-Newton on slope and offset of the drive; to first order q follows them as (q_r, 1) times the inverse slope.
     """
     slope, offset_V = lines(rig)
-    wanted = (rig.y_ref @ rig.decoupling.T)[-rig.cycle:]
+    wanted = (rig.y_ref @ rig.decoupling.T)[-rig.cycle :]
     for _ in range(HINDSIGHT_ROUNDS):
-        reached = (straight(rig, slope, offset_V).y @ rig.decoupling.T)[-rig.cycle:]
+        reached = (straight(rig, slope, offset_V).y @ rig.decoupling.T)[-rig.cycle :]
         for i in range(len(AXES)):
             turn, shift = np.polyfit(wanted[:, i], wanted[:, i] - reached[:, i], 1)
             offset_V[i] += slope[i] * shift
@@ -85,20 +90,31 @@ def learned(rig: Rig) -> Trial:
     stage = rig.stage()
     loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
     x, y = loop.run(rig.y_ref, stage.run)
-    return Trial(rig, x, y, follow(stage, [learner.compensator for learner in loop.learners], rig, rig.loop_ref)[1],
-                 loop.learners)
+    return Trial(
+        rig,
+        x,
+        y,
+        follow(stage, [learner.compensator for learner in loop.learners], rig, rig.loop_ref)[1],
+        loop.learners,
+    )
 
 
 def learned_once(rig: Rig, cycles: int = 2) -> Trial:
-    """Learn for some cycles and keep that model from then on, as a compensator does that is made before the start-up."""
+    """Learn for some cycles and keep that model from then on, as a compensator does that is made before the
+    start-up."""
     stage = rig.stage()
     loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
     until = cycles * rig.cycle
     x, y = loop.run(rig.y_ref[:until], stage.run)
     fixed = [learner.compensator for learner in loop.learners]
     later_x, later_y = follow(stage, fixed, rig, rig.y_ref[until:])
-    return Trial(rig, np.concatenate([x, later_x]), np.concatenate([y, later_y]),
-                 follow(stage, fixed, rig, rig.loop_ref)[1], loop.learners)
+    return Trial(
+        rig,
+        np.concatenate([x, later_x]),
+        np.concatenate([y, later_y]),
+        follow(stage, fixed, rig, rig.loop_ref)[1],
+        loop.learners,
+    )
 
 
 def follow(stage: Stage, compensators: list[Compensator], rig: Rig, y_ref: Matrix) -> tuple[Matrix, Matrix]:

@@ -1,9 +1,9 @@
 """Timing calls that take microseconds.
 
 Each call is timed by itself with the monotonic nanosecond clock and the raw figures are kept; garbage collection is
-off while they are taken. Data are others at every call, and an answer is copied as an array of our own inside its time: what is
-lazy does its work there, and what is a view cannot change afterwards. The clock and the copy are taken when this module is
-imported, which is before any solver's file is.
+off while they are taken. Data are others at every call, and an answer is copied as an array of our own inside its time:
+what is lazy does its work there, and what is a view cannot change afterwards. The clock and the copy are taken when
+this module is imported, which is before any solver's file is.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ LONG_NS = 100_000_000
 
 @dataclass(frozen=True)
 class Effort:
-    """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls; once in any case, and
-    not again after LONG_NS."""
+    """How long one thing is timed: until ``budget_s`` is spent, but between ``fewest`` and ``most`` calls; once in any
+    case, and not again after LONG_NS."""
 
     budget_s: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.03
     fewest: Annotated[int, Meta(ge=1)] = 3
@@ -35,12 +35,15 @@ class Effort:
 
     def goes_on(self, done: int, spent_ns: int) -> bool:
         """Whether to time once more after so many calls and nanoseconds."""
-        return done == 0 or spent_ns < (LONG_NS if done < self.fewest else self.budget_s * 1e9 if done < self.most else 0.0)
+        return done == 0 or spent_ns < (
+            LONG_NS if done < self.fewest else self.budget_s * 1e9 if done < self.most else 0.0
+        )
 
 
 @dataclass(frozen=True)
 class Timed:
-    """Raw nanoseconds of updates and solves, shape (n,), and the answers (n, d) that were timed, NaN for one of another shape."""
+    """Raw nanoseconds of updates and solves, shape (n,), and the answers (n, d) that were timed, NaN for one of another
+    shape."""
 
     updates: Nanoseconds
     solves: Nanoseconds
@@ -66,9 +69,17 @@ def time_call(call: Callable[[], object], clock: Callable[[], int] = perf_counte
     return clock() - start
 
 
-def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf,
-               clock: Callable[[], int] = perf_counter_ns, copied: Callable[..., Vector] = np.array) -> Timed:
-    """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start`` (d,).
+def time_block(
+    solver: Solver,
+    P: Matrix,
+    q: Matrix,
+    start: Vector | None = None,
+    most_ns: float = np.inf,
+    clock: Callable[[], int] = perf_counter_ns,
+    copied: Callable[..., Vector] = np.array,
+) -> Timed:
+    """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start``
+    (d,).
 
     After the call at which ``most_ns`` are spent no other begins.
     """
@@ -88,7 +99,7 @@ def time_block(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None
             left_ns -= end - begin
             if left_ns < 0:
                 break
-    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[:len(solves)])
+    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[: len(solves)])
 
 
 def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timed:

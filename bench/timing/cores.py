@@ -1,8 +1,8 @@
 """One core for each race: a name for each core, held by the process that times on it.
 
-Timing tasks of two races, or of two workers of one, never share a core. The name is that of an abstract socket: one place for all
-users of a machine, whatever their folders for temporary files and their rights, and free when its process has ended, however
-that was.
+Timing tasks of two races, or of two workers of one, never share a core. The name is that of an abstract socket: one
+place for all users of a machine, whatever their folders for temporary files and their rights, and free when its process
+has ended, however that was.
 """
 
 from __future__ import annotations

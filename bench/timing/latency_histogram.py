@@ -4,8 +4,9 @@ Raw nanoseconds are kept beside them; a histogram is what travels with a row, wh
 what a curve of latency against percentile is drawn from.
 
 *Corrected* recording is for times taken back to back. A call of length t > T keeps waiting whatever was due in the
-meantime, at T, 2 T, …, and a loop that has no schedule never asks those. So t stands for t, t − T, t − 2 T, … down to the
-first that is not above T. On a schedule the response times have it all already, and correcting them would count it twice.
+meantime, at T, 2 T, …, and a loop that has no schedule never asks those. So t stands for t, t − T, t − 2 T, … down to
+the first that is not above T. On a schedule the response times have it all already, and correcting them would count it
+twice.
 
 Source: G. Tene, "How NOT to measure latency" (2013) and HdrHistogram, whose Python package this is.
 """

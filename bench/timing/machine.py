@@ -24,10 +24,16 @@ PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 def describe() -> dict[str, Any]:
     """Machine and versions as JSON can hold them."""
-    return {"processor": processor(), "cores": os.cpu_count(), "system": platform.platform(),
-            "python": platform.python_version(), "core": core(),
-            "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
-            "load_at_start": list(os.getloadavg()), "warnings": warnings()}
+    return {
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "core": core(),
+        "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
+        "load_at_start": list(os.getloadavg()),
+        "warnings": warnings(),
+    }
 
 
 def core() -> str:
@@ -98,17 +104,23 @@ def counters() -> Counters:
                 busy = ticks - stolen - times[3] - times[4]
             elif name == "ctxt":
                 switches = int(numbers[0])
-    throttled = sum(int(path.read_text()) for path in
-                    Path("/sys/devices/system/cpu").glob("cpu[0-9]*/thermal_throttle/core_throttle_count"))
+    throttled = sum(
+        int(path.read_text())
+        for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/thermal_throttle/core_throttle_count")
+    )
     return Counters(time.monotonic(), stolen, busy, ticks, switches, throttled)
 
 
 def between(before: Counters, after: Counters) -> dict[str, float]:
     """What happened between two readings; ``busy_cores`` are so many in the mean."""
     ticks, seconds = max(after.ticks - before.ticks, 1), after.seconds - before.seconds
-    return {"seconds": seconds, "throttled": after.throttled - before.throttled,
-            "steal_percent": 100.0 * (after.stolen - before.stolen) / ticks, "switches": after.switches - before.switches,
-            "busy_cores": (after.busy - before.busy) / os.sysconf("SC_CLK_TCK") / max(seconds, 1e-9)}
+    return {
+        "seconds": seconds,
+        "throttled": after.throttled - before.throttled,
+        "steal_percent": 100.0 * (after.stolen - before.stolen) / ticks,
+        "switches": after.switches - before.switches,
+        "busy_cores": (after.busy - before.busy) / os.sysconf("SC_CLK_TCK") / max(seconds, 1e-9),
+    }
 
 
 def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[str]:

@@ -7,14 +7,14 @@ K ~ Bin(N, q), so that for any continuous distribution
 
 l is the largest and u the smallest rank that leave at most 2.5 % below and above. Where not even u = N does, the upper
 end is the maximum and the lower tail takes what is left of the 5 %; likewise with l = 1. Where the widest interval,
-(X₁, X_N), covers less than 95 %, that is qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and p99.99
-needs 29 956.
+(X₁, X_N), covers less than 95 %, that is qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and
+p99.99 needs 29 956.
 
 The samples are taken as independent. Delays come in bursts, so that the true intervals of tails are wider; several
 processes and the floor of the machine beside them are the remedy.
 
-Sources: H. A. David and H. N. Nagaraja, Order Statistics, 3rd edition 2003, section 7.1; C. J. Clopper and E. S. Pearson,
-Biometrika 26 (1934) 404 to 413.
+Sources: H. A. David and H. N. Nagaraja, Order Statistics, 3rd edition 2003, section 7.1; C. J. Clopper and E. S.
+Pearson, Biometrika 26 (1934) 404 to 413.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def needed(q: float, confidence: float = CONFIDENCE) -> int:
         raise ValueError(f"a percentile lies between 0 and 1 as a share, not at {q}")
     tail = max(q, 1.0 - q)
     count = max(1, math.floor(math.log(1.0 - confidence) / math.log(tail)))
-    while q**count + (1.0 - q)**count > 1.0 - confidence:
+    while q**count + (1.0 - q) ** count > 1.0 - confidence:
         count += 1
     return count
 
@@ -75,8 +75,8 @@ def ranks(samples: int, q: float, confidence: float = CONFIDENCE) -> tuple[int, 
     if q**samples > above:  # not even the maximum leaves so little above it
         above = q**samples
         below = 1.0 - confidence - above
-    elif (1.0 - q)**samples > below:
-        below = (1.0 - q)**samples
+    elif (1.0 - q) ** samples > below:
+        below = (1.0 - q) ** samples
         above = 1.0 - confidence - below
     low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below, and F(l − 1) ≤ below is wanted
     low += int(binom.cdf(low, samples, q) <= below)

@@ -1,16 +1,16 @@
 """An absolute schedule, and what a solver's answers are worth on it.
 
-Sample k is due at t_k = t₀ + k T, whatever happened before. A solver that is still busy then is not interrupted; when it
-is done it takes the newest sample that is due, with the data of those it has missed. So of sample k with the solve j that
-is the first to include it, begun at b_j and ended at e_j,
+Sample k is due at t_k = t₀ + k T, whatever happened before. A solver that is still busy then is not interrupted; when
+it is done it takes the newest sample that is due, with the data of those it has missed. So of sample k with the solve j
+that is the first to include it, begun at b_j and ended at e_j,
 
     service time   e_j − b_j,      response time   e_j − t_k  ≥  e_j − b_j,
 
 and the answer is late where the response time is above T. The difference of the two is what a loop without a
 schedule never sees (coordinated omission). In use at the deadline t_k + T is the newest answer that was there by then.
 
-Between samples the loop sleeps as long as more than SPIN_NS remain and then watches the clock: a sleep may end some 60 µs
-late (slack of the system's timers and the way back to the core), which at 8 kHz leaves nothing to sleep.
+Between samples the loop sleeps as long as more than SPIN_NS remain and then watches the clock: a sleep may end some 60
+µs late (slack of the system's timers and the way back to the core), which at 8 kHz leaves nothing to sleep.
 """
 
 from __future__ import annotations
@@ -105,9 +105,18 @@ def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], N
         pass
 
 
-def follow(samples: int, absorb: Callable[[int, int], None], update: Callable[[int, int], None],
-           solve: Callable[[], object], keep: Callable[[int], None], *, period_ns: int = PERIOD_NS, give_up: int = 0,
-           clock: Callable[[], int] = time.perf_counter_ns, sleep: Callable[[float], None] = time.sleep) -> Timeline:
+def follow(
+    samples: int,
+    absorb: Callable[[int, int], None],
+    update: Callable[[int, int], None],
+    solve: Callable[[], object],
+    keep: Callable[[int], None],
+    *,
+    period_ns: int = PERIOD_NS,
+    give_up: int = 0,
+    clock: Callable[[], int] = time.perf_counter_ns,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Timeline:
     """Run a solver on the schedule.
 
     Parameters

@@ -4,10 +4,10 @@ Run alone, it puts a compensator before an actuator.
 
     z(k+1) = f(z(k), u(k)),   output(k) = g(z(k), u(k))
 
-with the states z of the play and creep operators in unit amplitudes. All three have direct feedthrough: the output at a sample
-depends on the input at the same sample. So model and inverse in series are the identity, and a compensator in front of a plant
-can be interconnected with it as with any other block; a loop that feeds the plant's output back to the reference needs
-a delay somewhere, as any digital controller has.
+with the states z of the play and creep operators in unit amplitudes. All three have direct feedthrough: the output at a
+sample depends on the input at the same sample. So model and inverse in series are the identity, and a compensator in
+front of a plant can be interconnected with it as with any other block; a loop that feeds the plant's output back to the
+reference needs a delay somewhere, as any digital controller has.
 
 ``control.input_output_response`` interpolates inputs, so one that is not finite reaches the sample after it as well.
 """
@@ -28,7 +28,8 @@ from solvers.arrays import Vector
 
 
 def initial_states(structure: ModelStructure, state: OperatorState | None = None) -> Vector:
-    """States of the operators as one vector (states,): play of thresholds 0 … r_n, then creep rate by rate; at rest by default.
+    """States of the operators as one vector (states,): play of thresholds 0 … r_n, then creep rate by rate; at rest by
+    default.
 
     Examples
     --------
@@ -40,7 +41,9 @@ def initial_states(structure: ModelStructure, state: OperatorState | None = None
     state = OperatorState.at_rest(structure) if state is None else state
     state.require(structure)
     thresholds, rates = structure.n + 1, len(structure.creep_rates)
-    return np.concatenate([state.play[:thresholds], state.creep.reshape(rates, structure.lanes)[:, :thresholds].ravel()])
+    return np.concatenate(
+        [state.play[:thresholds], state.creep.reshape(rates, structure.lanes)[:, :thresholds].ravel()]
+    )
 
 
 def _operators(structure: ModelStructure, z: Vector) -> OperatorState:
@@ -103,9 +106,15 @@ def inverse_system(model: HysteresisCreepModel, name: str = "inverse") -> contro
     return compensator_system(Compensator(model), name)
 
 
-def _system(s: ModelStructure, moved: Callable[[Vector, Vector], tuple[float, OperatorState]], input_name: str, output_name: str,
-            name: str) -> control.NonlinearIOSystem:
+def _system(
+    s: ModelStructure,
+    moved: Callable[[Vector, Vector], tuple[float, OperatorState]],
+    input_name: str,
+    output_name: str,
+    name: str,
+) -> control.NonlinearIOSystem:
     """The system of a step from states and input to the output and the operator states after it."""
+
     def update(t: float, z: Vector, u: Vector, params: Mapping[str, Any]) -> Vector:
         return initial_states(s, moved(z, u)[1])
 
@@ -114,17 +123,27 @@ def _system(s: ModelStructure, moved: Callable[[Vector, Vector], tuple[float, Op
 
     states = [f"play[{i}]" for i in range(s.n + 1)]
     states += [f"creep[{rate:g}/s,{i}]" for rate in s.creep_rates for i in range(s.n + 1)]
-    return control.nlsys(update, output, inputs=[input_name], outputs=[output_name],
-                         states=[f"{name}_{state}" for state in states], dt=s.sample_time, name=name)
+    return control.nlsys(
+        update,
+        output,
+        inputs=[input_name],
+        outputs=[output_name],
+        states=[f"{name}_{state}" for state in states],
+        dt=s.sample_time,
+        name=name,
+    )
 
 
 def main() -> None:
-    """Follow a triangle, open loop, with the compensator of an identified model and with a straight line in its place."""
+    """Follow a triangle, open loop, with the compensator of an identified model and with a straight line in its
+    place."""
     x = multi_sine(duration_s=4.0, sample_time=1e-3, low=0.0, high=150.0)
     y = plants.get("relay_preisach", sample_time=1e-3).run(x)
     s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (float(y.min()), float(y.max())), (), 1e-3)
     actuator, line = identify(x, y, s), HysteresisCreepModel.from_weights(s, s.straight_line)
-    wanted = decaying_triangle(duration_s=0.5, sample_time=s.sample_time, low=-12.0, high=12.0, cycles=3, final_share=0.3)
+    wanted = decaying_triangle(
+        duration_s=0.5, sample_time=s.sample_time, low=-12.0, high=12.0, cycles=3, final_share=0.3
+    )
     for what, model in (("the model's compensator", actuator), ("a straight line", line)):
         series = control.series(compensator_system(Compensator(model, (0.0, 150.0))), model_system(actuator))
         start = np.concatenate([initial_states(s), initial_states(s)])

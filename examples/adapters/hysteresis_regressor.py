@@ -1,9 +1,10 @@
-"""A scikit-learn regressor over ``identify``: drive in, displacement out. Run alone, it chooses the orders by a grid search.
+"""A scikit-learn regressor over ``identify``: drive in, displacement out. Run alone, it chooses the orders by a grid
+search.
 
-A column of drive samples in time order is one recording; ``predict`` simulates the model from rest at the middle of the fitted
-range, and ``score`` counts the first rows too, in which the states of a real actuator are not known. Order matters to a model
-with memory, so rows must not be shuffled: search with ``sklearn.model_selection.TimeSeriesSplit`` or ``PredefinedSplit``.
-It takes scikit-learn 1.6 or later.
+A column of drive samples in time order is one recording; ``predict`` simulates the model from rest at the middle of the
+fitted range, and ``score`` counts the first rows too, in which the states of a real actuator are not known. Order
+matters to a model with memory, so rows must not be shuffled: search with ``sklearn.model_selection.TimeSeriesSplit`` or
+``PredefinedSplit``. It takes scikit-learn 1.6 or later.
 """
 
 from __future__ import annotations
@@ -56,8 +57,16 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
     True
     """
 
-    def __init__(self, n: int = 5, m: int = 3, creep_rates: Sequence[float] = (), sample_time: float = 1e-3,
-                 skip: int | None = None, solver: str = "box_active_set", column: int | None = None) -> None:
+    def __init__(
+        self,
+        n: int = 5,
+        m: int = 3,
+        creep_rates: Sequence[float] = (),
+        sample_time: float = 1e-3,
+        skip: int | None = None,
+        solver: str = "box_active_set",
+        column: int | None = None,
+    ) -> None:
         self.n = n
         self.m = m
         self.creep_rates = creep_rates
@@ -94,8 +103,16 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
             if np.ptp(values) == 0.0:
                 raise ValueError(f"{name} never changes, and hysteresis shows in movement only")
         structure = ModelStructure.equidistant(
-            n=self.n, m=self.m, x_range=(float(x.min()), float(x.max())), y_range=(float(y.min()), float(y.max())),
-            creep_rates=tuple(self.creep_rates), sample_time=self.sample_time, offset=True, input_unit="", output_unit="")
+            n=self.n,
+            m=self.m,
+            x_range=(float(x.min()), float(x.max())),
+            y_range=(float(y.min()), float(y.max())),
+            creep_rates=tuple(self.creep_rates),
+            sample_time=self.sample_time,
+            offset=True,
+            input_unit="",
+            output_unit="",
+        )
         self.model_ = identify(x, y, structure, solver=self.solver, skip=self.skip, force=True)
         return self
 
@@ -107,7 +124,9 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
     def _column(self, X: NDArray[np.float64]) -> Vector:
         columns = X.shape[1]
         if self.column is None and columns != 1:
-            raise ValueError(f"X has {columns} features and must have one, the drive, unless column says which one it is")
+            raise ValueError(
+                f"X has {columns} features and must have one, the drive, unless column says which one it is"
+            )
         column = 0 if self.column is None else self.column
         if not 0 <= column < columns:
             raise ValueError(f"column must lie between 0 and {columns - 1}, the last column of X, and is {column}")
@@ -118,7 +137,9 @@ def main() -> None:
     """Choose n and m for a simulated actuator."""
     x = multi_sine(duration_s=6.0, sample_time=1e-3, low=0.0, high=150.0)
     y = plants.get("dense_prandtl_ishlinskii", creep_share=0.0).run(x)
-    search = GridSearchCV(HysteresisRegressor(sample_time=1e-3), {"n": [1, 4, 8], "m": [0, 2]}, cv=TimeSeriesSplit(n_splits=2))
+    search = GridSearchCV(
+        HysteresisRegressor(sample_time=1e-3), {"n": [1, 4, 8], "m": [0, 2]}, cv=TimeSeriesSplit(n_splits=2)
+    )
     search.fit(x[:, None], y)
     for orders, score in zip(search.cv_results_["params"], search.cv_results_["mean_test_score"], strict=True):
         print(f"n = {orders['n']}, m = {orders['m']}: R² = {score:.5f} on data left out")

@@ -1,8 +1,8 @@
 """Learning on actuators that no model of the class can be, beside the best that the class can do with hindsight.
 
 One actuator at a time follows the staircase with noise of 2e-4 of its range on the sensor. Hindsight is a model of the
-same orders that is identified from the very cycle it is judged on, drives it again from the same states, and is identified
-anew from what that gave: the best of a few rounds.
+same orders that is identified from the very cycle it is judged on, drives it again from the same states, and is
+identified anew from what that gave: the best of a few rounds.
 """
 
 from __future__ import annotations
@@ -45,18 +45,34 @@ class Case:
     def row(self, rig: Rig) -> dict[str, Any]:
         """Errors in percent of the actuator's range: per cycle, with hindsight, and of straight lines."""
         sensor = sensor_of(self.plant, rig)
-        structure = ModelStructure.equidistant(self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, rig.sample_time)
-        learner = SelfLearningCompensator(structure, rig.reset_s, rig.build_s, rig.learn_s, SOLVER, sensor.x_range, self.mode,
-                                          state=at_low_end(structure), samples_to_solve=1)
+        structure = ModelStructure.equidistant(
+            self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, rig.sample_time
+        )
+        learner = SelfLearningCompensator(
+            structure,
+            rig.reset_s,
+            rig.build_s,
+            rig.learn_s,
+            SOLVER,
+            sensor.x_range,
+            self.mode,
+            state=at_low_end(structure),
+            samples_to_solve=1,
+        )
         y_ref, errors = steps(sensor, rig), []
         for cycle in np.split(y_ref, rig.cycles):
             state, before = learner.compensator.state.copy(), sensor.state()
             x, y = learner.run(cycle, sensor.run)
             errors.append(rms_percent(y - cycle, sensor))
         hindsight = floor(learner.model, state, sensor, before, x, y, cycle) * 100.0 / float(np.ptp(sensor.y_range))
-        straight, best = straight_lines(sensor_of(self.plant, rig), y_ref[-rig.cycle:])
-        return {**asdict(self), "straight_percent": straight, "best_straight_percent": best, "hindsight_percent": hindsight,
-                **{f"cycle_{i}_percent": error for i, error in enumerate(errors, 1)}}
+        straight, best = straight_lines(sensor_of(self.plant, rig), y_ref[-rig.cycle :])
+        return {
+            **asdict(self),
+            "straight_percent": straight,
+            "best_straight_percent": best,
+            "hindsight_percent": hindsight,
+            **{f"cycle_{i}_percent": error for i, error in enumerate(errors, 1)},
+        }
 
 
 LEARNERS: tuple[tuple[int, int, Mode], ...] = ((5, 3, "cyclic"), (5, 3, "continuous"), (20, 7, "cyclic"))
@@ -74,8 +90,14 @@ def steps(sensor: plants.Sensor, rig: Rig) -> Vector:
     """The staircase for all cycles, µm."""
     low, high = sensor.y_range
     margin = MARGIN * (high - low)
-    return staircase(duration_s=rig.cycles * rig.cycle * rig.sample_time, sample_time=rig.sample_time, low=low + margin,
-                     high=high - margin, levels=LEVELS, hold_s=rig.hold_s)
+    return staircase(
+        duration_s=rig.cycles * rig.cycle * rig.sample_time,
+        sample_time=rig.sample_time,
+        low=low + margin,
+        high=high - margin,
+        levels=LEVELS,
+        hold_s=rig.hold_s,
+    )
 
 
 def rms_percent(error: Vector, sensor: plants.Sensor) -> float:
@@ -103,26 +125,58 @@ def figure(table: pd.DataFrame) -> Figure:
     lines, cycles = [], cycles_of(table)
     for plant, rows in table.groupby("plant", sort=False):
         first = rows.iloc[0]
-        levels = {"best straight line": first.best_straight_percent, "with hindsight": first.hindsight_percent, "noise of the sensor": 100.0 * NOISE}
-        errors = {f"{mode}, n = {n}, m = {m}": found for found, (n, m, mode) in zip(rows[cycles].to_numpy(float), LEARNERS, strict=True)}
-        lines += [{"plant": plant, "name": name, "cycle": cycle, "percent": percent}
-                  for name, values in {**{name: np.full(len(cycles), level) for name, level in levels.items()}, **errors}.items()
-                  for cycle, percent in enumerate(values, 1)]
+        levels = {
+            "best straight line": first.best_straight_percent,
+            "with hindsight": first.hindsight_percent,
+            "noise of the sensor": 100.0 * NOISE,
+        }
+        errors = {
+            f"{mode}, n = {n}, m = {m}": found
+            for found, (n, m, mode) in zip(rows[cycles].to_numpy(float), LEARNERS, strict=True)
+        }
+        lines += [
+            {"plant": plant, "name": name, "cycle": cycle, "percent": percent}
+            for name, values in {
+                **{name: np.full(len(cycles), level) for name, level in levels.items()},
+                **errors,
+            }.items()
+            for cycle, percent in enumerate(values, 1)
+        ]
     cycle = Axis("cycle", "cycle", values=range(1, len(cycles) + 1), label="format(datum.value, 'd')")
     colours = dict(zip([*levels, *errors], (PALETTE[1], PALETTE[2], GREY, PALETTE[0], PALETTE[5], INK), strict=True))
-    plots = [Plot(cycle, Axis("percent", f"{str(plant).replace('_', ' ')}: RMS error, %", log=True), (Mark("line", "name"), Mark("point", "name")),
-                  where=f"plant == '{plant}'", colours=colours, height=200) for plant in table.plant.unique()]
-    return Figure("actuators", "Actuators that are not in the model class",
-                  f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. Hindsight is the "
-                  "best model of the same orders, n = 5 and m = 3, identified from the last cycle itself.", pd.DataFrame(lines), plots)
+    plots = [
+        Plot(
+            cycle,
+            Axis("percent", f"{str(plant).replace('_', ' ')}: RMS error, %", log=True),
+            (Mark("line", "name"), Mark("point", "name")),
+            where=f"plant == '{plant}'",
+            colours=colours,
+            height=200,
+        )
+        for plant in table.plant.unique()
+    ]
+    return Figure(
+        "actuators",
+        "Actuators that are not in the model class",
+        f"RMS error of one actuator in each cycle, with noise of {100.0 * NOISE:g} % of range on its sensor. "
+        "Hindsight is the "
+        "best model of the same orders, n = 5 and m = 3, identified from the last cycle itself.",
+        pd.DataFrame(lines),
+        plots,
+    )
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
     """Say how near every learner came to hindsight, to the straight line and to the noise."""
     last = table[cycles_of(table)[-1]]
-    for case, error, hindsight, line in zip(CASES, last, table.hindsight_percent, table.best_straight_percent, strict=True):
-        yield (f"{case}: {error:.3f} % in the last cycle, {error / hindsight:.2f} times what hindsight gives, {line / error:.0f} times "
-               f"less than the best straight line ({line:.2f} %), {error / (100.0 * NOISE):.2f} times the noise.")
+    for case, error, hindsight, line in zip(
+        CASES, last, table.hindsight_percent, table.best_straight_percent, strict=True
+    ):
+        yield (
+            f"{case}: {error:.3f} % in the last cycle, {error / hindsight:.2f} times what hindsight gives, "
+            f"{line / error:.0f} times "
+            f"less than the best straight line ({line:.2f} %), {error / (100.0 * NOISE):.2f} times the noise."
+        )
 
 
 def cycles_of(table: pd.DataFrame) -> list[str]:

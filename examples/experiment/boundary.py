@@ -75,8 +75,13 @@ def slice_of(problem: IdentificationProblem) -> Slice:
     pair = np.array([held, free])
     rest = np.setdiff1d(np.arange(z.size), pair)
     names = problem.structure.weight_names
-    return Slice((names[held], names[free]), qp.P[np.ix_(pair, pair)], qp.q[pair] + qp.P[np.ix_(pair, rest)] @ z[rest],
-                 qp.lb[pair], z[pair])
+    return Slice(
+        (names[held], names[free]),
+        qp.P[np.ix_(pair, pair)],
+        qp.q[pair] + qp.P[np.ix_(pair, rest)] @ z[rest],
+        qp.lb[pair],
+        z[pair],
+    )
 
 
 def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float = STEP_RATIO) -> tuple[Matrix, Matrix]:
@@ -94,7 +99,8 @@ def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float
 
 
 def figure(part: Slice) -> tuple[Figure, str]:
-    """Level lines, the admissible set and the trajectory, as deviations from the admissible optimum, and how far it comes."""
+    """Level lines, the admissible set and the trajectory, as deviations from the admissible optimum, and how far it
+    comes."""
     unbounded = np.linalg.solve(part.P, -part.q)
     reach = float(part.lb[0] - unbounded[0])
     # Far out along the free variable and near the bound: the path meets the boundary early and has a way to go on it.
@@ -107,32 +113,63 @@ def figure(part: Slice) -> tuple[Figure, str]:
     margin = 0.15 * np.ptp(points, axis=0)
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
 
-    arrows = {f"step {k}": np.array([z[k], z[k] + ARROW_GAIN * (stepped[k] - z[k])]) for k in spaced(z, np.flatnonzero(touched), ARROWS)}
+    arrows = {
+        f"step {k}": np.array([z[k], z[k] + ARROW_GAIN * (stepped[k] - z[k])])
+        for k in spaced(z, np.flatnonzero(touched), ARROWS)
+    }
     ends = {"start": z[0], "admissible optimum": np.zeros(2), "optimum without the bound": star}
-    drawn = [*(("level", f"level {i}", line) for i, line in enumerate(level_lines(part.P, star, low, high))),
-             ("bound", "bound", np.array([[0.0, low[1]], [0.0, high[1]]])), ("unprojected", "unprojected", stepped),
-             *(("step", name, line) for name, line in arrows.items()), ("path", "path", z),
-             *(("point", name, at[None, :]) for name, at in ends.items())]
-    table = pd.concat([pd.DataFrame({"kind": kind, "name": name, "step": np.arange(len(line)), "held": line[:, 0], "free": line[:, 1]})
-                       for kind, name, line in drawn], ignore_index=True)
-    marks = [Mark("line", where=f"datum.kind == '{kind}'", colour=colour, size=size, along="step")
-             for kind, colour, size in (("level", GREY, 0.8), ("bound", INK, 1.2), ("step", RED, 1.2), ("path", BLUE, 2.0))]
-    equal = round(WIDTH * float((high[1] - low[1]) / (high[0] - low[0])))  # equal scales: gradients are normal to level lines
-    plot = Plot(Axis("held", f"{part.names[0]}, scaled, from its bound, 1e{power}", domain=(low[0], high[0])),
-                Axis("free", f"{part.names[1]}, scaled, from the optimum, 1e{power}", domain=(low[1], high[1])),
-                (*marks, Mark("point", "name", where="datum.kind == 'point'", size=80.0)), ("name",), height=equal,
-                colours=dict(zip(ends, (BLUE, GREEN, INK), strict=True)))
+    drawn = [
+        *(("level", f"level {i}", line) for i, line in enumerate(level_lines(part.P, star, low, high))),
+        ("bound", "bound", np.array([[0.0, low[1]], [0.0, high[1]]])),
+        ("unprojected", "unprojected", stepped),
+        *(("step", name, line) for name, line in arrows.items()),
+        ("path", "path", z),
+        *(("point", name, at[None, :]) for name, at in ends.items()),
+    ]
+    table = pd.concat(
+        [
+            pd.DataFrame(
+                {"kind": kind, "name": name, "step": np.arange(len(line)), "held": line[:, 0], "free": line[:, 1]}
+            )
+            for kind, name, line in drawn
+        ],
+        ignore_index=True,
+    )
+    marks = [
+        Mark("line", where=f"datum.kind == '{kind}'", colour=colour, size=size, along="step")
+        for kind, colour, size in (("level", GREY, 0.8), ("bound", INK, 1.2), ("step", RED, 1.2), ("path", BLUE, 2.0))
+    ]
+    # equal scales: gradients are normal to level lines
+    equal = round(WIDTH * float((high[1] - low[1]) / (high[0] - low[0])))
+    plot = Plot(
+        Axis("held", f"{part.names[0]}, scaled, from its bound, 1e{power}", domain=(low[0], high[0])),
+        Axis("free", f"{part.names[1]}, scaled, from the optimum, 1e{power}", domain=(low[1], high[1])),
+        (*marks, Mark("point", "name", where="datum.kind == 'point'", size=80.0)),
+        ("name",),
+        height=equal,
+        colours=dict(zip(ends, (BLUE, GREEN, INK), strict=True)),
+    )
     distance = float(np.linalg.norm(w[-1] - part.optimum) / np.linalg.norm(start - part.optimum))
-    return Figure("fig2_boundary", "Fig. 2: the projected trajectory",
-                  "A slice of the identification problem: level lines of the cost, the admissible set to the right of the bound, "
-                  f"the path of the solver at a step size of {STEP_RATIO:g} of the stability limit, and some steps before projection, "
-                  f"{ARROW_GAIN:g} times as long.", table, [plot]), (
-        f"With {part.names[0]} and {part.names[1]} of the problem learned last, the trajectory meets the boundary at step "
-        f"{first}, slides along it and has covered all but {distance:.1e} of its way after {STEPS} steps.")
+    return Figure(
+        "fig2_boundary",
+        "Fig. 2: the projected trajectory",
+        "A slice of the identification problem: level lines of the cost, the admissible set to the right of "
+        "the bound, "
+        f"the path of the solver at a step size of {STEP_RATIO:g} of the stability limit, and some steps "
+        "before projection, "
+        f"{ARROW_GAIN:g} times as long.",
+        table,
+        [plot],
+    ), (
+        f"With {part.names[0]} and {part.names[1]} of the problem learned last, the trajectory meets the boundary at "
+        "step "
+        f"{first}, slides along it and has covered all but {distance:.1e} of its way after {STEPS} steps."
+    )
 
 
 def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Matrix]:
-    """Level lines of ½ (z − c)ᵀ P (z − c) in a window, evenly spaced on a logarithmic scale: with P = L Lᵀ and the height h
+    """Level lines of ½ (z − c)ᵀ P (z − c) in a window, evenly spaced on a logarithmic scale: with P = L Lᵀ and the
+    height h
 
         z = c + √(2h) L⁻ᵀ (cos t, sin t)
     """
@@ -141,7 +178,10 @@ def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Ma
     t = np.linspace(0.0, 2.0 * np.pi, 721)
     ellipse = np.linalg.solve(np.linalg.cholesky(P).T, np.array([np.cos(t), np.sin(t)])).T
     lines = [centre + np.sqrt(2.0 * height) * ellipse for height in np.geomspace(highest / 400.0, highest, LEVELS)]
-    return [np.where(np.all((z > low - (high - low)) & (z < high + (high - low)), axis=1, keepdims=True), z, np.nan) for z in lines]
+    return [
+        np.where(np.all((z > low - (high - low)) & (z < high + (high - low)), axis=1, keepdims=True), z, np.nan)
+        for z in lines
+    ]
 
 
 def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:

@@ -1,8 +1,9 @@
 """A sensor that stays in the loop: learned compensation with integral action, against either of them alone.
 
 Situations are drawn at random (`situations`), and something that the model does not know moves the output: a mount that
-creeps, or a vibration of 1 or 10 Hz. PI control alone is a rival at its best: for each of RATIOS the gains are raised until the
-sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with the steepest slope of the actuator in L,
+creeps, or a vibration of 1 or 10 Hz. PI control alone is a rival at its best: for each of RATIOS the gains are raised
+until the sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with the
+steepest slope of the actuator in L,
 
     L = g z^-delay z / (z − 1) of the integral action,   L = s_max (k_P + k_I z / (z − 1)) z^-delay of the PI control
 
@@ -35,14 +36,18 @@ JUDGED_S, SETTLING_S = 4.0, 2.0
 SHARE = 0.01
 """Of the reference's range, amplitude of a disturbance."""
 DISTURBANCES = {"creep of the mount": 0.0, "1 Hz": 1.0, "10 Hz": 10.0}
-WAYS = {"compensation alone": PALETTE[1], "PI control alone": PALETTE[5], "compensation and integral action": PALETTE[0]}
+WAYS = {
+    "compensation alone": PALETTE[1],
+    "PI control alone": PALETTE[5],
+    "compensation and integral action": PALETTE[0],
+}
 """With their colours."""
 
 
 def peak(k_p: float, k_i: float, delay: int) -> float:
     """Peak of |1 / (1 + L)| for a slope of 1 and so many samples from the drive to the error that it makes."""
     z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
-    return float(np.max(1.0 / np.abs(1.0 + (k_p + k_i * z / (z - 1.0)) * z ** -delay)))
+    return float(np.max(1.0 / np.abs(1.0 + (k_p + k_i * z / (z - 1.0)) * z**-delay)))
 
 
 def pi_gains(ratio: float, delay: int, highest: float) -> tuple[float, float]:
@@ -63,10 +68,12 @@ class Disturbed:
     def run(self, x: Vector) -> Vector:
         """Outputs (N,) of drives (N,)."""
         self.done += x.size
-        return self.sensor.run(x) + self.added[self.done - x.size:self.done]
+        return self.sensor.run(x) + self.added[self.done - x.size : self.done]
 
 
-def pi_alone(situation: Situation, actuator: Disturbed, y_ref: Vector, gains: tuple[float, float], slope: float) -> Vector:
+def pi_alone(
+    situation: Situation, actuator: Disturbed, y_ref: Vector, gains: tuple[float, float], slope: float
+) -> Vector:
     """Outputs (N,) under PI control in the drive's unit, with its integral held at the limits."""
     (low, high), (k_p, k_i) = situation.x_limits, gains
     integral, error, y = low, 0.0, np.empty_like(y_ref)
@@ -93,7 +100,10 @@ def rows(seed: int) -> Iterator[dict[str, Any]]:
     y_ref, delay = situation.y_ref, 1 + int(situation.sensor_options.get("delay_samples", 0))
     t, span, slope = np.arange(y_ref.size) * SAMPLE_TIME, float(np.ptp(y_ref)), steepest(situation)
     tuned = [pi_gains(ratio, delay, peak(0.0, GAIN, delay)) for ratio in RATIOS]
-    judged, settled = slice(-round(JUDGED_S / SAMPLE_TIME), None), slice(-round((JUDGED_S + SETTLING_S) / SAMPLE_TIME), None)
+    judged, settled = (
+        slice(-round(JUDGED_S / SAMPLE_TIME), None),
+        slice(-round((JUDGED_S + SETTLING_S) / SAMPLE_TIME), None),
+    )
     for name, frequency in DISTURBANCES.items():
         added = SHARE * span * (np.sin(2.0 * np.pi * frequency * t) if frequency else np.log1p(10.0 * t))
 
@@ -101,23 +111,46 @@ def rows(seed: int) -> Iterator[dict[str, Any]]:
         for way, gain in (("compensation alone", 0.0), ("compensation and integral action", GAIN)):
             learner = learner_of(situation, "continuous", integral_gain=gain / SAMPLE_TIME)
             outputs[way] = [learner.run(y_ref, Disturbed(situation.sensor(), added).run)[1]]
-        outputs["PI control alone"] = [pi_alone(situation, Disturbed(situation.sensor(), added[settled]), y_ref[settled], gains, slope)
-                                       for gains in tuned]
+        outputs["PI control alone"] = [
+            pi_alone(situation, Disturbed(situation.sensor(), added[settled]), y_ref[settled], gains, slope)
+            for gains in tuned
+        ]
         for way in WAYS:
             least = min(tracking_error(y[judged], y_ref[judged]) for y in outputs[way])
-            yield {"seed": seed, "plant": situation.plant, "reference": situation.reference, "disturbance": name, "way": way,
-                   "rms_percent": 100.0 * least / span}
+            yield {
+                "seed": seed,
+                "plant": situation.plant,
+                "reference": situation.reference,
+                "disturbance": name,
+                "way": way,
+                "rms_percent": 100.0 * least / span,
+            }
 
 
 def figure(table: pd.DataFrame) -> Figure:
     """Draw the errors of every situation by disturbance."""
     drawn = table.assign(situation=table["seed"].astype(str))
-    return Figure("feedback", "A sensor that stays in the loop",
-                  f"Learned compensation (continuous), PI control, and both, in situations drawn at random; the output is moved by {SHARE:.0%} of "
-                  f"the range besides. PI control and integral action have the same peak of sensitivity; the gain is {GAIN:g} a sample.", drawn,
-                  [Plot(Axis("rms_percent", f"{name}: RMS error, % of the reference's range", log=True), Axis("situation", "seed"),
-                        (Mark("point", "way", size=70.0),), ("seed", "plant", "reference", "way", "rms_percent"), WAYS,
-                        where=f"disturbance == '{name}'", height=28 * table["seed"].nunique() + 20) for name in DISTURBANCES])
+    return Figure(
+        "feedback",
+        "A sensor that stays in the loop",
+        "Learned compensation (continuous), PI control, and both, in situations drawn at random; the output "
+        f"is moved by {SHARE:.0%} of "
+        "the range besides. PI control and integral action have the same peak of sensitivity; the gain is "
+        f"{GAIN:g} a sample.",
+        drawn,
+        [
+            Plot(
+                Axis("rms_percent", f"{name}: RMS error, % of the reference's range", log=True),
+                Axis("situation", "seed"),
+                (Mark("point", "way", size=70.0),),
+                ("seed", "plant", "reference", "way", "rms_percent"),
+                WAYS,
+                where=f"disturbance == '{name}'",
+                height=28 * table["seed"].nunique() + 20,
+            )
+            for name in DISTURBANCES
+        ],
+    )
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -126,11 +159,18 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
     both = errors["compensation and integral action"]
     for name, part in errors.groupby("disturbance", sort=False):
         alone = part.drop(columns=both.name)
-        yield (f"Disturbance {name}: with integral action beside the compensation the error is {both[part.index].median():.3f} % in the median; "
-               + ", ".join(f"{alone[way].median():.3f} % with {way}" for way in alone) + ".")
+        yield (
+            f"Disturbance {name}: with integral action beside the compensation the error is "
+            f"{both[part.index].median():.3f} % in the median; "
+            + ", ".join(f"{alone[way].median():.3f} % with {way}" for way in alone)
+            + "."
+        )
     ratio = both / errors.drop(columns=both.name).min(axis=1)
-    yield (f"Against the better of the two alone it is {ratio.median():.2f} times the error in the median and {ratio.max():.2f} times in the "
-           "worst case.")
+    yield (
+        f"Against the better of the two alone it is {ratio.median():.2f} times the error in the median and "
+        f"{ratio.max():.2f} times in the "
+        "worst case."
+    )
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
-"""The floor: the best that a structure can do on one piece of a reference, fitted in hindsight to that piece's own data.
+"""The floor: the best that a structure can do on one piece of a reference, fitted in hindsight to that piece's own
+data.
 
-A model is identified from the piece, drives it again from the same states, and is identified anew from what that gave; the
-best of a few rounds counts.
+A model is identified from the piece, drives it again from the same states, and is identified anew from what that gave;
+the best of a few rounds counts.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ def tracking_error(y: Vector, y_ref: Vector) -> float:
     return float(np.sqrt(np.nanmean((y - y_ref) ** 2)))
 
 
-def floor(model: HysteresisCreepModel, state: OperatorState, plant: Plant, before: Memory, x: Vector, y: Vector,
-          y_ref: Vector) -> float:
+def floor(
+    model: HysteresisCreepModel, state: OperatorState, plant: Plant, before: Memory, x: Vector, y: Vector, y_ref: Vector
+) -> float:
     """Tracking error over a piece, in the output's unit, by the best model of the same structure.
 
     Parameters

@@ -1,9 +1,9 @@
 """Does the model need the superposition operator S? One actuator an axis against two in push-pull, m = 0 against m = 3.
 
-The paper drives every axis by one actuator to show what S is for; two in push-pull make the loop point-symmetric, which the
-operator H alone is. Symmetric is not the same as Prandtl-Ishlinskii, though: the even part of a curvature cancels and an
-odd saturation does not. So the comparison is made with actuators of three kinds, and with n = 10 plays besides the paper's
-n = 5, since with few plays the dead zones also stand in for plays that are missing.
+The paper drives every axis by one actuator to show what S is for; two in push-pull make the loop point-symmetric, which
+the operator H alone is. Symmetric is not the same as Prandtl-Ishlinskii, though: the even part of a curvature cancels
+and an odd saturation does not. So the comparison is made with actuators of three kinds, and with n = 10 plays besides
+the paper's n = 5, since with few plays the dead zones also stand in for plays that are missing.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from bench.report.report import Figure
 from bench.rig.rig import Actuators, Rig
 from bench.rig.trial import learned
 
-KINDS = {"curved": Actuators("dense_prandtl_ishlinskii", (("saturation", 0.0), ("asymmetry", -0.1))),
-         "curved and saturating": Actuators("dense_prandtl_ishlinskii"),
-         "Preisach": Actuators("relay_preisach")}
+KINDS = {
+    "curved": Actuators("dense_prandtl_ishlinskii", (("saturation", 0.0), ("asymmetry", -0.1))),
+    "curved and saturating": Actuators("dense_prandtl_ishlinskii"),
+    "Preisach": Actuators("relay_preisach"),
+}
 """By what deforms their loops: an even curvature, that and an odd saturation, minor loops that depend on the bias."""
 ORDERS = (5, 10)
 WITHOUT_S, WITH_S = 0, 3
@@ -47,22 +49,49 @@ class Case:
     def row(self, rig: Rig) -> dict[str, Any]:
         """Run the case with an exact learner, so that only the model counts."""
         actuators = KINDS[self.kind]
-        trial = learned(replace(rig, actuators=(actuators, actuators), n=self.n, m=self.m, push_pull=self.push_pull,
-                                solver="box_active_set", samples_to_solve=1))
+        trial = learned(
+            replace(
+                rig,
+                actuators=(actuators, actuators),
+                n=self.n,
+                m=self.m,
+                push_pull=self.push_pull,
+                solver="box_active_set",
+                samples_to_solve=1,
+            )
+        )
         return {**asdict(self), "rms_percent": float(per_cycle(trial)[-1])}
 
 
-CASES = tuple(Case(kind, n, pair, m) for kind in KINDS for n in ORDERS for pair in (False, True) for m in (WITHOUT_S, WITH_S))
+CASES = tuple(
+    Case(kind, n, pair, m) for kind in KINDS for n in ORDERS for pair in (False, True) for m in (WITHOUT_S, WITH_S)
+)
 
 
 def figure(table: pd.DataFrame) -> Figure:
     """Draw the rows of all cases."""
-    drawn = table.assign(name=table.m.map(MODELS), stage=[f"{kind}, n = {n}, {'push-pull' if pair else 'one actuator'}"
-                                                          for kind, n, pair in zip(table.kind, table.n, table.push_pull, strict=True)])
-    plot = Plot(Axis("rms_percent", "RMS error in the last cycle, % of range", log=True), Axis("stage"), (Mark("point", "name", size=90.0),),
-                ("stage", "name", "rms_percent"), dict(zip(MODELS.values(), (PALETTE[1], PALETTE[0]), strict=True)), height=320)
-    return Figure("push_pull", "One actuator or two in push-pull, with and without S",
-                  "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.", drawn, [plot])
+    drawn = table.assign(
+        name=table.m.map(MODELS),
+        stage=[
+            f"{kind}, n = {n}, {'push-pull' if pair else 'one actuator'}"
+            for kind, n, pair in zip(table.kind, table.n, table.push_pull, strict=True)
+        ],
+    )
+    plot = Plot(
+        Axis("rms_percent", "RMS error in the last cycle, % of range", log=True),
+        Axis("stage"),
+        (Mark("point", "name", size=90.0),),
+        ("stage", "name", "rms_percent"),
+        dict(zip(MODELS.values(), (PALETTE[1], PALETTE[0]), strict=True)),
+        height=320,
+    )
+    return Figure(
+        "push_pull",
+        "One actuator or two in push-pull, with and without S",
+        "RMS error of both axes in the last cycle. The learner is exact, so that only the model makes the difference.",
+        drawn,
+        [plot],
+    )
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
@@ -70,13 +99,17 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
     error = dict(zip(CASES, table.rms_percent, strict=True))
     n = max(ORDERS)
     for kind in KINDS:
-        single, single_S, pair, pair_S = (error[Case(kind, n, together, m)] for together in (False, True)
-                                          for m in (WITHOUT_S, WITH_S))
+        single, single_S, pair, pair_S = (
+            error[Case(kind, n, together, m)] for together in (False, True) for m in (WITHOUT_S, WITH_S)
+        )
         ratio = pair / pair_S
         judged = "as good as with it" if ratio <= AS_GOOD else f"{ratio:.1f} times as bad"
-        yield (f"{kind.capitalize()} actuators, n = {n}: with one actuator the error without S is {single / single_S:.1f} times "
-               f"that with it ({single:.3f} % and {single_S:.3f} %); in push-pull the model without S is {judged} "
-               f"({pair:.4f} % and {pair_S:.4f} %).")
+        yield (
+            f"{kind.capitalize()} actuators, n = {n}: with one actuator the error without S is "
+            f"{single / single_S:.1f} times "
+            f"that with it ({single:.3f} % and {single_S:.3f} %); in push-pull the model without S is {judged} "
+            f"({pair:.4f} % and {pair_S:.4f} %)."
+        )
 
 
 def main() -> None:

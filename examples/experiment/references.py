@@ -1,4 +1,5 @@
-"""References of a machine at work, beside the test signals of `piezo_model.signals`, with the arguments that are common to those."""
+"""References of a machine at work, beside the test signals of `piezo_model.signals`, with the arguments that are common
+to those."""
 
 from __future__ import annotations
 
@@ -9,8 +10,16 @@ from piezo_model.signals import scaled, smoothed, times
 from solvers.arrays import Vector
 
 
-def set_point_steps(*, duration_s: float, sample_time: float, low: float, high: float, seed: int, mean_hold_s: float = 0.4,
-                    step_s: float = 0.02) -> Vector:
+def set_point_steps(
+    *,
+    duration_s: float,
+    sample_time: float,
+    low: float,
+    high: float,
+    seed: int,
+    mean_hold_s: float = 0.4,
+    step_s: float = 0.02,
+) -> Vector:
     """Levels anywhere between the limits, each held for an exponentially distributed time."""
     t, random = times(duration_s, sample_time, low, high), np.random.default_rng(seed)
     ends = np.cumsum(random.exponential(mean_hold_s, int(4.0 * duration_s / mean_hold_s) + 50))
@@ -18,9 +27,19 @@ def set_point_steps(*, duration_s: float, sample_time: float, low: float, high: 
     return np.clip(smoothed(levels[np.searchsorted(ends[:-1], t)], step_s, sample_time), low, high)
 
 
-def changing_amplitude(*, duration_s: float, sample_time: float, low: float, high: float, seed: int, piece_s: float = 10.0,
-                       frequency_Hz: float = 1.0, smallest_share: float = 0.15) -> Vector:
-    """Sine whose amplitude (at least ``smallest_share`` of the largest) and centre are drawn anew for every ``piece_s``."""
+def changing_amplitude(
+    *,
+    duration_s: float,
+    sample_time: float,
+    low: float,
+    high: float,
+    seed: int,
+    piece_s: float = 10.0,
+    frequency_Hz: float = 1.0,
+    smallest_share: float = 0.15,
+) -> Vector:
+    """Sine whose amplitude (at least ``smallest_share`` of the largest) and centre are drawn anew for every
+    ``piece_s``."""
     t, random = times(duration_s, sample_time, low, high), np.random.default_rng(seed)
     piece = (t / piece_s).astype(int)
     amplitude = random.uniform(smallest_share, 1.0, piece[-1] + 1)
@@ -29,7 +48,9 @@ def changing_amplitude(*, duration_s: float, sample_time: float, low: float, hig
     return scaled(0.5 + 0.5 * (blend[1] + blend[0] * np.sin(2.0 * np.pi * frequency_Hz * t)), low, high)
 
 
-def from_samples(values: ArrayLike, *, duration_s: float, sample_time: float, low: float, high: float, period_s: float = 10.0) -> Vector:
+def from_samples(
+    values: ArrayLike, *, duration_s: float, sample_time: float, low: float, high: float, period_s: float = 10.0
+) -> Vector:
     """Any samples (M,), not all the same: one period of the signal, stretched over time and limits, over and over.
 
     Examples
@@ -39,4 +60,6 @@ def from_samples(values: ArrayLike, *, duration_s: float, sample_time: float, lo
     """
     t, v = times(duration_s, sample_time, low, high), np.asarray(values, dtype=np.float64)
     shares = (v - v.min()) / np.ptp(v)
-    return scaled(np.interp(t / period_s % 1.0 * v.size, np.arange(v.size + 1), np.append(shares, shares[0])), low, high)
+    return scaled(
+        np.interp(t / period_s % 1.0 * v.size, np.arange(v.size + 1), np.append(shares, shares[0])), low, high
+    )

@@ -1,7 +1,8 @@
 """Learning in situations drawn at random: how near each mode comes to the floor, and where it does worst.
 
 Each situation (`situations`) is an actuator, its sensor and a reference that no rule was made for. The error of
-the last of five cycles is divided by the floor (`hindsight`), the best that the same structure can do on that very cycle.
+the last of five cycles is divided by the floor (`hindsight`), the best that the same structure can do on that very
+cycle.
 """
 
 from __future__ import annotations
@@ -24,9 +25,11 @@ FIRST_SEED = 5000
 """No rule of the learning was chosen on the situations from here on."""
 SAMPLE_TIME = 5e-4
 CYCLES = 5
-WAYS: dict[str, tuple[Mode, str]] = {"cyclic, projected": ("cyclic", "projected_difference"),
-                                     "cyclic, exact": ("cyclic", "box_active_set"),
-                                     "continuous": ("continuous", "recursive_active_set")}
+WAYS: dict[str, tuple[Mode, str]] = {
+    "cyclic, projected": ("cyclic", "projected_difference"),
+    "cyclic, exact": ("cyclic", "box_active_set"),
+    "continuous": ("continuous", "recursive_active_set"),
+}
 """Mode and solver."""
 
 
@@ -35,8 +38,15 @@ def learner_of(situation: Situation, way: str, n: int = 5, m: int = 3, **options
     mode, solver = WAYS[way]
     structure = situation.structure(n, m)
     state = OperatorState.at_rest(structure, float(structure.unit_input(np.array(situation.x_limits[0]))), 1.0)
-    return SelfLearningCompensator(structure, solver="box_active_set" if mode == "continuous" else solver,
-                                   mode=mode, x_limits=situation.x_limits, state=state, samples_to_solve=1, **options)
+    return SelfLearningCompensator(
+        structure,
+        solver="box_active_set" if mode == "continuous" else solver,
+        mode=mode,
+        x_limits=situation.x_limits,
+        state=state,
+        samples_to_solve=1,
+        **options,
+    )
 
 
 def straight_error(situation: Situation) -> float:
@@ -49,7 +59,8 @@ def straight_error(situation: Situation) -> float:
 
 
 def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None = None) -> list[dict[str, Any]]:
-    """One row for each way: errors of each cycle, of the straight line and the floor of the last cycle, in the output's unit."""
+    """One row for each way: errors of each cycle, of the straight line and the floor of the last cycle, in the output's
+    unit."""
     situation = Situation.draw(seed, CYCLES * CYCLE_S, SAMPLE_TIME, reference)
     straight = straight_error(situation)
     found = []
@@ -63,34 +74,75 @@ def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None =
                 raise AssertionError(f"seed {seed}, {way}: the drive left its limits")
         model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
         least = floor(model, state, sensor, before, x, y, y_ref)
-        found.append({"seed": seed, "plant": situation.plant, "reference": situation.reference, "way": way, "ratio": errors[-1] / least,
-                      "floor": least, "straight": straight, "hand_overs": learner.counts["hand_overs"],
-                      **{f"cycle_{i}": error for i, error in enumerate(errors, 1)}})
+        found.append(
+            {
+                "seed": seed,
+                "plant": situation.plant,
+                "reference": situation.reference,
+                "way": way,
+                "ratio": errors[-1] / least,
+                "floor": least,
+                "straight": straight,
+                "hand_overs": learner.counts["hand_overs"],
+                **{f"cycle_{i}": error for i, error in enumerate(errors, 1)},
+            }
+        )
     return found
 
 
 def figure(table: pd.DataFrame) -> Figure:
     """Draw how many situations end within which multiple of the floor, by mode."""
     ranked = table.sort_values("ratio").assign(name=lambda rows: rows["way"])
-    ranked["kind"] = np.where(ranked["reference"] == "changing_amplitude", "amplitude changes each cycle", "other references")
-    ranked["share"] = ranked.groupby(["kind", "way"]).cumcount().add(1) / ranked.groupby(["kind", "way"])["ratio"].transform("size")
-    share, marks = Axis("share", "situations at most there", percent=True), (Mark("step", "name"), Mark("point", "name", size=25.0))
-    plots = [Plot(Axis("ratio", f"{kind}: error of the fifth cycle over the floor", log=True), share, marks,
-                  ("seed", "plant", "reference", "ratio"), where=f"kind == '{kind}'", height=260) for kind in ranked["kind"].unique()]
-    return Figure("robustness", "Situations drawn at random",
-                  "Share of situations whose error of the fifth cycle is within a multiple of the floor. Actuator, sensor, reference and the ranges "
-                  "that the user believes in are drawn from a seed; the floor is the same structure fitted in hindsight to that very cycle "
-                  "(n = 5, m = 3).", ranked, plots)
+    ranked["kind"] = np.where(
+        ranked["reference"] == "changing_amplitude", "amplitude changes each cycle", "other references"
+    )
+    ranked["share"] = ranked.groupby(["kind", "way"]).cumcount().add(1) / ranked.groupby(["kind", "way"])[
+        "ratio"
+    ].transform("size")
+    share, marks = (
+        Axis("share", "situations at most there", percent=True),
+        (Mark("step", "name"), Mark("point", "name", size=25.0)),
+    )
+    plots = [
+        Plot(
+            Axis("ratio", f"{kind}: error of the fifth cycle over the floor", log=True),
+            share,
+            marks,
+            ("seed", "plant", "reference", "ratio"),
+            where=f"kind == '{kind}'",
+            height=260,
+        )
+        for kind in ranked["kind"].unique()
+    ]
+    return Figure(
+        "robustness",
+        "Situations drawn at random",
+        "Share of situations whose error of the fifth cycle is within a multiple of the floor. Actuator, "
+        "sensor, reference and the ranges "
+        "that the user believes in are drawn from a seed; the floor is the same structure fitted in "
+        "hindsight to that very cycle "
+        "(n = 5, m = 3).",
+        ranked,
+        plots,
+    )
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
     """Say for each mode how many situations end near the floor, and which one does worst."""
     for way, found in table.groupby("way", sort=False):
         worst = found.sort_values("ratio").iloc[-1]
-        yield (f"{str(way).capitalize()}: {(found.ratio <= 1.5).mean():.0%} of {len(found)} situations end within 1.5 times the floor, "
-               f"{(found.ratio <= 2.0).mean():.0%} within twice; the worst is seed {worst.seed} ({worst.plant}, {worst.reference}) with "
-               f"{worst.ratio:.1f} times, {worst.straight / worst.cycle_5:.0f} times nearer than the straight line that it began with.")
-    yield "Where the controller can afford it, take the continuous mode: it is nearer to the floor in every kind of situation."
+        yield (
+            f"{str(way).capitalize()}: {(found.ratio <= 1.5).mean():.0%} of {len(found)} situations end within 1.5 "
+            "times the floor, "
+            f"{(found.ratio <= 2.0).mean():.0%} within twice; the worst is seed {worst.seed} ({worst.plant}, "
+            f"{worst.reference}) with "
+            f"{worst.ratio:.1f} times, {worst.straight / worst.cycle_5:.0f} times nearer than the straight line "
+            "that it began with."
+        )
+    yield (
+        "Where the controller can afford it, take the continuous mode: it is nearer to the floor in every kind of "
+        "situation."
+    )
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Situations that a learner may find itself in, drawn at random: an actuator, its sensor, a reference and a structure.
 
-A seed is a situation, the same for ever on any machine, so that a bad case can be named by its number. Nothing here knows
-how learning works; seeds that rules were chosen on say nothing about others.
+A seed is a situation, the same for ever on any machine, so that a bad case can be named by its number. Nothing here
+knows how learning works; seeds that rules were chosen on say nothing about others.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ STEP_S = 0.02
 
 def _repeated(one: Callable[..., Vector]) -> Callable[..., Vector]:
     """A signal whose first ``CYCLE_S`` come over and over."""
+
     def signal(random: np.random.Generator, *, duration_s: float, sample_time: float, **limits: float) -> Vector:
         period = one(random, duration_s=CYCLE_S, sample_time=sample_time, **limits)
         return np.resize(period, round(duration_s / sample_time))
@@ -51,19 +52,34 @@ def _odd_samples(random: np.random.Generator, **options: float) -> Vector:
 
 REFERENCES: dict[str, Callable[..., Vector]] = {
     "staircase": _steps,
-    "multi_sine": _repeated(lambda random, **options: multi_sine(
-        **options, tones=int(random.integers(2, 15)), highest_Hz=random.uniform(2.0, 20.0), seed=_seed(random))),
-    "raster": _repeated(lambda random, **options: raster_scan(
-        **options, line_rate_Hz=random.uniform(1.0, 10.0), fast_share=random.uniform(0.3, 0.9))),
-    "decaying_triangle": _repeated(lambda random, **options: decaying_triangle(
-        **options, cycles=float(random.integers(4, 20)), final_share=random.uniform(0.05, 0.6))),
+    "multi_sine": _repeated(
+        lambda random, **options: multi_sine(
+            **options, tones=int(random.integers(2, 15)), highest_Hz=random.uniform(2.0, 20.0), seed=_seed(random)
+        )
+    ),
+    "raster": _repeated(
+        lambda random, **options: raster_scan(
+            **options, line_rate_Hz=random.uniform(1.0, 10.0), fast_share=random.uniform(0.3, 0.9)
+        )
+    ),
+    "decaying_triangle": _repeated(
+        lambda random, **options: decaying_triangle(
+            **options, cycles=float(random.integers(4, 20)), final_share=random.uniform(0.05, 0.6)
+        )
+    ),
     "samples": _odd_samples,
     "set_points": lambda random, **options: set_point_steps(
-        **options, seed=_seed(random), mean_hold_s=random.uniform(0.1, 0.6)),
+        **options, seed=_seed(random), mean_hold_s=random.uniform(0.1, 0.6)
+    ),
     "random_walk": lambda random, **options: random_walk(
-        **options, seed=_seed(random), bandwidth_Hz=random.uniform(3.0, 20.0), spread_per_root_s=random.uniform(0.5, 3.0)),
+        **options,
+        seed=_seed(random),
+        bandwidth_Hz=random.uniform(3.0, 20.0),
+        spread_per_root_s=random.uniform(0.5, 3.0),
+    ),
     "changing_amplitude": lambda random, **options: changing_amplitude(
-        **options, seed=_seed(random), frequency_Hz=random.uniform(0.3, 5.0)),
+        **options, seed=_seed(random), frequency_Hz=random.uniform(0.3, 5.0)
+    ),
 }
 """Functions of a generator, duration, sampling period and limits."""
 
@@ -109,31 +125,62 @@ class Situation:
         low, span = of_plant.uniform(-200.0, 50.0), of_plant.uniform(40.0, 1000.0)
         y_low, y_span = of_plant.uniform(-50.0, 50.0), math.exp(of_plant.uniform(math.log(2.0), math.log(200.0)))
         rates = tuple(10.0 ** of_plant.uniform(-1.5, 2.0, int(of_plant.integers(1, 5))))
-        options = {"x_range": (low, low + span), "y_range": (y_low, y_low + y_span), "sample_time": sample_time,
-                   "creep_share": of_plant.uniform(0.0, 0.08), "creep_rates_per_s": rates,
-                   **plants.options_of(kind, of_plant)}
-        seen = plants.get(kind, **options).run(np.interp(np.arange(6001), (0, 2000, 4000, 6000), (low, low + span, low, low + span)))
+        options = {
+            "x_range": (low, low + span),
+            "y_range": (y_low, y_low + y_span),
+            "sample_time": sample_time,
+            "creep_share": of_plant.uniform(0.0, 0.08),
+            "creep_rates_per_s": rates,
+            **plants.options_of(kind, of_plant),
+        }
+        seen = plants.get(kind, **options).run(
+            np.interp(np.arange(6001), (0, 2000, 4000, 6000), (low, low + span, low, low + span))
+        )
         bottom, top = float(seen[2000:].min()), float(seen[2000:].max())
         stroke = top - bottom
 
-        sensor = {"noise_um": stroke * 10.0 ** of_sensor.uniform(-4.5, -3.3), "offset_um": stroke * of_sensor.uniform(-0.02, 0.02),
-                  "seed": _seed(of_sensor)}
-        for option, value in (("quantum_um", stroke * 10.0 ** of_sensor.uniform(-4.5, -3.5)),
-                              ("lag_s", 10.0 ** of_sensor.uniform(-4.5, -3.3)), ("delay_samples", int(of_sensor.integers(1, 3))),
-                              ("gain_swing", 10.0 ** of_sensor.uniform(-4.0, -2.5)),
-                              ("gap_samples", int(of_sensor.integers(1, 200)))):
+        sensor = {
+            "noise_um": stroke * 10.0 ** of_sensor.uniform(-4.5, -3.3),
+            "offset_um": stroke * of_sensor.uniform(-0.02, 0.02),
+            "seed": _seed(of_sensor),
+        }
+        for option, value in (
+            ("quantum_um", stroke * 10.0 ** of_sensor.uniform(-4.5, -3.5)),
+            ("lag_s", 10.0 ** of_sensor.uniform(-4.5, -3.3)),
+            ("delay_samples", int(of_sensor.integers(1, 3))),
+            ("gain_swing", 10.0 ** of_sensor.uniform(-4.0, -2.5)),
+            ("gap_samples", int(of_sensor.integers(1, 200))),
+        ):
             if of_sensor.random() < 0.4:
                 sensor[option] = value
-        sensor |= {"gain_swing_period_s": of_sensor.uniform(20.0, 200.0), "gap_period_samples": int(of_sensor.integers(1000, 20000))}
+        sensor |= {
+            "gain_swing_period_s": of_sensor.uniform(20.0, 200.0),
+            "gap_period_samples": int(of_sensor.integers(1000, 20000)),
+        }
 
         name = reference or str(of_reference.choice(list(REFERENCES)))
         used = of_reference.uniform(0.5, 0.94) * stroke
         least = bottom + 0.03 * stroke + of_reference.uniform() * (0.94 * stroke - used)
-        y_ref = REFERENCES[name](of_reference, duration_s=duration_s, sample_time=sample_time,
-                                 low=least + sensor["offset_um"], high=least + used + sensor["offset_um"])
+        y_ref = REFERENCES[name](
+            of_reference,
+            duration_s=duration_s,
+            sample_time=sample_time,
+            low=least + sensor["offset_um"],
+            high=least + used + sensor["offset_um"],
+        )
         x_error, y_error = (of_user.uniform(-0.05, 0.05, 2) * width for width in (span, stroke))
-        return cls(seed, kind, name, (low + x_error[0], low + span + x_error[1]), (bottom + y_error[0], top + y_error[1]),
-                   (low, low + span), y_ref, sample_time, options, sensor)
+        return cls(
+            seed,
+            kind,
+            name,
+            (low + x_error[0], low + span + x_error[1]),
+            (bottom + y_error[0], top + y_error[1]),
+            (low, low + span),
+            y_ref,
+            sample_time,
+            options,
+            sensor,
+        )
 
     def sensor(self) -> plants.Sensor:
         """The actuator with its sensor, at rest at the low end."""
@@ -141,4 +188,6 @@ class Situation:
 
     def structure(self, n: int = 5, m: int = 3, offset: bool = True) -> ModelStructure:
         """The equidistant structure over the ranges that the user gives."""
-        return ModelStructure.equidistant(n, m, self.x_range, self.y_range, CREEP_RATES, self.sample_time, offset=offset)
+        return ModelStructure.equidistant(
+            n, m, self.x_range, self.y_range, CREEP_RATES, self.sample_time, offset=offset
+        )

@@ -1,4 +1,5 @@
-"""A stage on an analogue output and input of NI-DAQmx. Written from the package's documentation and not tried on hardware.
+"""A stage on an analogue output and input of NI-DAQmx. Written from the package's documentation and not tried on
+hardware.
 
 Needs the package ``nidaqmx`` and National Instruments' driver. Software-timed: a few hundred samples a second.
 """

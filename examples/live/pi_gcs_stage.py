@@ -1,4 +1,5 @@
-"""A stage on a controller that speaks PI's General Command Set. Written from the package's documentation and not tried on hardware.
+"""A stage on a controller that speaks PI's General Command Set. Written from the package's documentation and not tried
+on hardware.
 
 Needs the package ``pipython``. The controller's own servo is off: the drive is its open-loop voltage.
 """

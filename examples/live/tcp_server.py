@@ -1,4 +1,5 @@
-"""A simulated stage behind a TCP socket, which writes down every drive that it is given: python tcp_server.py PORT [LOG]."""
+"""A simulated stage behind a TCP socket, which writes down every drive that it is given: python tcp_server.py PORT
+[LOG]."""
 
 import sys
 import time

@@ -1,6 +1,7 @@
 """Make the files of the problem set `measured` from the recordings that its README.md names.
 
-    python examples/problem_sets/make_measured.py dbo=dbo_identification.csv afm_scanner=afm_single.csv afm_head=fmt-tab-fd_version_0.13.3.tab
+    python examples/problem_sets/make_measured.py dbo=dbo_identification.csv afm_scanner=afm_single.csv
+    afm_head=fmt-tab-fd_version_0.13.3.tab
 
 Each argument names a file of the set and the recording that it is made from. Lengths in metres become micrometres.
 """
@@ -38,12 +39,15 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
         basis = DataBasis(found.structure, found.state)
         windows = []
         for k in range(x.size):
-            basis.update(x[k:k + 1], y[k:k + 1], count=k >= found.skip and k % PROGRAMS == first)
+            basis.update(x[k : k + 1], y[k : k + 1], count=k >= found.skip and k % PROGRAMS == first)
             if k + 1 in ends:
                 windows.append(basis.problem())
         programs.append(windows)
-    write(folder / f"{name}.npz", programs,
-          Validation(found.structure, basis.state.copy(), x_unseen, y_unseen, sensor_noise(whole.arrays()[1])))
+    write(
+        folder / f"{name}.npz",
+        programs,
+        Validation(found.structure, basis.state.copy(), x_unseen, y_unseen, sensor_noise(whole.arrays()[1])),
+    )
 
 
 def in_micrometres(recording: Recording) -> Recording:
@@ -51,7 +55,9 @@ def in_micrometres(recording: Recording) -> Recording:
     x, y = recording.arrays()
     if max(np.ptp(x), np.ptp(y)) > 1e-3:
         return recording
-    return Recording.from_arrays(1e6 * x, 1e6 * y, recording.sample_time, input_unit="um", output_unit="um", name=recording.name)
+    return Recording.from_arrays(
+        1e6 * x, 1e6 * y, recording.sample_time, input_unit="um", output_unit="um", name=recording.name
+    )
 
 
 if __name__ == "__main__":

@@ -40,7 +40,9 @@ class State:
     def __init__(self, size: int, setup: Callable[[NDArray[np.uint8]], Mapping[str, tuple[int, int]]]) -> None:
         self.block = solvers.core.block(size)
         self.places = setup(self.block)
-        self._views = {name: self.block[at:at + 8 * length].view(np.float64) for name, (at, length) in self.places.items()}
+        self._views = {
+            name: self.block[at : at + 8 * length].view(np.float64) for name, (at, length) in self.places.items()
+        }
         self._in_use = threading.Lock()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -52,7 +54,8 @@ class State:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep a second thread out with a RuntimeError: two that change one state leave it wrong, and crash where it grows meanwhile."""
+        """Keep a second thread out with a RuntimeError: two that change one state leave it wrong, and crash where it
+        grows meanwhile."""
         if not self._in_use.acquire(blocking=False):
             raise RuntimeError("it is in use by another thread; give each thread one of its own")
         try:

@@ -14,7 +14,7 @@ static int64_t note_bytes(Shape s) { return bytes_of(2 * note_nums(s)); }
 static int64_t parameter_bytes(Shape s)
 {
     return room_bytes(sizeof(DriveSettings)) + room_bytes(sizeof(LearnerSettings))
-        + (int64_t)sizeof(real) * (lanes(s) + rate_lanes(s) + 4 * zone_lanes(s));
+           + (int64_t)sizeof(real) * (lanes(s) + rate_lanes(s) + 4 * zone_lanes(s));
 }
 
 int64_t bank_bytes(Shape s, int64_t tiles, int block)
@@ -121,7 +121,8 @@ void tile_begin(const Bank *b, int64_t tile, num which)
 static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *room)
 {
     const Controller c = tile_controller(b, tile);
-    if (c.mailbox.head->to_go > 0 && tile_controller_observe(&c, c.compensator.play[0], y)) { /* there has been a drive */
+    if (c.mailbox.head->to_go > 0
+        && tile_controller_observe(&c, c.compensator.play[0], y)) { /* there has been a drive */
         const Learner l = tile_learner(b, tile, room);
         bank_wait(b, room, l.number, l.number);
         tile_learner_learn(&l);
@@ -141,7 +142,8 @@ CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
     }
 }
 
-void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples, void *room)
+void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples,
+               void *room)
 {
     const int64_t width = b->head->tiles * LANES;
     for (int64_t begin = first; begin < last; begin += TOGETHER) {

@@ -1,9 +1,10 @@
-/* The programs of a bank for which one system is not enough go on in a queue, where a lane that is done takes the next one, whatever tile
- * it is from. See optimum.c. */
+/* The programs of a bank for which one system is not enough go on in a queue, where a lane that is done takes the next
+ * one, whatever tile it is from. See optimum.c. */
 #define CORE_TILE
 #include "bank.h"
 
-/* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none. */
+/* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none.
+ */
 static void finish(const Bank *b, void *room, const Pivoting *program, int lane, int actuator, int solved)
 {
     const Learner learner = tile_learner(b, actuator / LANES, room), *const l = &learner;

@@ -1,6 +1,7 @@
 /* With the partial sums W_i of the weights over ascending thresholds 0 = r_0 < ... < r_n, the inverse of H has
  *
- *     w'_0 = 1/w_0,   w'_i = -w_i / (W_i W_(i-1)),   r'_i = sum over j <= i of w_j (r_i - r_j),   z'_i = W_i z_i + sum over j > i of w_j z_j.
+ *     w'_0 = 1/w_0,   w'_i = -w_i / (W_i W_(i-1)),   r'_i = sum over j <= i of w_j (r_i - r_j),   z'_i = W_i z_i + sum
+ * over j > i of w_j z_j.
  */
 #include "compensator.h"
 
@@ -46,7 +47,8 @@ static void move_on(const Compensator *c, num x)
     const Shape s = c->shape;
     for (int j = 0; j < creep_lanes(s); ++j) {
         real *const z = c->creep + j, *const rest = z + creep_lanes(s), before = *z;
-        const real change = c->operators.a[j / lanes(s)] * (play_step(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
+        const real change =
+            c->operators.a[j / lanes(s)] * (play_step(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
         *z = before + change;
         *rest = change - (*z - before);
     }
@@ -79,7 +81,8 @@ void N(compensator_correct)(const Compensator *c, num y, num trusted)
     if (p->gain > 0) {
         const num error = minus(m->given, y), most_added = constant(MAGNITUDE(p->y_scale));
         const num beyond = less(constant(0), times(m->held, divided(error, constant(p->y_scale))));
-        const num sum = within(plus_times(m->correction, constant(p->gain), error), minus(constant(0), most_added), most_added);
+        const num sum =
+            within(plus_times(m->correction, constant(p->gain), error), minus(constant(0), most_added), most_added);
         set_where(both(trusted, both(is_finite(error), is_not(beyond))), &m->correction, sum);
     }
 }
@@ -88,7 +91,8 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
 {
     const DriveSettings *const p = c->settings;
     DriveMemory *const m = c->memory;
-    const num last = c->play[0], step = constant(p->max_step), finite = is_finite(y_ref); /* the play of threshold zero is the drive */
+    const num last = c->play[0], step = constant(p->max_step),
+              finite = is_finite(y_ref); /* the play of threshold zero is the drive */
     const num x_centre = constant(p->x_centre), x_scale = constant(p->x_scale);
     num reference, wanted, x;
     m->given = y_ref;
@@ -105,7 +109,8 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     set_where(finite, &m->bump, flushed(times(m->bump, constant(p->decay))));
     x = within_limits(c, choose(finite, within(wanted, minus(last, step), plus(last, step)), last));
     m->held = minus(less(x, wanted), less(wanted, x));
-    x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may have passed a limit by its last bit */
+    x = within(plus_times(x_centre, x_scale, x), m->low,
+               m->high); /* rounding may have passed a limit by its last bit */
     flush_in_turn(c);
     move_on(c, divided(minus(x, x_centre), x_scale));
     return x;
@@ -121,8 +126,8 @@ enum { CREEP_VECTORS = sizeof(real) == 4 ? 2 : 1 }; /* of single precision with 
 
 int64_t compensator_bytes(Shape s)
 {
-    const int numbers = 2 * LANES + lanes(s) + rate_lanes(s) + 2 * zone_lanes(s) + 2 * LANES + lanes(s) + CREEP_VECTORS * creep_lanes(s)
-        + inverse_nums(s);
+    const int numbers = 2 * LANES + lanes(s) + rate_lanes(s) + 2 * zone_lanes(s) + 2 * LANES + lanes(s)
+                        + CREEP_VECTORS * creep_lanes(s) + inverse_nums(s);
     return HEAD_BYTES + (int64_t)sizeof(real) * numbers;
 }
 

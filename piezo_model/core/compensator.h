@@ -2,9 +2,9 @@
  *
  *     x(k) = H^-1[ S^-1[y_r](k) - K(k) - offset ](k).
  *
- * It keeps the states of the model, H and K: what it returns after saturation and rate limits is what the actuator really sees,
- * and that is what moves them on. Those of H^-1 follow from them at every sample. Whatever the reference is, NaN and infinity
- * included, the drive is finite and inside its limits.
+ * It keeps the states of the model, H and K: what it returns after saturation and rate limits is what the actuator
+ * really sees, and that is what moves them on. Those of H^-1 follow from them at every sample. Whatever the reference
+ * is, NaN and infinity included, the drive is finite and inside its limits.
  *
  * Source: the paper's equation (8); K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */
@@ -15,21 +15,23 @@
 
 enum { COMPENSATOR_KIND = 0x434f4d32 };
 
-/* What all compensators of one structure share: centres and scales, the largest change of the drive a sample in unit amplitudes, the factor
- * by which a bump decays a sample, and the share of an error that integral action adds to the reference, 0 for none. */
+/* What all compensators of one structure share: centres and scales, the largest change of the drive a sample in unit
+ * amplitudes, the factor by which a bump decays a sample, and the share of an error that integral action adds to the
+ * reference, 0 for none. */
 typedef struct {
     real x_centre, x_scale, y_centre, y_scale, max_step, decay, gain;
 } DriveSettings;
 
-/* Of each: limits of the drive in the input unit and in unit amplitudes; what is still added to the drive since the last change of
- * weights; the last finite reference with what integral action has added to it so far, both in the output unit; the last reference as it
- * was given, NaN where there was none; 1 or -1 where the drive for it was above or below what the limits let pass; and which eight creep
- * states are looked through next for what has faded. */
+/* Of each: limits of the drive in the input unit and in unit amplitudes; what is still added to the drive since the
+ * last change of weights; the last finite reference with what integral action has added to it so far, both in the
+ * output unit; the last reference as it was given, NaN where there was none; 1 or -1 where the drive for it was above
+ * or below what the limits let pass; and which eight creep states are looked through next for what has faded. */
 typedef struct {
     num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held, turn;
 } DriveMemory;
 
-/* The weights of a model, w_H0 ... w_Hn, w'_S, w_K and the constant; the partial sums W_H of w_H; weights and thresholds of H^-1. */
+/* The weights of a model, w_H0 ... w_Hn, w'_S, w_K and the constant; the partial sums W_H of w_H; weights and
+ * thresholds of H^-1. */
 typedef struct {
     num *w_H, *w_S, *w_K, *offset, *W_H, *w_H_inverse, *r_H_inverse;
 } Inverse;
@@ -82,12 +84,14 @@ typedef struct {
     num which;
 } Change;
 
-/* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. A change of weights is
- * taken over without a bump: what the new ones would drive differently at this sample is added and fades away. */
+/* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. A
+ * change of weights is taken over without a bump: what the new ones would drive differently at this sample is added and
+ * fades away. */
 CORE_API num N(compensator_step)(const Compensator *c, num y_ref, const Change *change);
-/* Take the output that the last drive produced: correction <- correction + gain (y_r - y) where `trusted`. With the inverse in front the
- * actuator is about 1, so that a disturbance comes through by |1 - z^-1| / |1 - (1 - gain) z^-1|, at most 2 / (2 - gain). Anti-windup: an
- * error is not added up that pushes the drive further beyond a limit, and all of them never make more than half the output's range. */
+/* Take the output that the last drive produced: correction <- correction + gain (y_r - y) where `trusted`. With the
+ * inverse in front the actuator is about 1, so that a disturbance comes through by |1 - z^-1| / |1 - (1 - gain) z^-1|,
+ * at most 2 / (2 - gain). Anti-windup: an error is not added up that pushes the drive further beyond a limit, and all
+ * of them never make more than half the output's range. */
 CORE_API void N(compensator_correct)(const Compensator *c, num y, num trusted);
 /* What it would drive for the last reference at this moment, in unit amplitudes; nothing is moved on. */
 CORE_API num N(compensator_now)(const Compensator *c);
@@ -95,7 +99,8 @@ CORE_API num N(compensator_now)(const Compensator *c);
 #ifndef CORE_TILE
 CORE_API int64_t compensator_bytes(Shape shape);
 CORE_API Compensator compensator_at(void *memory);
-/* Make a block of compensator_bytes(shape) bytes a compensator; settings, limits, thresholds and states are still to be written. */
+/* Make a block of compensator_bytes(shape) bytes a compensator; settings, limits, thresholds and states are still to be
+ * written. */
 CORE_API Compensator compensator_setup(void *memory, Shape shape);
 /* Invert the model of all these weights, w_H0 ... w_Hn, w'_S, w_K, offset, which must be those of a valid model. */
 CORE_API void compensator_take(const Compensator *c, const real *weights);

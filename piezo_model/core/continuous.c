@@ -3,24 +3,28 @@
  *     reset   nothing is learned; the squared error (5) of the weights in use is summed up
  *     learn   G <- lambda G + (1 - lambda) row row',   row = (Xi, x), sample by sample
  *
- * Every interval the weights that are one interval old take the place of those in use if they have predicted the interval at least as
- * well, and the optimum of G follows them. They are admissible, since the solver keeps them in their box. They are handed over only while
- * the drive of the last one to two half windows went through a part of its range that says enough. Otherwise learning pauses too, once
- * there has been a hand-over, and nothing is forgotten: the memory would fade and the noise of the sensor take its place.
+ * Every interval the weights that are one interval old take the place of those in use if they have predicted the
+ * interval at least as well, and the optimum of G follows them. They are admissible, since the solver keeps them in
+ * their box. They are handed over only while the drive of the last one to two half windows went through a part of its
+ * range that says enough. Otherwise learning pauses too, once there has been a hand-over, and nothing is forgotten: the
+ * memory would fade and the noise of the sensor take its place.
  *
  * Nothing learned before a fault of the sensor is lost, and nothing learned from a sensor about to fail is kept:
  *
- * - at a fault Gram matrix and weights go back to a state noted at least one checkpoint ago, and learning waits until samples have been
- *   good for as long as a reset lasts;
+ * - at a fault Gram matrix and weights go back to a state noted at least one checkpoint ago, and learning waits until
+ * samples have been good for as long as a reset lasts;
  * - if the weights in use predicted these samples about as well as before the fault, it goes on from there;
- * - otherwise sensor or actuator are not what they were: learning begins anew, and new weights are handed over once they have learned
- *   for a half window without another fault. The noted state is kept until then, since a sensor that was gone may come back.
+ * - otherwise sensor or actuator are not what they were: learning begins anew, and new weights are handed over once
+ * they have learned for a half window without another fault. The noted state is kept until then, since a sensor that
+ * was gone may come back.
  */
 #include "learner.h"
 
-#define BELIEF ((real)1e-6) /* what the weights in use count where learning begins anew, as a share of a full memory of unit amplitudes */
-/* After a fault the sensor is the old one if the RMS error of the weights in use is at most TRUST times what it was before, plus
- * TOLERANCE unit amplitudes. */
+#define BELIEF                                                                                                         \
+    ((real)1e-6) /* what the weights in use count where learning begins anew, as a share of a full memory of unit      \
+                    amplitudes */
+/* After a fault the sensor is the old one if the RMS error of the weights in use is at most TRUST times what it was
+ * before, plus TOLERANCE unit amplitudes. */
 #define TRUST ((real)5)
 #define TOLERANCE ((real)2e-3)
 
@@ -88,7 +92,8 @@ static void fall_back(const Learner *l, num which)
     N(learner_begin_anew)(l, both(which, is_not(noted)), constant(0));
 }
 
-/* Note the present state, whose weights are those of the drive; what was noted last becomes what is gone back to, at the first time at once. */
+/* Note the present state, whose weights are those of the drive; what was noted last becomes what is gone back to, at
+ * the first time at once. */
 static void note(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
@@ -108,7 +113,8 @@ static num end_probation(const Learner *l, num which)
     const num lasted = minus(constant((real)l->settings->reset_lasts), m->left), error = divided(m->probation, lasted);
     /* sqrt(e) > T sqrt(l) + tau  iff  s = e - T^2 l - tau^2 > 0 and s^2 > 4 T^2 tau^2 l */
     const num s = minus(minus_times(error, constant(TRUST * TRUST), m->level), constant(TOLERANCE * TOLERANCE));
-    const num beyond = both(less(constant(0), s), less(times(constant(4 * TRUST * TRUST * TOLERANCE * TOLERANCE), m->level), times(s, s)));
+    const num beyond = both(less(constant(0), s),
+                            less(times(constant(4 * TRUST * TRUST * TOLERANCE * TOLERANCE), m->level), times(s, s)));
     const num other = both(which, both(m->noted, beyond));
     set_where(both(which, is_not(m->noted)), &m->level, error);
     if (any(other)) {
@@ -118,13 +124,15 @@ static num end_probation(const Learner *l, num which)
     return other;
 }
 
-/* 1 where the drive of this half window and the one before says enough; takes the block into account where it `counts`. */
+/* 1 where the drive of this half window and the one before says enough; takes the block into account where it `counts`.
+ */
 static num excites(const Learner *l, const Passed *b, num counts)
 {
     LearnerMemory *const m = l->memory;
     const num low = lowest(b->span[X_LOW], m->x_low), high = greatest(b->span[X_HIGH], m->x_high);
     const num span = minus(greatest(high, m->x_high_before), lowest(low, m->x_low_before));
-    const num filled = plus(m->in_half, b->good), over = both(counts, is_not(less(filled, constant((real)l->settings->half_window))));
+    const num filled = plus(m->in_half, b->good),
+              over = both(counts, is_not(less(filled, constant((real)l->settings->half_window))));
     set_where(counts, &m->in_half, choose(over, constant(0), filled));
     set_where(over, &m->x_low_before, low);
     set_where(over, &m->x_high_before, high);
@@ -158,13 +166,15 @@ static int end_interval(const Learner *l, const Passed *b, num looked_at, num ex
     const LearnerSettings *const p = l->settings;
     const int64_t end = b->end / p->interval * p->interval;
     const int checkpoint = end % p->checkpoint == 0;
-    const num reverts = both(looked_at, m->revert), judged = both(both(looked_at, is_not(reverts)), less(constant(0), m->predicted));
+    const num reverts = both(looked_at, m->revert),
+              judged = both(both(looked_at, is_not(reverts)), less(constant(0), m->predicted));
     const num better = both(is_finite(m->squares_candidate), is_not(less(m->squares_in_use, m->squares_candidate)));
     const num takes = both(both(judged, better), both(excited, is_not(less(constant(0), m->wait))));
     const num fresh = either(reverts, takes), first = both(takes, is_not(m->established));
     int brought = 0;
     if (checkpoint) {
-        note(l, both(both(looked_at, is_not(less(constant(0), m->left))), both(m->established, is_not(either(m->pending, m->revert)))));
+        note(l, both(both(looked_at, is_not(less(constant(0), m->left))),
+                     both(m->established, is_not(either(m->pending, m->revert)))));
     }
     if (any(fresh) && N(learner_offer)(l, l->candidate, fresh, reverts, end + l->mailbox.head->delay)) {
         copy_where(fresh, l->before, l->in_use, l->d);
@@ -192,7 +202,8 @@ int N(continuous_block)(const Learner *l, const Passed *b)
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
     const num resets = less(constant(0), m->left), sound = both(m->learning, is_not(b->fault));
-    const num failed = both(m->learning, both(b->fault, is_not(resets))), failed_again = both(m->learning, both(b->fault, resets));
+    const num failed = both(m->learning, both(b->fault, is_not(resets))),
+              failed_again = both(m->learning, both(b->fault, resets));
     const num probed = both(sound, resets), in_phase = both(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
     const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));

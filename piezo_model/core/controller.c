@@ -37,7 +37,8 @@ int N(controller_observe)(const Controller *c, num x, num y)
     const Block b = block_in(&c->mailbox, m->place);
     const num unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
     num fault;
-    const num good = guard_judge(guard_of(c), x, unit_y, &fault), counted = plus(from_shared(c->mailbox.faults, 0), fault);
+    const num good = guard_judge(guard_of(c), x, unit_y, &fault),
+              counted = plus(from_shared(c->mailbox.faults, 0), fault);
     const num faults = choose(less(constant(MOST_COUNTED), counted), constant(0), counted);
     N(compensator_correct)(&c->compensator, y, good);
     to_shared(b.x, m->filled, x);
@@ -59,8 +60,8 @@ int N(controller_observe)(const Controller *c, num x, num y)
     return 1;
 }
 
-/* Find what an offer that is due changes; 1 where it is of this epoch. `answered` counts it. One made before a fault of the sensor that the
- * learner did not know of is not taken, unless it goes back after a fault. */
+/* Find what an offer that is due changes; 1 where it is of this epoch. `answered` counts it. One made before a fault of
+ * the sensor that the learner did not know of is not taken, unless it goes back after a fault. */
 static int find_offer(const Controller *c, Change *change, uint32_t *answered)
 {
     MailboxHead *const m = c->mailbox.head;

@@ -1,36 +1,41 @@
 /* Cyclic operation, a synchronous Moore machine:   reset -> build -> learn -> reset, with the new weights.
  *
- *     reset    only the operators move on                                         over after so many good samples without a fault
- *     build    good samples are counted into the Gram matrix                      over after so many of them
- *     learn    one step w <- Proj(w - eta (P w + q)) a sample, or waiting for     over after so many samples
- *              the answer of a solver that is not one of steps
+ *     reset    only the operators move on                                         over after so many good samples
+ * without a fault build    good samples are counted into the Gram matrix                      over after so many of
+ * them learn    one step w <- Proj(w - eta (P w + q)) a sample, or waiting for     over after so many samples the
+ * answer of a solver that is not one of steps
  *
- * A phase ends with the block in which its count is reached. The operators follow the actuator in every phase; reset clears P, q and c and
- * never the states. A fault of the sensor sends the machine to reset.
+ * A phase ends with the block in which its count is reached. The operators follow the actuator in every phase; reset
+ * clears P, q and c and never the states. A fault of the sensor sends the machine to reset.
  *
- * Nothing is kept back: new weights are those of all the data, and data that came before have a part in them. With V the mean cost
- * of this cycle's data, V_p that of the cycles before, and w the weights in use, what is solved and what is remembered are
+ * Nothing is kept back: new weights are those of all the data, and data that came before have a part in them. With V
+ * the mean cost of this cycle's data, V_p that of the cycles before, and w the weights in use, what is solved and what
+ * is remembered are
  *
  *     (V + b V_p) / (1 + b),   b = RECALL min(V(w) / V_p(w), V_p(w) / V(w))
  *
- * the one with the w that learning begins with, the other, which takes the place of V_p, with those that it ends with. A cycle that
- * covers other amplitudes or places than the last one does not undo it, but data at odds with each other, a sensor that was zeroed
- * anew or a reference gone wild, are forgotten at once. A cycle whose drive covers less than NARROW of what V_p covers is not
- * remembered, for small movements would lead astray what they hardly excite; but each takes a tenth off what V_p is said to cover.
+ * the one with the w that learning begins with, the other, which takes the place of V_p, with those that it ends with.
+ * A cycle that covers other amplitudes or places than the last one does not undo it, but data at odds with each other,
+ * a sensor that was zeroed anew or a reference gone wild, are forgotten at once. A cycle whose drive covers less than
+ * NARROW of what V_p covers is not remembered, for small movements would lead astray what they hardly excite; but each
+ * takes a tenth off what V_p is said to cover.
  *
- * New weights are taken over if the drive of the building phase went through at least MIN_EXCITATION of its range, and if they are
- * finite and explain what they were learned from no worse than those in use: that is what a solver can have done wrong. What the
- * drive did not reach stays as it was, since the problem's reference are the weights in use.
+ * New weights are taken over if the drive of the building phase went through at least MIN_EXCITATION of its range, and
+ * if they are finite and explain what they were learned from no worse than those in use: that is what a solver can have
+ * done wrong. What the drive did not reach stays as it was, since the problem's reference are the weights in use.
  *
  * Source: the paper's Fig. 1 and equations (3) to (7).
  */
 #include "learner.h"
 
-#define RECALL ((real)0.3)         /* part that the cycles before have in a problem, where their data agree with the new ones */
+#define RECALL                                                                                                         \
+    ((real)0.3) /* part that the cycles before have in a problem, where their data agree with the new ones             \
+                 */
 #define NARROW ((real)0.8)
 #define SHRINKING ((real)0.9)
-#define SMALLEST ((real)1e-30)     /* costs below are those of rounding */
-#define UNDETERMINED ((real)1e-11) /* share of the largest diagonal entry of P below which rounding decides and not the data */
+#define SMALLEST ((real)1e-30) /* costs below are those of rounding */
+#define UNDETERMINED                                                                                                   \
+    ((real)1e-11) /* share of the largest diagonal entry of P below which rounding decides and not the data */
 
 enum { X_MIN, X_MAX, Y_MIN, Y_MAX };
 
@@ -70,7 +75,10 @@ void cyclic_enter(const Learner *l, int phase)
     const LearnerSettings *const p = l->settings;
     LearnerMemory *const m = l->memory;
     l->clock->phase = phase;
-    l->clock->phase_left = phase == RESET ? p->reset_lasts : phase == BUILD ? p->build_lasts : SOLVER(p) == STEPS ? p->learn_lasts : p->solve_lasts;
+    l->clock->phase_left = phase == RESET       ? p->reset_lasts
+                           : phase == BUILD     ? p->build_lasts
+                           : SOLVER(p) == STEPS ? p->learn_lasts
+                                                : p->solve_lasts;
     if (phase == RESET) {
         memset(l->gram, 0, sizeof(real) * (size_t)symmetric_nums(l->d + 1));
         m->predicted = 0;
@@ -140,7 +148,9 @@ static int reached(const Learner *l, int j)
         return moved(c, r[j + 1], c->start_play[j + 1]);
     }
     if (first < 0) {
-        return zone == middle || (zone > middle ? c->covered[Y_MAX] > l->regressors.high[zone] : c->covered[Y_MIN] < l->regressors.low[zone]);
+        return zone == middle
+               || (zone > middle ? c->covered[Y_MAX] > l->regressors.high[zone]
+                                 : c->covered[Y_MIN] < l->regressors.low[zone]);
     }
     for (int k = first; first < creep_weights(s) && k < creep_lanes(s); k += lanes(s)) {
         if (moved(c, r[first], c->start_creep[k])) {
@@ -150,9 +160,9 @@ static int reached(const Learner *l, int j)
     return first == creep_weights(s); /* the constant */
 }
 
-/* The program of the data, its variables scaled to unit diagonal, with a proximal term rho |v - v_in_use|^2 / 2. An operator that
- * stood still has a constant column, which a constant or another such column could take over; so the data act on its unknown no
- * more, and the proximal term keeps it where it was. */
+/* The program of the data, its variables scaled to unit diagonal, with a proximal term rho |v - v_in_use|^2 / 2. An
+ * operator that stood still has a constant column, which a constant or another such column could take over; so the data
+ * act on its unknown no more, and the proximal term keeps it where it was. */
 static void make_program(const Learner *l)
 {
     const Shape s = l->shape;

@@ -2,8 +2,8 @@
  *
  *     gram = sum of lambda^(N-k) row_k row_k',   lambda <= 1.
  *
- * Rows are gathered in blocks of fixed size counted from the last time it was cleared, so that the same samples give the same bits
- * in whatever chunks they come.
+ * Rows are gathered in blocks of fixed size counted from the last time it was cleared, so that the same samples give
+ * the same bits in whatever chunks they come.
  *
  * Source: the paper's equations (3) to (6).
  */

@@ -20,7 +20,8 @@ FACE(bank_room_bytes)
     return finish_integer(a, good(a) ? bank_room_bytes(s, block) : 0);
 }
 
-/* Where the settings and the parts of the first tile stand; "driver", "learner" and "note" are what it has of each part of the bank. */
+/* Where the settings and the parts of the first tile stand; "driver", "learner" and "note" are what it has of each part
+ * of the bank. */
 FACE(bank_setup)
 {
     void *const memory = take_state(a, 0);
@@ -38,20 +39,30 @@ FACE(bank_setup)
     const Compensator *const c = &controller.compensator, *const d = &beside.compensator;
     const Learner learner = tile_learner(&b, 0, NULL), next = tile_learner(&b, 1, NULL), *const l = &learner;
     const Regressors *const p = &b.regressors;
-    const Part parts[] = {
-        {"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
-        {"settings", b.learner_settings, sizeof *b.learner_settings / sizeof(real)}, {"r", p->operators.r, lanes(s)},
-        {"a", p->operators.a, s.rates}, {"low", p->low, zone_lanes(s)}, {"high", p->high, zone_lanes(s)},
-        {"outer_low", p->outer_low, zone_lanes(s)}, {"outer_high", p->outer_high, zone_lanes(s)},
-        {"driver", c->memory, (real *)d->memory - (real *)c->memory},
-        {"learner", l->clock, (real *)next.clock - (real *)l->clock},
-        {"note", l->older.gram, (real *)next.older.gram - (real *)l->older.gram},
-        {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)}, {"play", c->play, play_vectors(s) * LANES},
-        {"creep", c->creep, creep_vectors(s) * LANES}, {"w_H", c->inverse.w_H, (s.n + 1) * LANES}, {"w_S", c->inverse.w_S, s.zones * LANES},
-        {"w_K", c->inverse.w_K, creep_weights(s) * LANES}, {"offset", c->inverse.offset, LANES},
-        {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)}, {"clock", l->clock, sizeof *l->clock / sizeof(real)},
-        {"memory", l->memory, sizeof *l->memory / sizeof(real)}, {"in_use", l->in_use, l->d * LANES},
-        {"candidate", l->candidate, l->d * LANES}, {"gram", l->gram, symmetric_nums(l->d + 1) * LANES}};
+    const Part parts[] = {{"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
+                          {"settings", b.learner_settings, sizeof *b.learner_settings / sizeof(real)},
+                          {"r", p->operators.r, lanes(s)},
+                          {"a", p->operators.a, s.rates},
+                          {"low", p->low, zone_lanes(s)},
+                          {"high", p->high, zone_lanes(s)},
+                          {"outer_low", p->outer_low, zone_lanes(s)},
+                          {"outer_high", p->outer_high, zone_lanes(s)},
+                          {"driver", c->memory, (real *)d->memory - (real *)c->memory},
+                          {"learner", l->clock, (real *)next.clock - (real *)l->clock},
+                          {"note", l->older.gram, (real *)next.older.gram - (real *)l->older.gram},
+                          {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)},
+                          {"play", c->play, play_vectors(s) * LANES},
+                          {"creep", c->creep, creep_vectors(s) * LANES},
+                          {"w_H", c->inverse.w_H, (s.n + 1) * LANES},
+                          {"w_S", c->inverse.w_S, s.zones * LANES},
+                          {"w_K", c->inverse.w_K, creep_weights(s) * LANES},
+                          {"offset", c->inverse.offset, LANES},
+                          {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)},
+                          {"clock", l->clock, sizeof *l->clock / sizeof(real)},
+                          {"memory", l->memory, sizeof *l->memory / sizeof(real)},
+                          {"in_use", l->in_use, l->d * LANES},
+                          {"candidate", l->candidate, l->d * LANES},
+                          {"gram", l->gram, symmetric_nums(l->d + 1) * LANES}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 
@@ -82,13 +93,14 @@ static int sound(const Bank *b, int64_t tile)
     const Compensator *const c = &controller.compensator;
     const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
     const MailboxHead *const m = l->mailbox.head;
-    const int fine = m->block == b->head->block && m->blocks == 1 && m->place == 0 && m->delay == m->block && m->samples >= 0 && m->filled >= 0
-        && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1
-        && l->clock->next_interval >= 0;
+    const int fine = m->block == b->head->block && m->blocks == 1 && m->place == 0 && m->delay == m->block
+                     && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block
+                     && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed
+                     && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
     return fine && all_finite(c->play, play_vectors(b->shape)) && all_finite(c->creep, creep_vectors(b->shape))
-        && all_finite(c->inverse.w_H, inverse_nums(b->shape)) && all_finite(l->in_use, 3 * NUMS(l->d))
-        && all_finite(l->gram, symmetric_nums(l->d + 1)) && all_finite(l->older.gram, 2 * note_nums(b->shape))
-        && all_finite((const num *)(const void *)l->mailbox.offer.inverse, inverse_nums(b->shape));
+           && all_finite(c->inverse.w_H, inverse_nums(b->shape)) && all_finite(l->in_use, 3 * NUMS(l->d))
+           && all_finite(l->gram, symmetric_nums(l->d + 1)) && all_finite(l->older.gram, 2 * note_nums(b->shape))
+           && all_finite((const num *)(const void *)l->mailbox.offer.inverse, inverse_nums(b->shape));
 }
 
 /* Become what another bank of the same settings and number of tiles was; nothing is changed where that cannot be. */

@@ -17,13 +17,20 @@ FACE(basis_setup)
     }
     basis_setup(memory, s, forgetting);
     Basis b = basis_at(memory);
-    const Part parts[] = {
-        {"r", b.regressors.operators.r, lanes(s)}, {"a", b.regressors.operators.a, s.rates},
-        {"low", b.regressors.low, zone_lanes(s)}, {"high", b.regressors.high, zone_lanes(s)},
-        {"outer_low", b.regressors.outer_low, zone_lanes(s)}, {"outer_high", b.regressors.outer_high, zone_lanes(s)},
-        {"play", b.play, lanes(s)}, {"creep", b.creep, creep_lanes(s)}, {"start_play", b.start_play, lanes(s)},
-        {"start_creep", b.start_creep, creep_lanes(s)}, {"span", b.span, 4}, {"rows", b.rows, BASIS_BLOCK * row_nums(s)},
-        {"gram", b.gram, symmetric_nums(row_width(s))}, {"counts", &b.head->filled, 2}};
+    const Part parts[] = {{"r", b.regressors.operators.r, lanes(s)},
+                          {"a", b.regressors.operators.a, s.rates},
+                          {"low", b.regressors.low, zone_lanes(s)},
+                          {"high", b.regressors.high, zone_lanes(s)},
+                          {"outer_low", b.regressors.outer_low, zone_lanes(s)},
+                          {"outer_high", b.regressors.outer_high, zone_lanes(s)},
+                          {"play", b.play, lanes(s)},
+                          {"creep", b.creep, creep_lanes(s)},
+                          {"start_play", b.start_play, lanes(s)},
+                          {"start_creep", b.start_creep, creep_lanes(s)},
+                          {"span", b.span, 4},
+                          {"rows", b.rows, BASIS_BLOCK * row_nums(s)},
+                          {"gram", b.gram, symmetric_nums(row_width(s))},
+                          {"counts", &b.head->filled, 2}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 

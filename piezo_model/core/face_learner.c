@@ -1,5 +1,5 @@
-/* The step and the learner of one actuator, and the guard of its sensor, as Python calls them: the learner runs at the end of each block,
- * in the same call. See controller.h and learner.h. */
+/* The step and the learner of one actuator, and the guard of its sensor, as Python calls them: the learner runs at the
+ * end of each block, in the same call. See controller.h and learner.h. */
 #include "controller.h"
 #include "face_model.h"
 #include "learner.h"
@@ -50,7 +50,9 @@ FACE(exported_learner_bytes)
     int block, blocks, way;
     take_sizes(a, &s, &block, &blocks, &way);
     const int64_t each = take_integer(a, 4, 8);
-    return finish_integer(a, good(a) ? learner_bytes(s, block, blocks, way) - mailbox_bytes(s, block, blocks) + mailbox_size(s, block, blocks, each) : 0);
+    return finish_integer(a, good(a) ? learner_bytes(s, block, blocks, way) - mailbox_bytes(s, block, blocks)
+                                           + mailbox_size(s, block, blocks, each)
+                                     : 0);
 }
 
 FACE(learner_setup)
@@ -67,17 +69,33 @@ FACE(learner_setup)
     const Regressors *const p = &l.regressors;
     const Block first = block_at(&l.mailbox, 0);
     const Cyclic none = {0}, *const c = way == CYCLIC ? &l.cyclic : &none;
-    const Part parts[] = {
-        {"settings", l.settings, sizeof *l.settings / sizeof(real)}, {"delay", &l.mailbox.head->delay, 1},
-        {"samples", &l.mailbox.head->samples, 1}, {"clock", l.clock, sizeof *l.clock / sizeof(real)},
-        {"memory", l.memory, sizeof *l.memory / sizeof(real)}, {"guard", l.mailbox.guard, sizeof(SensorGuard) / sizeof(real)},
-        {"in_use", l.in_use, l.d}, {"candidate", l.candidate, l.d}, {"gram", l.gram, symmetric_nums(l.d + 1)},
-        {"block_play", first.play, lanes(s)}, {"block_creep", first.creep, creep_lanes(s)}, {"r", p->operators.r, lanes(s)},
-        {"a", p->operators.a, s.rates}, {"low", p->low, zone_lanes(s)}, {"high", p->high, zone_lanes(s)},
-        {"outer_low", p->outer_low, zone_lanes(s)}, {"outer_high", p->outer_high, zone_lanes(s)},
-        {"reference", c->reference, l.d}, {"covered", c->covered, 4}, {"data", c->data, row_width(s) * (row_width(s) + 1) / 2},
-        {"P", c->P, l.d * l.d}, {"q", c->q, l.d}, {"lower", c->lower, l.d}, {"start", c->start, l.d}, {"answer", c->answer, l.d},
-        {"start_play", c->start_play, lanes(s)}, {"start_creep", c->start_creep, creep_lanes(s)}};
+    const Part parts[] = {{"settings", l.settings, sizeof *l.settings / sizeof(real)},
+                          {"delay", &l.mailbox.head->delay, 1},
+                          {"samples", &l.mailbox.head->samples, 1},
+                          {"clock", l.clock, sizeof *l.clock / sizeof(real)},
+                          {"memory", l.memory, sizeof *l.memory / sizeof(real)},
+                          {"guard", l.mailbox.guard, sizeof(SensorGuard) / sizeof(real)},
+                          {"in_use", l.in_use, l.d},
+                          {"candidate", l.candidate, l.d},
+                          {"gram", l.gram, symmetric_nums(l.d + 1)},
+                          {"block_play", first.play, lanes(s)},
+                          {"block_creep", first.creep, creep_lanes(s)},
+                          {"r", p->operators.r, lanes(s)},
+                          {"a", p->operators.a, s.rates},
+                          {"low", p->low, zone_lanes(s)},
+                          {"high", p->high, zone_lanes(s)},
+                          {"outer_low", p->outer_low, zone_lanes(s)},
+                          {"outer_high", p->outer_high, zone_lanes(s)},
+                          {"reference", c->reference, l.d},
+                          {"covered", c->covered, 4},
+                          {"data", c->data, row_width(s) * (row_width(s) + 1) / 2},
+                          {"P", c->P, l.d * l.d},
+                          {"q", c->q, l.d},
+                          {"lower", c->lower, l.d},
+                          {"start", c->start, l.d},
+                          {"answer", c->answer, l.d},
+                          {"start_play", c->start_play, lanes(s)},
+                          {"start_creep", c->start_creep, creep_lanes(s)}};
     const size_t of_cycles = 10, all = sizeof parts / sizeof *parts;
     return finish_parts(a, memory, parts, way == CYCLIC ? all : all - of_cycles);
 }
@@ -151,7 +169,10 @@ FACE(learner_quiet)
     const int64_t learns = p->solver == STEPS ? p->learn_lasts : p->solve_lasts;
     int64_t end = t->next_interval;
     if (p->way == CYCLIC) {
-        end = m->samples + t->phase_left + (t->phase == RESET ? p->build_lasts + learns : t->phase == BUILD ? learns : 0);
+        end = m->samples + t->phase_left
+              + (t->phase == RESET   ? p->build_lasts + learns
+                 : t->phase == BUILD ? learns
+                                     : 0);
         end = (end + m->block - 1) / m->block * m->block;
     }
     if (m->offered != m->answered && *l.mailbox.offer.due > m->samples) {
@@ -160,7 +181,8 @@ FACE(learner_quiet)
     return finish_integer(a, end + m->delay - m->samples);
 }
 
-/* Whether what comes from outside could be followed: sizes, counts and numbers of blocks within their bounds, numbers finite that have to be. */
+/* Whether what comes from outside could be followed: sizes, counts and numbers of blocks within their bounds, numbers
+ * finite that have to be. */
 static int sound(const Learner *l, const LearnerHead *head)
 {
     const MailboxHead *const m = l->mailbox.head;
@@ -168,17 +190,20 @@ static int sound(const Learner *l, const LearnerHead *head)
     const LearnerClock *const t = l->clock;
     const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
     const int cyclic = head->way == CYCLIC;
-    int fine = m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0
-        && m->filled + m->to_go <= m->block && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1;
-    fine = fine && p->way == head->way && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0 && p->middle < l->shape.zones
-        && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET && t->phase <= LEARN && t->next_interval >= 0;
+    int fine = m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0
+               && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->skipped >= 0
+               && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1;
+    fine = fine && p->way == head->way && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0
+           && p->middle < l->shape.zones && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET
+           && t->phase <= LEARN && t->next_interval >= 0;
     for (int i = 0; fine && i < l->d; ++i) {
         fine = isfinite(l->in_use[i]) && isfinite(l->candidate[i]) && isfinite(l->before[i]);
     }
     for (int i = 0; fine && i <= l->d; ++i) {
         for (int j = i; j <= l->d; ++j) {
             const int at = symmetric_row(l->d + 1, i) + j;
-            fine = fine && isfinite(l->gram[at]) && (cyclic || (isfinite(l->older.gram[at]) && isfinite(l->newer.gram[at])));
+            fine = fine && isfinite(l->gram[at])
+                   && (cyclic || (isfinite(l->older.gram[at]) && isfinite(l->newer.gram[at])));
         }
     }
     for (int i = 0; fine && i < lanes(l->shape); ++i) {
@@ -211,7 +236,8 @@ FACE(learner_restore)
             refuse(a, "it is the state of a learner of other sizes");
         } else {
             const Learner found = learner_at(other);
-            const size_t parameters = sizeof(real) * (size_t)(lanes(l.shape) + rate_lanes(l.shape) + 4 * zone_lanes(l.shape));
+            const size_t parameters =
+                sizeof(real) * (size_t)(lanes(l.shape) + rate_lanes(l.shape) + 4 * zone_lanes(l.shape));
             if (memcmp(l.settings, found.settings, sizeof *l.settings) != 0
                 || memcmp(l.regressors.operators.r, found.regressors.operators.r, parameters) != 0) {
                 refuse(a, "it is the state of a learner of other settings");
@@ -268,7 +294,8 @@ FACE(learner_drive)
     return finish_integer(a, 0);
 }
 
-/* Observe drives and outputs from number `first` on, up to where there is something to tell; (samples done, what it is). */
+/* Observe drives and outputs from number `first` on, up to where there is something to tell; (samples done, what it
+ * is). */
 FACE(learner_observe)
 {
     Loop loop = take_loop(a);
@@ -338,8 +365,10 @@ FACE(guard_judge)
             const SensorGuard before = guard;
             num fault;
             guard_judge(&guard, x[k], y[k], &fault);
-            verdicts[k] = guard.verdicts[MISSING] > before.verdicts[MISSING] ? MISSING : guard.verdicts[REFUSED] > before.verdicts[REFUSED]
-                ? REFUSED : guard.verdicts[JUMPED] > before.verdicts[JUMPED] ? JUMPED : GOOD;
+            verdicts[k] = guard.verdicts[MISSING] > before.verdicts[MISSING]   ? MISSING
+                          : guard.verdicts[REFUSED] > before.verdicts[REFUSED] ? REFUSED
+                          : guard.verdicts[JUMPED] > before.verdicts[JUMPED]   ? JUMPED
+                                                                               : GOOD;
         }
         memcpy(memory, &guard, sizeof guard);
     }

@@ -91,10 +91,10 @@ FACE(model_setup)
         return finish(a, NULL);
     }
     const Model m = model_setup(memory, s, offset);
-    const Part parts[] = {
-        {"r", m.operators.r, lanes(s)}, {"a", m.operators.a, s.rates}, {"low", m.S.low, zone_lanes(s)},
-        {"high", m.S.high, zone_lanes(s)}, {"w_S", m.S.w, zone_lanes(s)}, {"w_H", m.w_H, lanes(s)},
-        {"w_K", m.w_K, creep_lanes(s)}};
+    const Part parts[] = {{"r", m.operators.r, lanes(s)},  {"a", m.operators.a, s.rates},
+                          {"low", m.S.low, zone_lanes(s)}, {"high", m.S.high, zone_lanes(s)},
+                          {"w_S", m.S.w, zone_lanes(s)},   {"w_H", m.w_H, lanes(s)},
+                          {"w_K", m.w_K, creep_lanes(s)}};
     return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
 }
 

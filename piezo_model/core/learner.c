@@ -75,7 +75,8 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
     const num forgetting = constant(p->forgetting), root_step = constant(ROOT(p->forgetting));
     const Block block = block_at(&l->mailbox, l->mailbox.head->consumed);
     num root = times(learns, constant(ROOT(p->share))), fade = constant(1);
-    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1); --k) { /* the newest row has the whole share */
+    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1);
+         --k) { /* the newest row has the whole share */
         num *const row = rows + k * stride;
         const num counts = both(learns, is_finite(from_shared(block.y, k)));
         const vec8 weight = SPREAD(root);
@@ -164,9 +165,12 @@ int N(learner_learn)(const Learner *l)
 #ifndef CORE_TILE
 int64_t learner_bytes(Shape s, int block, int blocks, int way)
 {
-    return HEAD_BYTES + mailbox_bytes(s, block, blocks) + room_bytes(sizeof(LearnerSettings)) + room_bytes(sizeof(LearnerClock))
-        + (int64_t)sizeof(real) * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s) + (way == CYCLIC ? 0 : 2 * note_nums(s)))
-        + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
+    return HEAD_BYTES + mailbox_bytes(s, block, blocks) + room_bytes(sizeof(LearnerSettings))
+           + room_bytes(sizeof(LearnerClock))
+           + (int64_t)sizeof(real)
+                 * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s)
+                    + (way == CYCLIC ? 0 : 2 * note_nums(s)))
+           + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
 }
 
 Learner learner_at(void *memory)
@@ -195,7 +199,8 @@ Learner learner_at(void *memory)
 
 Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
 {
-    const LearnerHead head = {{LEARNER_KIND, unknowns(shape), learner_bytes(shape, block, blocks, way), shape}, block, blocks, way};
+    const LearnerHead head = {
+        {LEARNER_KIND, unknowns(shape), learner_bytes(shape, block, blocks, way), shape}, block, blocks, way};
     Learner l;
     memset(memory, 0, (size_t)head.shaped.bytes);
     memcpy(memory, &head, sizeof head);

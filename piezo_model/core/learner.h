@@ -1,10 +1,10 @@
-/* The learner of a compensator, a task behind its step: rows of the error model (5) from a block of samples, their Gram matrix, an optimum,
- * its judgement on samples that it has not seen, and an offer of weights.
+/* The learner of a compensator, a task behind its step: rows of the error model (5) from a block of samples, their Gram
+ * matrix, an optimum, its judgement on samples that it has not seen, and an offer of weights.
  *
- * The unknowns v are the weights w of (5) with w_H0 = 1, but for S^-1, whose 2 m + 1 weights are replaced by its slopes, their partial
- * sums outwards from the piece about zero: then the admissible set is a box. How weights are found is one of two ways: *continuous*
- * (continuous.c), where the Gram matrix forgets and an optimum is found every interval, and *cyclic* (cyclic.c), the paper's machine of
- * phases.
+ * The unknowns v are the weights w of (5) with w_H0 = 1, but for S^-1, whose 2 m + 1 weights are replaced by its
+ * slopes, their partial sums outwards from the piece about zero: then the admissible set is a box. How weights are
+ * found is one of two ways: *continuous* (continuous.c), where the Gram matrix forgets and an optimum is found every
+ * interval, and *cyclic* (cyclic.c), the paper's machine of phases.
  *
  * A sample that is not good counts nothing. A block with a fault of the sensor is not learned from.
  */
@@ -23,21 +23,21 @@ enum { RESET, BUILD, LEARN };
 
 /* What a block brought; several at once are possible. piezo_model/learning/events.py has the same names. */
 enum {
-    TAKE_OVER = 1,       /* weights were offered */
-    SENSOR_FAULT = 2,    /* the sensor cannot be trusted: learning goes back and waits */
-    PROGRAM = 4,         /* a program is there, for whoever solves it */
-    UNEXCITED = 8,       /* cyclic: the drive went through too little of its range */
-    NOT_A_NUMBER = 16,   /* cyclic: the weights found are not finite */
-    WORSE = 32,          /* cyclic: they explain the data worse than those in use */
-    CYCLE_OVER = 64,     /* cyclic: with or without new weights */
-    FIRST = 128,         /* continuous: the first weights since learning began anew */
-    LOOK = 256,          /* continuous: time to look at the range that was driven */
-    OTHER_SENSOR = 512,  /* continuous: after a fault the output is not what it was, learning began anew */
-    NO_OPTIMUM = 1024    /* continuous: the data have none, learning began anew */
+    TAKE_OVER = 1,      /* weights were offered */
+    SENSOR_FAULT = 2,   /* the sensor cannot be trusted: learning goes back and waits */
+    PROGRAM = 4,        /* a program is there, for whoever solves it */
+    UNEXCITED = 8,      /* cyclic: the drive went through too little of its range */
+    NOT_A_NUMBER = 16,  /* cyclic: the weights found are not finite */
+    WORSE = 32,         /* cyclic: they explain the data worse than those in use */
+    CYCLE_OVER = 64,    /* cyclic: with or without new weights */
+    FIRST = 128,        /* continuous: the first weights since learning began anew */
+    LOOK = 256,         /* continuous: time to look at the range that was driven */
+    OTHER_SENSOR = 512, /* continuous: after a fault the output is not what it was, learning began anew */
+    NO_OPTIMUM = 1024   /* continuous: the data have none, learning began anew */
 };
 
-enum { CONTINUOUS, CYCLIC };                    /* ways */
-enum { EXACT, STEPS, ANSWERED };                /* who solves: the exact solver, a projected step a sample, somebody else */
+enum { CONTINUOUS, CYCLIC };     /* ways */
+enum { EXACT, STEPS, ANSWERED }; /* who solves: the exact solver, a projected step a sample, somebody else */
 /* An exported folder has them as constants, so that only what it needs is compiled into it. */
 #ifdef CORE_WAY
 #define WAY(settings) CORE_WAY
@@ -49,32 +49,36 @@ enum { EXACT, STEPS, ANSWERED };                /* who solves: the exact solver,
 
 /* Times in samples, blocks, intervals and checkpoints multiples of each other. */
 typedef struct {
-    int64_t way, solver, middle;                       /* the last is the index of the slope about zero */
-    int64_t interval, checkpoint, half_window;         /* continuous */
+    int64_t way, solver, middle;               /* the last is the index of the slope about zero */
+    int64_t interval, checkpoint, half_window; /* continuous */
     int64_t reset_lasts, build_lasts, learn_lasts, solve_lasts;
-    real forgetting, share, proximal, min_slope;       /* a sample; of a row in the Gram matrix; of the diagonal */
-    real smoothing, step_ratio;                        /* of the error's level; of the projected step */
+    real forgetting, share, proximal, min_slope; /* a sample; of a row in the Gram matrix; of the diagonal */
+    real smoothing, step_ratio;                  /* of the error's level; of the projected step */
 } LearnerSettings;
 
 /* Flags are 1 or 0. piezo_model/learning/memory.py has the same names. */
 typedef struct {
     num learning;
-    num left, probation;         /* samples left of the reset, 0 to learn; squared errors in it */
-    num level;                   /* mean squared error of the weights in use */
+    num left, probation;                              /* samples left of the reset, 0 to learn; squared errors in it */
+    num level;                                        /* mean squared error of the weights in use */
     num squares_in_use, squares_candidate, predicted; /* of this interval: squared errors, samples */
-    num established, noted, revert, wait; /* weights were handed over; a state was noted; the candidate is to be offered whatever it predicts;
-                                           * samples still to be learned from before any hand-over */
-    num pending, fault_count;    /* the last offer may not have been taken; faults of the sensor so far */
-    num in_half, x_low, x_high, x_low_before, x_high_before; /* samples and drive of this half window, drive of the one before */
-    num hand_overs, refusals, faults, failures, alone; /* how often; the last two are optima that pivoting or nothing found */
-    num span[4];                 /* lowest and highest drive, lowest and highest output since the last look at them or fault */
+    num established, noted, revert,
+        wait; /* weights were handed over; a state was noted; the candidate is to be offered whatever it predicts;
+               * samples still to be learned from before any hand-over */
+    num pending, fault_count; /* the last offer may not have been taken; faults of the sensor so far */
+    num in_half, x_low, x_high, x_low_before,
+        x_high_before; /* samples and drive of this half window, drive of the one before */
+    num hand_overs, refusals, faults, failures,
+        alone;   /* how often; the last two are optima that pivoting or nothing found */
+    num span[4]; /* lowest and highest drive, lowest and highest output since the last look at them or fault */
 } LearnerMemory;
 
 /* The one number of learners that go side by side. */
 typedef struct {
-    int64_t next_interval; /* the sample that ends the present one */
-    int64_t phase, phase_left, learning_since;         /* cyclic; the sample that learning began at */
-    real error_in_use, error_found, past_share;        /* cyclic: RMS at the last judgement; of the drive's range that the past covers */
+    int64_t next_interval;                     /* the sample that ends the present one */
+    int64_t phase, phase_left, learning_since; /* cyclic; the sample that learning began at */
+    real error_in_use, error_found,
+        past_share; /* cyclic: RMS at the last judgement; of the drive's range that the past covers */
 } LearnerClock;
 
 /* What is gone back to after a fault. */
@@ -90,7 +94,8 @@ typedef struct {
     real *P, *q, *lb, *ub;
     void *exact; /* the state of the solver for what pivoting leaves */
 #ifdef CORE_TILE
-    Pivoting queue;          /* programs that one system does not solve; whose they are, actuator + 1, or 0; and how many systems they took */
+    Pivoting queue; /* programs that one system does not solve; whose they are, actuator + 1, or 0; and how many systems
+                       they took */
     int32_t *owner, *rounds;
 #endif
 } Workspace;
@@ -98,12 +103,12 @@ typedef struct {
 #ifndef CORE_TILE
 /* What cyclic operation has beside: see cyclic.c. */
 typedef struct {
-    num *reference, *found;       /* unknowns in use when learning began, and what it found */
+    num *reference, *found;        /* unknowns in use when learning began, and what it found */
     num *start_play, *start_creep; /* states when counting began */
-    num *covered;                 /* lowest and highest x, lowest and highest y of the last building phase */
-    num *data, *past;             /* mean products of the row (x, Xi), upper triangle by rows: what was learned from, and V_p */
+    num *covered;                  /* lowest and highest x, lowest and highest y of the last building phase */
+    num *data, *past; /* mean products of the row (x, Xi), upper triangle by rows: what was learned from, and V_p */
     /* The program 1/2 z'Pz + q'z over lower <= z, in variables v = scale z that make its diagonal one: */
-    num *P, *q, *lower, *upper;   /* d rows of d numbers; the upper bounds are infinite */
+    num *P, *q, *lower, *upper; /* d rows of d numbers; the upper bounds are infinite */
     num *start, *scale, *answer;
     Descent descent;
 } Cyclic;
@@ -125,7 +130,8 @@ typedef struct {
     const struct Bank *bank;
     int number; /* of the tile */
 #else
-    num *seen_play, *seen_creep; /* states behind the sample that was observed last, for drives and outputs that come in chunks */
+    num *seen_play,
+        *seen_creep; /* states behind the sample that was observed last, for drives and outputs that come in chunks */
     Cyclic cyclic;
 #endif
 } Learner;
@@ -145,12 +151,16 @@ CORE_INLINE int learner_nums(Shape s)
 }
 CORE_INLINE int note_nums(Shape s) { return symmetric_nums(unknowns(s) + 1) + NUMS(unknowns(s)) + NUMS(1); }
 /* Without the room in which the optimum of an interval is found, which cyclic operation has none of. */
-CORE_INLINE int64_t rows_nums(Shape s, int block) { return block * row_nums(s) + LANES + NUMS(LANES) + state_nums(s) + inverse_nums(s); }
+CORE_INLINE int64_t rows_nums(Shape s, int block)
+{
+    return block * row_nums(s) + LANES + NUMS(LANES) + state_nums(s) + inverse_nums(s);
+}
 CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
 {
     const int d = unknowns(s);
     const int64_t queue = WIDTH == 1 ? 0 : pivoting_bytes(d) + 2 * LANES * 8;
-    const int64_t optimum = way == CYCLIC ? 0 : pivoting_bytes(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
+    const int64_t optimum =
+        way == CYCLIC ? 0 : pivoting_bytes(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
     return room_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
 CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
@@ -189,12 +199,14 @@ CORE_API void N(learner_take)(Learner *l, Room *own, Room *notes);
 CORE_API int N(learner_learn)(const Learner *l);
 /* Forget everything but the weights in use, `level` being their mean squared error so far. */
 CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
-/* Offer the unknowns `v` where `which` is 1; `fallback` where after a fault. Whether the last offer was answered, so that it could be done. */
+/* Offer the unknowns `v` where `which` is 1; `fallback` where after a fault. Whether the last offer was answered, so
+ * that it could be done. */
 CORE_API int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, int64_t due);
 /* What the two ways make of a block, and the optimum of an interval. */
 CORE_API int N(continuous_block)(const Learner *l, const Passed *b);
 CORE_API int N(learner_optimum)(const Learner *l, num which);
-/* Write that program, and solve one of it by the exact solver: the work space's P, q, lb and ub, and x; 1 where it has an optimum. */
+/* Write that program, and solve one of it by the exact solver: the work space's P, q, lb and ub, and x; 1 where it has
+ * an optimum. */
 CORE_API void N(learner_program)(const Learner *l);
 CORE_API int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane);
 CORE_API void N(learner_add_rows)(const Learner *l, int count, num learns);

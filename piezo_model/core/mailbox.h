@@ -1,14 +1,15 @@
-/* What the step (an interrupt) and the learner (a task behind it) share: samples by blocks one way, weights the other way.
+/* What the step (an interrupt) and the learner (a task behind it) share: samples by blocks one way, weights the other
+ * way.
  *
- * The ring of blocks has one producer and one consumer. The step fills the block `published`; when it is full and the ring is not, it
- * publishes it, else the block is dropped: it begins with the states of the operators, so that nothing but its own samples is lost. There
- * is one offer of weights: the learner writes it while `offered` equals `answered`, the step answers it by taking it or not. The
- * counters are 32 bits wide, and each has one writer, which releases what it wrote before them. Both sides are on one core or on
- * coherent ones.
+ * The ring of blocks has one producer and one consumer. The step fills the block `published`; when it is full and the
+ * ring is not, it publishes it, else the block is dropped: it begins with the states of the operators, so that nothing
+ * but its own samples is lost. There is one offer of weights: the learner writes it while `offered` equals `answered`,
+ * the step answers it by taking it or not. The counters are 32 bits wide, and each has one writer, which releases what
+ * it wrote before them. Both sides are on one core or on coherent ones.
  *
- * Weights from an interval that ends at sample k are taken at sample k + delay, never sooner, and if they come late, at the next beginning
- * of a block. So the drive does not depend on when the learner ran, as long as it is in time. `epoch` is raised while the learner rests,
- * and what carries an older one is not used any more.
+ * Weights from an interval that ends at sample k are taken at sample k + delay, never sooner, and if they come late, at
+ * the next beginning of a block. So the drive does not depend on when the learner ran, as long as it is in time.
+ * `epoch` is raised while the learner rests, and what carries an older one is not used any more.
  *
  * Numbers are in the precision of the step, `shared`, and sums of the learner are doubles.
  */
@@ -36,8 +37,8 @@ typedef real shared;
 typedef struct {
     int32_t block, blocks; /* samples of a block, blocks of the ring */
     int64_t delay;
-    int64_t samples;       /* taken so far, those that a tile began late included */
-    int32_t filled, to_go; /* samples in the present block, and samples that it has not yet got */
+    int64_t samples;        /* taken so far, those that a tile began late included */
+    int32_t filled, to_go;  /* samples in the present block, and samples that it has not yet got */
     int32_t place, skipped; /* of the present block in the ring; samples by which the first block is shorter */
     uint32_t published, consumed, offered, answered, epoch;
     uint32_t dropped, late; /* blocks, and offers */
@@ -49,14 +50,15 @@ typedef struct {
     uint32_t epoch, answered; /* the latter when it began */
 } BlockHead;
 
-/* The states of the operators at its beginning; unit drive and output of each sample, NaN where the output cannot be learned from; and how
- * many faults of the sensor there have been up to its end. */
+/* The states of the operators at its beginning; unit drive and output of each sample, NaN where the output cannot be
+ * learned from; and how many faults of the sensor there have been up to its end. */
 typedef struct {
     BlockHead *head;
     shared *play, *creep, *x, *y, *faults;
 } Block;
 
-/* Weights, with their inverse, for those where `which` is 1; the faults that the learner knew of, and 1 where it goes back after one. */
+/* Weights, with their inverse, for those where `which` is 1; the faults that the learner knew of, and 1 where it goes
+ * back after one. */
 typedef struct {
     int64_t *due;
     uint32_t *epoch;
@@ -80,10 +82,14 @@ CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(s
 /* The size of a mailbox whose numbers take so many bytes each. */
 CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t each)
 {
-    return room_bytes(sizeof(MailboxHead)) + room_bytes(each * GUARD_NUMS) + 64 + room_bytes(each * (inverse_nums(s) + 3))
-        + blocks * (64 + room_bytes(each * (state_nums(s) + 2 * block + 1)));
+    return room_bytes(sizeof(MailboxHead)) + room_bytes(each * GUARD_NUMS) + 64
+           + room_bytes(each * (inverse_nums(s) + 3))
+           + blocks * (64 + room_bytes(each * (state_nums(s) + 2 * block + 1)));
 }
-CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks) { return mailbox_size(s, block, blocks, (int64_t)sizeof(shared) * WIDTH); }
+CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
+{
+    return mailbox_size(s, block, blocks, (int64_t)sizeof(shared) * WIDTH);
+}
 
 CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
 {
@@ -117,7 +123,10 @@ CORE_INLINE Block block_in(const Mailbox *m, int32_t place)
     return b;
 }
 
-CORE_INLINE Block block_at(const Mailbox *m, uint32_t number) { return block_in(m, (int32_t)(number % (uint32_t)m->head->blocks)); }
+CORE_INLINE Block block_at(const Mailbox *m, uint32_t number)
+{
+    return block_in(m, (int32_t)(number % (uint32_t)m->head->blocks));
+}
 
 CORE_INLINE num from_shared(const shared *p, int i)
 {

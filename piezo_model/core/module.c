@@ -4,12 +4,19 @@
 
 FACES(ENTER_FACE)
 static PyMethodDef methods[] = {
-    FACES(METHOD)
-    {NULL, NULL, 0, NULL},
+    FACES(METHOD){NULL, NULL, 0, NULL},
 };
 
 static PyModuleDef definition = {
-    {{1, NULL}, NULL, 0, NULL}, "_core", "Model, data basis and compensator in C; see the headers in piezo_model/core.", -1, methods, NULL, NULL, NULL, NULL,
+    {{1, NULL}, NULL, 0, NULL},
+    "_core",
+    "Model, data basis and compensator in C; see the headers in piezo_model/core.",
+    -1,
+    methods,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
 };
 
 PyObject *PyInit__core(void) { return make_module(&definition); }

@@ -5,8 +5,8 @@
  *     dead zone     S(u) = max(u - high, 0) + min(u - low, 0)
  *     superposition S[u] = sum of w_i S_i(u)
  *
- * The creep line is the exact solution of dz/dt = rate dz(x - z, r) while x is held. A sample that is NaN leaves play and creep where
- * they are. All amplitudes are unit amplitudes.
+ * The creep line is the exact solution of dz/dt = rate dz(x - z, r) while x is held. A sample that is NaN leaves play
+ * and creep where they are. All amplitudes are unit amplitudes.
  *
  * Source: K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */
@@ -16,7 +16,9 @@
 #include "num.h"
 #include "shape.h"
 
-#define TINY ((real)1e-30) /* what fades and is smaller becomes zero, before it is too small for normal numbers, which are quick */
+#define TINY                                                                                                           \
+    ((real)1e-30) /* what fades and is smaller becomes zero, before it is too small for normal numbers, which are      \
+                     quick */
 
 CORE_INLINE vec8 play8(vec8 x, vec8 r, vec8 z) { return larger(sub(x, r), smaller(add(x, r), z)); }
 

@@ -2,9 +2,10 @@
  *
  *     minimise 1/2 v'Pv + q'v + 1/2 sum of rho_j (v_j - c_j)^2,   G = (P q; q' .),
  *
- * rho_j being `proximal` times P_jj, at most the mean diagonal, and c the optimum before, so that what the data leave open stays. What they
- * do not reach at all (a dead zone beyond the range) is held like the mean: its diagonal fades away. One system with the bounds that held
- * the optimum before is often enough; what pivoting does not bring to an end is left to the exact solver.
+ * rho_j being `proximal` times P_jj, at most the mean diagonal, and c the optimum before, so that what the data leave
+ * open stays. What they do not reach at all (a dead zone beyond the range) is held like the mean: its diagonal fades
+ * away. One system with the bounds that held the optimum before is often enough; what pivoting does not bring to an end
+ * is left to the exact solver.
  */
 #include "learner.h"
 
@@ -42,7 +43,8 @@ int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane
     int solved;
     for (int i = 0; i < d; ++i) {
         for (int j = i; j < d; ++j) {
-            w->P[i * d + j] = w->P[j * d + i] = ((const real *)program->data)[(symmetric_row(d + 1, i) + j) * WIDTH + lane];
+            w->P[i * d + j] = w->P[j * d + i] =
+                ((const real *)program->data)[(symmetric_row(d + 1, i) + j) * WIDTH + lane];
         }
         w->q[i] = ((const real *)program->q)[i * WIDTH + lane];
         w->lb[i] = lower_bound(l, i);

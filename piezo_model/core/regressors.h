@@ -1,9 +1,9 @@
 /* The row of the error model (5) that one sample gives, linear in the unknowns w:
  *
- *     E(k) = w'Xi(k) + x(k),   row = (x, Xi, x),   Xi = (H_r1[x] ... H_rn[x],  -S_r'[y] ...,  K_r0[x] ... K_rn[x],  [1])
+ *     E(k) = w'Xi(k) + x(k),   row = (x, Xi, x),   Xi = (H_r1[x] ... H_rn[x],  -S_r'[y] ...,  K_r0[x] ... K_rn[x], [1])
  *
- * with x on either side, so that both (x, Xi) and (Xi, x) are there in one piece. For slopes instead of weights, each dead zone has the
- * next one outwards taken off (`outer`). The Gram matrix of rows is summed up by blocks of them,
+ * with x on either side, so that both (x, Xi) and (Xi, x) are there in one piece. For slopes instead of weights, each
+ * dead zone has the next one outwards taken off (`outer`). The Gram matrix of rows is summed up by blocks of them,
  *
  *     gram <- fade gram + sum of row_k row_k'.
  *
@@ -34,8 +34,8 @@ CORE_INLINE Regressors take_regressors(Room *room, Shape s)
     return p;
 }
 
-/* Write the row of one sample, zeros where it does not count, and move the states on. Vectors are written from left to right, so that
- * each one overwrites what the one before it wrote beyond its columns. */
+/* Write the row of one sample, zeros where it does not count, and move the states on. Vectors are written from left to
+ * right, so that each one overwrites what the one before it wrote beyond its columns. */
 CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num y, num *play, num *creep, num *row)
 {
     const vec8 weight = SPREAD(counts), input = SPREAD(x), output = SPREAD(y);

@@ -1,10 +1,10 @@
 /* Which samples of a sensor can be learned from; all amplitudes are unit amplitudes.
  *
- * A sample is missing when it is not a finite number; nothing else follows from that. It is refused when it lies far outside the
- * range, or when the sensor is frozen: the output is to the last bit what it was while the drive went through a noticeable share of
- * its range. A jump is a change of the output that the drive since the last good sample does not explain (a plug pulled and put
- * back, a re-zeroed sensor): what was gathered before it need not fit what comes after. Refused samples and jumps are faults, and
- * whoever learns waits until samples have been good for a while.
+ * A sample is missing when it is not a finite number; nothing else follows from that. It is refused when it lies far
+ * outside the range, or when the sensor is frozen: the output is to the last bit what it was while the drive went
+ * through a noticeable share of its range. A jump is a change of the output that the drive since the last good sample
+ * does not explain (a plug pulled and put back, a re-zeroed sensor): what was gathered before it need not fit what
+ * comes after. Refused samples and jumps are faults, and whoever learns waits until samples have been good for a while.
  */
 #ifndef CORE_SENSOR_GUARD_H
 #define CORE_SENSOR_GUARD_H
@@ -13,14 +13,16 @@
 
 enum { GOOD, MISSING, REFUSED, JUMPED };
 
-#define PLAUSIBLE ((real)4)       /* largest output: a range given half as wide as it is must not be for ever */
-/* Part of the drive in which the output must change at all, 1 % of its range: an actuator has about half its mean slope after a
- * turning point, so the converter may be as coarse as 0.5 % of the range. */
+#define PLAUSIBLE ((real)4) /* largest output: a range given half as wide as it is must not be for ever */
+/* Part of the drive in which the output must change at all, 1 % of its range: an actuator has about half its mean slope
+ * after a turning point, so the converter may be as coarse as 0.5 % of the range. */
 #define FROZEN_DRIVE ((real)0.02)
-#define JUMP ((real)0.25)         /* change of the output since the last good sample, beyond FOLLOWING times the way of the drive */
+#define JUMP                                                                                                           \
+    ((real)0.25) /* change of the output since the last good sample, beyond FOLLOWING times the way of the drive */
 #define FOLLOWING ((real)4)
 
-/* The last drive; the last output that changed; the way of the drive since, its lowest and highest; how often each verdict was given. */
+/* The last drive; the last output that changed; the way of the drive since, its lowest and highest; how often each
+ * verdict was given. */
 typedef struct {
     num last_x, last_y, way, x_low, x_high, verdicts[4];
 } SensorGuard;
@@ -43,7 +45,8 @@ CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
     const num frozen = both(same, less(constant(FROZEN_DRIVE), minus(high, low)));
     const num explained = plus_times(constant(JUMP), constant(FOLLOWING), way);
     const num jumped = both(changed, less(explained, absolute(minus(y, g->last_y))));
-    const num refused = either(both(there, is_not(plausible)), frozen), good = both(plausible, is_not(either(frozen, jumped)));
+    const num refused = either(both(there, is_not(plausible)), frozen),
+              good = both(plausible, is_not(either(frozen, jumped)));
     g->last_x = x;
     g->last_y = choose(changed, y, g->last_y);
     g->way = choose(changed, constant(0), way);

@@ -34,8 +34,8 @@ CORE_INLINE void *room_for(Room *room, size_t bytes)
     return first;
 }
 
-/* Play and creep come in whole blocks of eight: n + 1 thresholds, then padding with threshold and weight zero. Creep states and
- * their weights stand rate by rate. */
+/* Play and creep come in whole blocks of eight: n + 1 thresholds, then padding with threshold and weight zero. Creep
+ * states and their weights stand rate by rate. */
 CORE_INLINE int lanes(Shape s) { return padded(s.n + 1); }
 CORE_INLINE int creep_lanes(Shape s) { return s.rates * lanes(s); }
 CORE_INLINE int rate_lanes(Shape s) { return padded(s.rates); }

@@ -1,9 +1,10 @@
 """Whether a model of hysteresis and creep is what a recording asks for.
 
-A fit is held against the best line and the best cubic on data left out (`baseline`). No better than the line, or less than half as
-good as an explanation that the model class has no part in (`alternative_models`), it is refused in one sentence that names the explanation.
-Data that are on a curve and in noise are no reason to refuse: they have no hysteresis, and where the fit is no better than the line,
-whose slope noise in the output does not bias as it does that of (6), the line is the model.
+A fit is held against the best line and the best cubic on data left out (`baseline`). No better than the line, or less
+than half as good as an explanation that the model class has no part in (`alternative_models`), it is refused in one
+sentence that names the explanation. Data that are on a curve and in noise are no reason to refuse: they have no
+hysteresis, and where the fit is no better than the line, whose slope noise in the output does not bias as it does that
+of (6), the line is the model.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ ONE_WAY = 0.9
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Errors on data left out, whether there is hysteresis, whether a line says all, what speaks against a model, and whether
-    there is one branch alone."""
+    """Errors on data left out, whether there is hysteresis, whether a line says all, what speaks against a model, and
+    whether there is one branch alone."""
 
     baseline: Baseline
     hysteresis: bool
@@ -58,8 +59,15 @@ class Adequacy:
     one_way: bool
 
 
-def check_adequacy(recording: Recording, model: HysteresisCreepModel, skip: int, state: OperatorState, fit: Fit, solver: str, proximal: float,
-          ) -> Adequacy:
+def check_adequacy(
+    recording: Recording,
+    model: HysteresisCreepModel,
+    skip: int,
+    state: OperatorState,
+    fit: Fit,
+    solver: str,
+    proximal: float,
+) -> Adequacy:
     """Hold a fit against a line, a cubic and what else would explain the recording."""
     s = model.structure
     moving = moving_from(recording, skip)
@@ -82,19 +90,30 @@ def check_adequacy(recording: Recording, model: HysteresisCreepModel, skip: int,
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
     residual = alternative_models.left_over(alternative_models.hats(u[::stride]), v[::stride])
     curve, monotone = alternative_models.rms(residual), abs(alternative_models.rise(u[::stride], v[::stride])) > 0.8
-    noise = curve < EXACT or alternative_models.noise(u[look], alternative_models.left_over(alternative_models.hats(u[look]), v[look]), WHITE)
+    noise = curve < EXACT or alternative_models.noise(
+        u[look], alternative_models.left_over(alternative_models.hats(u[look]), v[look]), WHITE
+    )
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal, at = None, alternative_models.outlier(y)
     if at is not None and alternative_models.outlier(x) != at:
         on_curve, refusal = False, alternative_models.outlier_sentence(y, at, skip, s.output_unit)
-    elif on_curve and curve > NOISY and (resonant := alternative_models.resonance(u[look], v[look])).error < MUCH_BETTER * curve:
-        on_curve, refusal = False, _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range")
+    elif (
+        on_curve
+        and curve > NOISY
+        and (resonant := alternative_models.resonance(u[look], v[look])).error < MUCH_BETTER * curve
+    ):
+        on_curve, refusal = (
+            False,
+            _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range"),
+        )
     elif not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
         refusal = _refusal(u, v, own, look, s, error, line)
     return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, turned > ONE_WAY)
 
 
-def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, error: float, line: float) -> str | None:
+def _refusal(
+    u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, error: float, line: float
+) -> str | None:
     """Why there is to be no model, in one sentence without its full stop; None where there is no reason.
 
     Explanations are tried on all of the data, thinned, and on the stretch ``look`` of neighbours.
@@ -102,10 +121,17 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
     stride, channels = math.ceil(u.size / LOOK), alternative_models.channels(u, v, LOOK)
     thin_u, thin_v, u, v = u[::stride], v[::stride], u[look], v[look]
     no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
-    cubic, cubic_first = (alternative_models.rms(alternative_models.left_over(alternative_models.polynomials(2.0 * a - 1.0, 3), b))
-                          for a, b in ((thin_u, thin_v), (u, v)))
+    cubic, cubic_first = (
+        alternative_models.rms(alternative_models.left_over(alternative_models.polynomials(2.0 * a - 1.0, 3), b))
+        for a, b in ((thin_u, thin_v), (u, v))
+    )
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
-    noise = no_better and alternative_models.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better
+    noise = (
+        no_better
+        and alternative_models.correlation(v) < WHITE
+        and line > 0.9 * float(v.std())
+        and channels.error > far_better
+    )
     few = alternative_models.roughness(u) > FEW
     undersampled = few and error > RIGHT * line and alternative_models.unforeseen(u) < MUCH_BETTER
     if (noise or undersampled) and (resonant := alternative_models.resonance(u, v)).error < far_better:
@@ -114,26 +140,46 @@ def _refusal(u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, 
         return f"the output is noise that does not follow the drive: {compared}"
     if undersampled:
         period = 2.0 * math.pi / math.acos(max(1.0 - alternative_models.roughness(u), -1.0))
-        return (f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, and hysteresis "
-                f"depends on them: {compared}")
+        return (
+            f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, "
+            "and hysteresis "
+            f"depends on them: {compared}"
+        )
     if not few and error > MUCH_BETTER * line and alternative_models.sense(thin_u, thin_v) < REVERSED:
-        return f"the output leads the drive round its loops, as where the columns of input and output are swapped: {compared}"
+        return (
+            "the output leads the drive round its loops, as where the columns of input and output are swapped: "
+            f"{compared}"
+        )
     seconds = s.sample_time
     found = {"channels": channels, "butterfly": alternative_models.butterfly(thin_u, thin_v)}
     if no_better:  # where the model is better than a line: over one loop, time says as much as the drive does
         found["drift"] = alternative_models.drift(thin_v)
     if min(found.values()).error > far_better:
-        resonance = alternative_models.resonance(u, v)  # of a stretch: to be held against what model and cubic leave of those
-        fair = max(alternative_models.rms(own) / max(alternative_models.rms(own[look]), 1e-300), cubic / max(cubic_first, 1e-300))
-        found |= {"delay": alternative_models.delay(thin_u, thin_v), "resonance": resonance._replace(error=fair * resonance.error)}
+        # of a stretch: to be held against what model and cubic leave of those
+        resonance = alternative_models.resonance(u, v)
+        fair = max(
+            alternative_models.rms(own) / max(alternative_models.rms(own[look]), 1e-300),
+            cubic / max(cubic_first, 1e-300),
+        )
+        found |= {
+            "delay": alternative_models.delay(thin_u, thin_v),
+            "resonance": resonance._replace(error=fair * resonance.error),
+        }
     name, best = min(found.items(), key=lambda each: each[1])
     if best.error < (far_better if name == "butterfly" else min(far_better, MUCH_BETTER * cubic)):
-        left = f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
-        return {"drift": f"the output drifts with time and does not follow the drive, {left}",
-                "channels": f"the output seems to hold two channels in turn, even samples on one curve and odd ones on another, {left}",
-                "butterfly": f"the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, {left}",
-                "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}, {left}",
-                "resonance": _of_resonance(best, s, left.replace("which", "it"))}[name]
+        left = (
+            f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
+        )
+        return {
+            "drift": f"the output drifts with time and does not follow the drive, {left}",
+            "channels": "the output seems to hold two channels in turn, even samples on one curve and odd ones on "
+            f"another, {left}",
+            "butterfly": "the output falls and rises again on one way of the drive, as the butterfly of a strain "
+            f"over a field, {left}",
+            "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}, "
+            f"{left}",
+            "resonance": _of_resonance(best, s, left.replace("which", "it")),
+        }[name]
     return f"the model class does not describe these data: {compared}" if no_better else None
 
 

@@ -1,11 +1,12 @@
 """Explanations of a recording that the model class has no part in, each a few lines of least squares.
 
-All of them take the drive u and the output v as shares of their ranges, shape (N,), uniformly sampled, and give the RMS error that
-the explanation leaves, as a share of the output's range, infinite where it does not apply:
+All of them take the drive u and the output v as shares of their ranges, shape (N,), uniformly sampled, and give the RMS
+error that the explanation leaves, as a share of the output's range, infinite where it does not apply:
 
     curve       v = f(u), piecewise linear                    delay       v(k) = cubic in u(k − d)
     drift       v = polynomial in time                        resonance   v = b(z) / (1 − 2ρ cos φ z⁻¹ + ρ² z⁻²) u
-    butterfly   v = f±(u), falling and rising                 channels    v = one cubic for even samples, one for odd ones
+    butterfly   v = f±(u), falling and rising                 channels    v = one cubic for even samples, one for odd
+    ones
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ def hats(u: Vector, knots: int = KNOTS) -> Matrix:
 
 
 def rise(u: Vector, v: Vector) -> float:
-    """Net change of the best piecewise linear curve over all that it goes up and down: ±1 for a monotone one, 0 for a valley."""
+    """Net change of the best piecewise linear curve over all that it goes up and down: ±1 for a monotone one, 0 for a
+    valley."""
     steps = np.diff(np.linalg.lstsq(hats(u, KNOTS // 2), v, rcond=None)[0])
     return float(steps.sum() / max(np.abs(steps).sum(), 1e-300))
 
@@ -86,7 +88,8 @@ def roughness(u: Vector) -> float:
 
 
 def unforeseen(u: Vector) -> float:
-    """What four samples before leave open of the next, as a share of the standard deviation: small for tones, 1 for noise."""
+    """What four samples before leave open of the next, as a share of the standard deviation: small for tones, 1 for
+    noise."""
     before = np.lib.stride_tricks.sliding_window_view(u[:-1] - u.mean(), 4)
     return rms(left_over(before, u[4:] - u.mean())) / max(float(u.std()), 1e-300)
 
@@ -108,8 +111,11 @@ def outlier(v: Vector) -> int | None:
 def outlier_sentence(y: Vector, at: int, skip: int, unit: str) -> str:
     """What a sample is that stands alone; without a full stop."""
     others = np.delete(y, at)
-    return (f"the output is {quantity(float(y[at]), unit)} in sample {at + skip}, and from {quantity(float(others.min()), unit)} to "
-            f"{quantity(float(others.max()), unit)} in all others: an outlier")
+    return (
+        f"the output is {quantity(float(y[at]), unit)} in sample {at + skip}, and from "
+        f"{quantity(float(others.min()), unit)} to "
+        f"{quantity(float(others.max()), unit)} in all others: an outlier"
+    )
 
 
 def drift(v: Vector) -> AlternativeModel:
@@ -118,7 +124,8 @@ def drift(v: Vector) -> AlternativeModel:
 
 
 def channels(u: Vector, v: Vector, look: int) -> AlternativeModel:
-    """One cubic for even samples and one for odd ones, over ``look`` samples spread in pairs; not where one for all does nearly as well."""
+    """One cubic for even samples and one for odd ones, over ``look`` samples spread in pairs; not where one for all
+    does nearly as well."""
     even = 2 * np.arange(0, u.size // 2, max(1, u.size // look))
     if min(np.unique(u[even + i]).size for i in (0, 1)) <= 4:  # through four points goes a cubic, whatever they are
         return AlternativeModel(np.inf)
@@ -141,7 +148,7 @@ def single_tone(u: Vector) -> bool:
     """Whether nearly all of the drive's power is in one tone and its neighbours."""
     power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
     top = int(np.argmax(power))
-    return bool(power[max(top - 2, 0):top + 3].sum() > PURE * power.sum())
+    return bool(power[max(top - 2, 0) : top + 3].sum() > PURE * power.sum())
 
 
 def delay(u: Vector, v: Vector) -> AlternativeModel:
@@ -151,7 +158,7 @@ def delay(u: Vector, v: Vector) -> AlternativeModel:
         return AlternativeModel(np.inf)
 
     def error(late: int) -> float:
-        return rms(left_over(polynomials(2 * u[longest - late:u.size - late] - 1, 3), v[longest:]))
+        return rms(left_over(polynomials(2 * u[longest - late : u.size - late] - 1, 3), v[longest:]))
 
     tried = np.unique(np.geomspace(1, max(longest, 1), 40).astype(int))
     best = int(np.argmin([error(int(late)) for late in tried]))
@@ -170,10 +177,20 @@ def resonance(u: Vector, v: Vector) -> AlternativeModel:
         rho, phi = 1.0 / (1.0 + np.exp(-at[0])), np.exp(at[1])
         poles = [1.0, -2.0 * rho * np.cos(phi), rho * rho]
         columns = [lfilter([0.0] * late + [1.0], poles, u) for late in range(3)]
-        return rms(left_over(np.column_stack([*(column / (np.linalg.norm(column) or 1.0) for column in columns), np.ones_like(u)]), v))
+        return rms(
+            left_over(
+                np.column_stack([*(column / (np.linalg.norm(column) or 1.0) for column in columns), np.ones_like(u)]), v
+            )
+        )
 
-    grid = [np.array([np.log(rho / (1.0 - rho)), np.log(phi)]) for rho in (0.8, 0.95, 0.99) for phi in np.geomspace(0.01, 2.5, 14)]
+    grid = [
+        np.array([np.log(rho / (1.0 - rho)), np.log(phi)])
+        for rho in (0.8, 0.95, 0.99)
+        for phi in np.geomspace(0.01, 2.5, 14)
+    ]
     best = minimize(error, min(grid, key=error), method="Nelder-Mead", options={"maxfev": 80})
     rho, phi = 1.0 / (1.0 + np.exp(-best.x[0])), float(np.exp(best.x[1]))
     damping = -np.log(rho) / np.hypot(np.log(rho), phi)
-    return AlternativeModel(float(best.fun) if DAMPING[0] < damping < DAMPING[1] and phi < np.pi else np.inf, phi / (2.0 * np.pi))
+    return AlternativeModel(
+        float(best.fun) if DAMPING[0] < damping < DAMPING[1] and phi < np.pi else np.inf, phi / (2.0 * np.pi)
+    )

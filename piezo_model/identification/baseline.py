@@ -1,8 +1,9 @@
 """A fit beside the best straight line and the best cubic, all three by cross-validation on data left out.
 
-The drive is cut into blocks of a share of its range, travelled up or down, or of time where it rests, so that every branch of
-every loop has several and one loop is enough. Each of the three is fitted to every second block and judged on the others, and the
-other way round; the operators of the model run through all of them. Errors are those of the output, RMS.
+The drive is cut into blocks of a share of its range, travelled up or down, or of time where it rests, so that every
+branch of every loop has several and one loop is enough. Each of the three is fitted to every second block and judged on
+the others, and the other way round; the operators of the model run through all of them. Errors are those of the output,
+RMS.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ def alternate_blocks(x: Vector) -> Mask:
     return mask
 
 
-def cross_validate(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, solver: str, proximal: float) -> Baseline:
+def cross_validate(
+    recording: Recording, s: ModelStructure, skip: int, state: OperatorState, solver: str, proximal: float
+) -> Baseline:
     """Judge line, cubic and model of a recording on every second block, fitted to the others."""
     x, y = recording.arrays()
     first = alternate_blocks(x)
@@ -61,7 +64,9 @@ def polynomial_error(u: Vector, y: Vector, degree: int, fitted: Mask | slice = s
     return error
 
 
-def _weights(x: Vector, y: Vector, s: ModelStructure, fitted: Mask, state: OperatorState, solver: str, proximal: float) -> Vector:
+def _weights(
+    x: Vector, y: Vector, s: ModelStructure, fitted: Mask, state: OperatorState, solver: str, proximal: float
+) -> Vector:
     basis = DataBasis(s, state)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(fitted)) + 1, [x.size]])
     for start, stop in pairwise(edges):

@@ -1,7 +1,7 @@
 """What an identification found out, in figures and in sentences.
 
-Errors are those of the output over the counted part of the data, as a share of the output's full range. A headline comes first, then
-the findings in order of what they cost.
+Errors are those of the output over the counted part of the data, as a share of the output's full range. A headline
+comes first, then the findings in order of what they cost.
 """
 
 from __future__ import annotations
@@ -54,10 +54,18 @@ class Fit:
 
     def headline(self, unit: str, where: str = "") -> str:
         """What the fit is worth, in one sentence."""
-        counted = f"{self.samples} samples" if not self.skipped else f"{self.samples} of {self.samples + self.skipped} samples"
-        return (f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this model{where and ' ' + where}: RMS error "
-                f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
-                f"({quantity(self.max, unit, 2)}{'' if unit else ' in the unit of the output, which the file does not say'}).")
+        counted = (
+            f"{self.samples} samples"
+            if not self.skipped
+            else (f"{self.samples} of {self.samples + self.skipped} samples")
+        )
+        return (
+            f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
+            f"model{where and ' ' + where}: RMS error "
+            f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
+            f"({quantity(self.max, unit, 2)}"
+            f"{'' if unit else ' in the unit of the output, which the file does not say'})."
+        )
 
 
 @dataclass(frozen=True)
@@ -109,8 +117,9 @@ class Offset:
 class FitReport:
     """Everything that is stored with an identified model under ``report``.
 
-    ``baseline`` is the fit beside line and cubic on data left out; ``refusal`` is what speaks against the model where it was asked
-    for all the same; ``resting_input`` is where creep had rested, in the input unit, None where it rested with the plays.
+    ``baseline`` is the fit beside line and cubic on data left out; ``refusal`` is what speaks against the model where
+    it was asked for all the same; ``resting_input`` is where creep had rested, in the input unit, None where it rested
+    with the plays.
     """
 
     solver: str
@@ -130,8 +139,13 @@ class FitReport:
         """Figures and sentences as JSON can hold them."""
         findings = [sentence for _, sentence in sorted(self._findings(structure), key=lambda each: -each[0])]
         headline = self.fit.headline(structure.output_unit)
-        return {**asdict(self), "headline": headline, "findings": findings[:FINDINGS], "advice": list(self._advice()),
-                "sentences": [headline, *findings, *self._facts(structure)]}
+        return {
+            **asdict(self),
+            "headline": headline,
+            "findings": findings[:FINDINGS],
+            "advice": list(self._advice()),
+            "sentences": [headline, *findings, *self._facts(structure)],
+        }
 
     def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:
         """What an engineer has to know, with what it costs or would have cost, per cent of the range."""
@@ -141,30 +155,60 @@ class FitReport:
         if s.falling:
             yield 200.0, "The output falls as the input rises; model, inverse and compensator have that sign."
         if not self.hysteresis:
-            yield 150.0, (f"No hysteresis: the data lie on a single curve, which a line describes to {percent(fit.line_percent)} and a cubic to "
-                          f"{percent(fit.cubic_percent)}.")
+            yield (
+                150.0,
+                (
+                    "No hysteresis: the data lie on a single curve, which a line describes to "
+                    f"{percent(fit.line_percent)} and a cubic to "
+                    f"{percent(fit.cubic_percent)}."
+                ),
+            )
         if fit.skipped_max_percent > FAR_MORE * fit.max_percent:
-            yield fit.skipped_max_percent, (
-                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; they hold a transient that no "
-                f"start explains: the error there reaches {percent(fit.skipped_max_percent)}.")
+            yield (
+                fit.skipped_max_percent,
+                (
+                    f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
+                    "they "
+                    "hold a transient that no "
+                    f"start explains: the error there reaches {percent(fit.skipped_max_percent)}."
+                ),
+            )
         elif fit.skipped:
-            yield fit.skipped_max_percent, (f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; the "
-                                            f"error there reaches {percent(fit.skipped_max_percent)}.")
+            yield (
+                fit.skipped_max_percent,
+                (
+                    f"The first {fit.skipped} samples "
+                    f"({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; the "
+                    f"error there reaches {percent(fit.skipped_max_percent)}."
+                ),
+            )
         if fit.samples < fit.skipped:
             yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on."
         if self.one_way:
-            yield 90.0, ("The counted part is almost a single branch: the drive hardly reverses, so hysteresis can barely be separated "
-                         "from curvature.")
+            yield (
+                90.0,
+                (
+                    "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
+                    "barely be separated "
+                    "from curvature."
+                ),
+            )
         if self.offset is not None and self.offset.pays:
-            yield self.offset.error_without_offset_percent - self.offset.error_percent, _offset_sentence(self.offset, s.input_unit)
+            yield (
+                self.offset.error_without_offset_percent - self.offset.error_percent,
+                _offset_sentence(self.offset, s.input_unit),
+            )
         if self.lag is not None and self.lag.pays:
             yield self.lag.error_percent - self.lag.error_without_lag_percent, _lag_sentence(self.lag, s.sample_time)
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """What the page says as well."""
         if self.resting_input is not None:
-            yield (f"Creep starts as if the actuator had rested at {quantity(self.resting_input, s.input_unit, 3)}, which fits the data "
-                   f"best.")
+            yield (
+                f"Creep starts as if the actuator had rested at {quantity(self.resting_input, s.input_unit, 3)}, "
+                "which fits the data "
+                f"best."
+            )
         if self.offset is not None and not self.offset.pays:
             yield _offset_sentence(self.offset, s.input_unit)
         if self.lag is not None and not self.lag.pays:
@@ -173,41 +217,64 @@ class FitReport:
             rates = ", ".join(f"{rate:g}" for rate in s.creep_rates) or "none"
             yield f"Creep rates chosen to span sampling period and length of the recording: {rates} per second."
         if self.excitation.unreached:
-            yield (f"The drive never reached the thresholds of {', '.join(self.excitation.unreached)}; these weights "
-                   f"stay at their reference.")
+            yield (
+                f"The drive never reached the thresholds of {', '.join(self.excitation.unreached)}; these weights "
+                f"stay at their reference."
+            )
         for names in self.excitation.undetermined:
             yield f"The data cannot separate the weights {names}."
         b = self.baseline
-        yield (f"On data left out, every second block of the drive: {percent(b.line_percent)} with a line, {percent(b.cubic_percent)} "
-               f"with a cubic, {percent(b.model_percent)} with this model.")
+        yield (
+            f"On data left out, every second block of the drive: {percent(b.line_percent)} with a line, "
+            f"{percent(b.cubic_percent)} "
+            f"with a cubic, {percent(b.model_percent)} with this model."
+        )
         if self.certificate is None:
             yield "The model is the best straight line, since the fit of (6) is no better on data left out."
             return
-        yield (f"Solved by {self.solver}; relative cost gap to the proven optimum {self.certificate.cost_gap:.1e}, "
-               f"condition of P {self.excitation.condition:.1e}.")
+        yield (
+            f"Solved by {self.solver}; relative cost gap to the proven optimum {self.certificate.cost_gap:.1e}, "
+            f"condition of P {self.excitation.condition:.1e}."
+        )
 
     def _advice(self) -> Iterator[str]:
         """What to do about it, most useful first."""
         if self.excitation.unreached:
-            yield (f"Drive over more of the range, or ask for lower orders: the thresholds of {', '.join(self.excitation.unreached)} "
-                   f"were never reached, and what the model says there is a guess.")
+            yield (
+                "Drive over more of the range, or ask for lower orders: the thresholds of "
+                f"{', '.join(self.excitation.unreached)} "
+                f"were never reached, and what the model says there is a guess."
+            )
         if self.one_way or self.fit.samples < self.fit.skipped:
             yield "Record a few whole loops more."
         if self.lag is not None and self.lag.removed:
             yield "The model is without the lag of the sensor; a loop that the sensor closes has it."
         elif self.lag is not None and self.lag.pays and self.lag.at_edge:
-            yield f"Align input and output first: the lag may be longer than the {self.lag.samples:.0f} samples that are tried."
+            yield (
+                f"Align input and output first: the lag may be longer than the {self.lag.samples:.0f} samples that "
+                "are tried."
+            )
         elif self.lag is not None and self.lag.pays:
             yield "Remove the lag of the sensor with the option --lag remove."
 
 
 def _offset_sentence(offset: Offset, unit: str) -> str:
-    return (f"The sensor has an offset, {quantity(offset.value, unit, 3)} of the input; without it the RMS error of the drive is "
-            f"{percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}.")
+    return (
+        f"The sensor has an offset, {quantity(offset.value, unit, 3)} of the input; without it the RMS error of "
+        "the drive is "
+        f"{percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}."
+    )
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
-    samples = f"at least {lag.samples:.0f} samples, the longest lag that is tried," if lag.at_edge else f"{lag.samples:.2f} samples"
-    how = (f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the drive is "
-           f"{lag.error_percent:.3f} % with the lag and {lag.error_without_lag_percent:.3f} % without")
+    samples = (
+        f"at least {lag.samples:.0f} samples, the longest lag that is tried,"
+        if lag.at_edge
+        else f"{lag.samples:.2f} samples"
+    )
+    how = (
+        f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the drive "
+        "is "
+        f"{lag.error_percent:.3f} % with the lag and {lag.error_without_lag_percent:.3f} % without"
+    )
     return how + ("; it was removed before the fit." if lag.removed else ".")

@@ -1,12 +1,12 @@
 """A fit looked at again: what the model says sample by sample, how sure each weight is, and what is left over.
 
-With residuals e of the error (5), σ² their mean square and P the mean of ΞΞᵀ in slope coordinates over N samples, the weights
-that touch no bound have about the covariance
+With residuals e of the error (5), σ² their mean square and P the mean of ΞΞᵀ in slope coordinates over N samples, the
+weights that touch no bound have about the covariance
 
     cov v = σ² P⁻¹ / N_e,      N_e = N (1 − ρ) / (1 + ρ),
 
-ρ the correlation of neighbouring output errors, since residuals follow each other with memory; cov w = T cov v Tᵀ. Weights at a
-bound and thresholds never reached have no such interval.
+ρ the correlation of neighbouring output errors, since residuals follow each other with memory; cov w = T cov v Tᵀ.
+Weights at a bound and thresholds never reached have no such interval.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class Review:
     x: Vector
     y: Vector
     y_model: Vector
-    """As they were fitted, in the units of the recording; a lag and an offset that were removed are so here, too. Shape (N,)."""
+    """As they were fitted, in the units of the recording; a lag and an offset that were removed are so here, too. Shape
+    (N,)."""
     skipped: int
     """Samples at the start that are not counted."""
     weights: tuple[Weight, ...]
@@ -69,7 +70,7 @@ class Review:
 
     def spectrum(self) -> tuple[Vector, Vector]:
         """Frequencies in Hz and amplitude density of the counted error, output unit per √Hz; by Welch's method."""
-        e = self.error[self.skipped:]
+        e = self.error[self.skipped :]
         f, power = welch(e - e.mean(), 1.0 / self.model.structure.sample_time, nperseg=min(4096, e.size))
         return f[1:], np.sqrt(power[1:])
 
@@ -79,25 +80,40 @@ class Review:
         if self.fitted:
             yield from report["advice"]
             for names in report["excitation"]["undetermined"]:
-                yield f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from each other."
+                yield (
+                    f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from "
+                    "each other."
+                )
             unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
             if unsure:
-                yield f"Cannot be distinguished from zero: {', '.join(unsure)}; a longer recording or a lower order would settle it."
+                yield (
+                    f"Cannot be distinguished from zero: {', '.join(unsure)}; a longer recording or a lower order "
+                    "would settle it."
+                )
         f, density = self.spectrum()
-        share = float(np.sum(density[f <= f[-1] / 20.0]**2) / np.sum(density**2)) if np.any(density) else 0.0
+        share = float(np.sum(density[f <= f[-1] / 20.0] ** 2) / np.sum(density**2)) if np.any(density) else 0.0
         if share > 0.8:
-            yield (f"{100.0 * share:.0f} % of the error's power lies below a twentieth of the highest frequency: the model misses "
-                   f"something slow, such as hysteresis between thresholds or creep, and it is not the sensor's noise.")
+            yield (
+                f"{100.0 * share:.0f} % of the error's power lies below a twentieth of the highest frequency: the "
+                "model misses "
+                f"something slow, such as hysteresis between thresholds or creep, and it is not the sensor's noise."
+            )
         elif share < 0.2:
             yield "The error is spread over all frequencies like noise: a higher order would gain little."
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:
-    """Look at the fit of a recording again, with start, skip and lag that the identification found, or at a validation."""
+    """Look at the fit of a recording again, with start, skip and lag that the identification found, or at a
+    validation."""
     s, report = model.structure, model.report
     part, shift = recording.head(LONGEST), 0.0
     if validation is not None:
-        state, skip, shift, sentences = validation.start, validation.fit.skipped, validation.shift, tuple(validation.sentences())
+        state, skip, shift, sentences = (
+            validation.start,
+            validation.fit.skipped,
+            validation.shift,
+            tuple(validation.sentences()),
+        )
     else:
         assert model.start is not None  # as every identification leaves it
         state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
@@ -106,11 +122,21 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
     x, y = part.arrays()
     y_model, y = model.simulate(x, state.copy()), y - shift
     problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)
-    return Review(model, x, y, y_model, skip, tuple(_weights(problem, model, (y - y_model)[skip:], validation is None)), sentences,
-                  validation is None)
+    return Review(
+        model,
+        x,
+        y,
+        y_model,
+        skip,
+        tuple(_weights(problem, model, (y - y_model)[skip:], validation is None)),
+        sentences,
+        validation is None,
+    )
 
 
-def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector, fitted: bool) -> Iterator[Weight]:
+def _weights(
+    problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector, fitted: bool
+) -> Iterator[Weight]:
     s, w = model.structure, model.weights
     T = s.slope_map
     v, lb = s.inverse_slope_map @ w, s.lower_bounds(problem.min_slope)
@@ -127,5 +153,11 @@ def _weights(problem: IdentificationProblem, model: HysteresisCreepModel, error:
     deviation = np.sqrt(np.maximum(np.diag(T @ covariance @ T.T), 0.0))
     excitation = np.sqrt(np.maximum(np.diag(problem.P), 0.0))
     for i, name in enumerate(s.weight_names):
-        yield Weight(name, float(w[i]), TWO_SIDED * float(deviation[i]) if free[i] and fitted else float("nan"), float(excitation[i]),
-                     bool(problem.reached[i]), bool(at_bound[i]))
+        yield Weight(
+            name,
+            float(w[i]),
+            TWO_SIDED * float(deviation[i]) if free[i] and fitted else float("nan"),
+            float(excitation[i]),
+            bool(problem.reached[i]),
+            bool(at_bound[i]),
+        )

@@ -30,8 +30,13 @@ class Certificate:
     unique: bool
 
 
-def accumulate(recording: Recording, s: ModelStructure, skip: int, state: OperatorState, proximal: float,
-                ) -> IdentificationProblem:
+def accumulate(
+    recording: Recording,
+    s: ModelStructure,
+    skip: int,
+    state: OperatorState,
+    proximal: float,
+) -> IdentificationProblem:
     """Run the operators over the whole recording from their states at its start, and count after ``skip`` samples."""
     basis, seen = DataBasis(s, state), 0
     for x, y in recording.chunks():

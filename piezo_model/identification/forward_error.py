@@ -21,14 +21,22 @@ if TYPE_CHECKING:
 ENOUGH = 1_000_000
 """Samples that a line and a cubic are fitted to, of a longer recording spread over all of it."""
 WITHIN, FEWEST_INSIDE = 1.01, 0.2
-"""Unit amplitudes of a drive within the model's range, and the share of such samples from which on they tell an offset."""
+"""Unit amplitudes of a drive within the model's range, and the share of such samples from which on they tell an
+offset."""
 
 
-def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: int, state: OperatorState, span: float,
-                  free_shift: bool = False) -> tuple[Fit, float]:
+def forward_error(
+    model: HysteresisCreepModel,
+    recording: Recording,
+    skipped: int,
+    state: OperatorState,
+    span: float,
+    free_shift: bool = False,
+) -> tuple[Fit, float]:
     """Figures over the samples after ``skipped``, per cent of ``span``, and the constant that ``free_shift`` removes.
 
-    That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation errs, too.
+    That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation
+    errs, too.
     """
     s, state, seen = model.structure, state.copy(), 0
     skipped_worst, low, high, total, squares = 0.0, math.inf, -math.inf, 0.0, 0.0
@@ -55,12 +63,23 @@ def forward_error(model: HysteresisCreepModel, recording: Recording, skipped: in
     worst = max(high - shift, shift - low)
     (line, coefficients), (cubic, _) = (_polynomial(gram, degree) for degree in (1, 3))
     unit = 100.0 * abs(s.y_scale) / span
-    return Fit(counted, skipped, 100.0 * rms / span, 100.0 * worst / span, rms, worst, 100.0 * skipped_worst / span, unit * line,
-               unit * cubic, (float(coefficients[0]), float(coefficients[1])), span), shift
+    return Fit(
+        counted,
+        skipped,
+        100.0 * rms / span,
+        100.0 * worst / span,
+        rms,
+        worst,
+        100.0 * skipped_worst / span,
+        unit * line,
+        unit * cubic,
+        (float(coefficients[0]), float(coefficients[1])),
+        span,
+    ), shift
 
 
 def _polynomial(gram: np.ndarray, degree: int) -> tuple[float, np.ndarray]:
     """Root mean square that the best polynomial of a degree leaves of the last column, and its coefficients."""
-    part, right = gram[:degree + 1, :degree + 1], gram[:degree + 1, -1]
+    part, right = gram[: degree + 1, : degree + 1], gram[: degree + 1, -1]
     coefficients = np.linalg.lstsq(part, right, rcond=None)[0]
     return math.sqrt(max(float(gram[-1, -1] - right @ coefficients), 0.0)), coefficients

@@ -1,8 +1,8 @@
 """From a recording to a model: the whole of equations (3) to (6) in one call.
 
 What a recording does not say is found out and reported: sign, transient and the states that the actuator started with
-(`preprocessing`), an offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can tell apart. Data that
-the model class does not describe are refused (`adequacy`).
+(`preprocessing`), an offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can
+tell apart. Data that the model class does not describe are refused (`adequacy`).
 """
 
 from __future__ import annotations
@@ -63,10 +63,22 @@ def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ..
     return tuple(10.0**k for k in range(fastest, slowest - 1, -1))
 
 
-def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: ModelStructure | None = None, *,
-             solver: str = "box_active_set", n: int | None = None, m: int | None = None, creep_rates: Sequence[float] | None = None,
-             skip: int | None = None, lag: LagChoice = "estimate", state: OperatorState | None = None, proximal: float = 1e-10,
-             force: bool = False, progress: Progress = lambda what, done, total: None) -> HysteresisCreepModel:
+def identify(
+    x: ArrayLike | Recording,
+    y: ArrayLike | None = None,
+    structure: ModelStructure | None = None,
+    *,
+    solver: str = "box_active_set",
+    n: int | None = None,
+    m: int | None = None,
+    creep_rates: Sequence[float] | None = None,
+    skip: int | None = None,
+    lag: LagChoice = "estimate",
+    state: OperatorState | None = None,
+    proximal: float = 1e-10,
+    force: bool = False,
+    progress: Progress = lambda what, done, total: None,
+) -> HysteresisCreepModel:
     """Identify a model from input and output.
 
     Parameters
@@ -76,16 +88,19 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     y : array (N,)
         Measured output; not with a recording.
     structure : ModelStructure, optional
-        Needed for arrays; for a recording one is made of the ranges found, a free offset, ``n``, ``m`` and ``creep_rates``.
+        Needed for arrays; for a recording one is made of the ranges found, a free offset, ``n``, ``m`` and
+        ``creep_rates``.
     n, m : int, optional
         Orders of hysteresis and creep, and of the superposition on each side.
     creep_rates : sequence of float, optional
-        In 1/s; empty for a model without creep. What is not given of orders and rates is chosen by cross-validation (`model_selection`) where
-        the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate a decade (`choose_creep_rates`).
+        In 1/s; empty for a model without creep. What is not given of orders and rates is chosen by cross-validation
+        (`model_selection`) where the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate a
+        decade (`choose_creep_rates`).
     solver : str
         Any registered solver.
     skip : int, optional
-        Samples at the start that move the operators and are not counted. By default none but those of a switch-on transient.
+        Samples at the start that move the operators and are not counted. By default none but those of a switch-on
+        transient.
     lag : "estimate", "remove" or "ignore"
         Whether a lag of the sensor is estimated and said, removed from the output as well, or not looked for.
     state : OperatorState, optional
@@ -99,8 +114,8 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     Returns
     -------
     HysteresisCreepModel
-        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences that say them. Its
-        structure is turned where the output falls as the input rises.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences that say
+        them. Its structure is turned where the output falls as the input rises.
 
     Raises
     ------
@@ -122,31 +137,63 @@ def identify(x: ArrayLike | Recording, y: ArrayLike | None = None, structure: Mo
     if skip is not None and skip < 0:
         raise IdentificationError(f"skip must not be negative, not {skip}")
     recording = check_direction(_recording_of(x, y, structure))
-    given: dict[str, Any] = {"structure": structure, "n": USUAL[0] if n is None else n, "m": USUAL[1] if m is None else m,
-                             "creep_rates": creep_rates, "skip": skip}
+    given: dict[str, Any] = {
+        "structure": structure,
+        "n": USUAL[0] if n is None else n,
+        "m": USUAL[1] if m is None else m,
+        "creep_rates": creep_rates,
+        "skip": skip,
+    }
 
     def fitted(**changes: Any) -> HysteresisCreepModel:
-        return _fitted(recording, **{**given, **changes}, solver=solver, lag=lag, state=state, proximal=proximal, force=force)
+        return _fitted(
+            recording, **{**given, **changes}, solver=solver, lag=lag, state=state, proximal=proximal, force=force
+        )
 
     progress("identifying", 0, 1)
     try:
         model = fitted()
     except InadequateError as refusal:
-        raise IdentificationError(f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None)}") from None
-    if structure is not None or None not in (n, m, creep_rates) or not model.report["hysteresis"] or model.report["refusal"] is not None:
+        raise IdentificationError(
+            f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None)}"
+        ) from None
+    if (
+        structure is not None
+        or None not in (n, m, creep_rates)
+        or not model.report["hysteresis"]
+        or model.report["refusal"] is not None
+    ):
         return model
     return _selected(recording, model, fitted, n, m, creep_rates, solver, progress)
 
 
-def _selected(recording: Recording, model: HysteresisCreepModel, fitted: Callable[..., HysteresisCreepModel], n: int | None, m: int | None,
-              creep_rates: Sequence[float] | None, solver: str, progress: Progress) -> HysteresisCreepModel:
-    """The model of the orders and rates that cross-validation takes, the given ones kept, with the choice in its report."""
+def _selected(
+    recording: Recording,
+    model: HysteresisCreepModel,
+    fitted: Callable[..., HysteresisCreepModel],
+    n: int | None,
+    m: int | None,
+    creep_rates: Sequence[float] | None,
+    solver: str,
+    progress: Progress,
+) -> HysteresisCreepModel:
+    """The model of the orders and rates that cross-validation takes, the given ones kept, with the choice in its
+    report."""
     assert model.start is not None  # as every fit leaves it
     first = int(model.report["fit"]["skipped"])
     s, (x, y) = model.structure, recording.head(moving_from(recording, first) + SAMPLES).arrays()
-    found = select(x, y, s, model.start, first, solver, ns=HYSTERESIS_ORDERS if n is None else (s.n,),
-                   ms=SUPERPOSITION_ORDERS if m is None else (s.dead_zones // 2,), rates=None if creep_rates is None else s.creep_rates,
-                   progress=progress)
+    found = select(
+        x,
+        y,
+        s,
+        model.start,
+        first,
+        solver,
+        ns=HYSTERESIS_ORDERS if n is None else (s.n,),
+        ms=SUPERPOSITION_ORDERS if m is None else (s.dead_zones // 2,),
+        rates=None if creep_rates is None else s.creep_rates,
+        progress=progress,
+    )
     if found is None:
         return model
     other = model
@@ -156,32 +203,75 @@ def _selected(recording: Recording, model: HysteresisCreepModel, fitted: Callabl
             other = fitted(n=found.chosen.n, m=found.chosen.m, creep_rates=found.chosen.creep_rates)
     if other is model or other.report["baseline"]["model_percent"] > model.report["baseline"]["model_percent"]:
         given_up = found.chosen if found.chosen != found.unchosen else None
-        found = replace(found, chosen=found.unchosen, given_up=given_up)  # since that errs less at the output, on data left out
+        # since that errs less at the output, on data left out
+        found = replace(found, chosen=found.unchosen, given_up=given_up)
     else:
         model = other
-    return replace(model, report={**model.report, "selection": found.to_dict(), "sentences": [*model.report["sentences"], found.sentence]})
+    return replace(
+        model,
+        report={
+            **model.report,
+            "selection": found.to_dict(),
+            "sentences": [*model.report["sentences"], found.sentence],
+        },
+    )
 
 
 def check_direction(recording: Recording) -> Recording:
-    """The recording with input and output as a fit both ways round tells them, where nothing but their values does; see `direction`."""
+    """The recording with input and output as a fit both ways round tells them, where nothing but their values does; see
+    `direction`."""
+
     def fit(part: Recording) -> HysteresisCreepModel:
-        return _fitted(part, None, *USUAL, None, None, solver="box_active_set", lag="ignore", state=None, proximal=1e-10, force=True)
+        return _fitted(
+            part,
+            None,
+            *USUAL,
+            None,
+            None,
+            solver="box_active_set",
+            lag="ignore",
+            state=None,
+            proximal=1e-10,
+            force=True,
+        )
 
     return directed(recording, fit)
 
 
-def _fitted(recording: Recording, structure: ModelStructure | None, n: int, m: int, creep_rates: Sequence[float] | None, skip: int | None,
-            solver: str, lag: LagChoice, state: OperatorState | None, proximal: float, force: bool) -> HysteresisCreepModel:
+def _fitted(
+    recording: Recording,
+    structure: ModelStructure | None,
+    n: int,
+    m: int,
+    creep_rates: Sequence[float] | None,
+    skip: int | None,
+    solver: str,
+    lag: LagChoice,
+    state: OperatorState | None,
+    proximal: float,
+    force: bool,
+) -> HysteresisCreepModel:
     """The model of a recording; InadequateError where it does not describe it."""
     own_structure = structure is None
     if structure is None:
         rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
-        structure = ModelStructure.equidistant(n, m, recording.x_range, recording.y_range, rates,
-                                               recording.sample_time, offset=True, input_unit=recording.input_unit,
-                                               output_unit=recording.output_unit)
+        structure = ModelStructure.equidistant(
+            n,
+            m,
+            recording.x_range,
+            recording.y_range,
+            rates,
+            recording.sample_time,
+            offset=True,
+            input_unit=recording.input_unit,
+            output_unit=recording.output_unit,
+        )
     if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
-        raise IdentificationError(f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
-                                  f"structure is {structure.sample_time:g} s")
+        raise IdentificationError(
+            f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of "
+            "the "
+            f"structure is {structure.sample_time:g} s"
+        )
     recording.require(structure.d + 1)
     rest = None
     if state is None:
@@ -208,9 +298,20 @@ def _fitted(recording: Recording, structure: ModelStructure | None, n: int, m: i
         w = line(structure, fit)
         model = HysteresisCreepModel.from_weights(structure, w)
         fit, _ = forward_error(model, recording, skip, state, high - low)
-    report = FitReport(solver, fit, judged.baseline, judged.hysteresis, judged.refusal, judged.one_way, problem.excitation_report(),
-                       None if straight else prove(problem, w), found_lag, _offset(problem, w, solver) if structure.offset else None,
-                       None if rest is None else structure.x_centre + structure.x_scale * rest, own_structure and creep_rates is None)
+    report = FitReport(
+        solver,
+        fit,
+        judged.baseline,
+        judged.hysteresis,
+        judged.refusal,
+        judged.one_way,
+        problem.excitation_report(),
+        None if straight else prove(problem, w),
+        found_lag,
+        _offset(problem, w, solver) if structure.offset else None,
+        None if rest is None else structure.x_centre + structure.x_scale * rest,
+        own_structure and creep_rates is None,
+    )
     return replace(model, report=report.to_dict(structure), start=start)
 
 
@@ -221,17 +322,22 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
         return x.in_memory() if x.length <= IN_MEMORY else x
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")
-    return Recording.from_arrays(x, y, structure.sample_time, input_unit=structure.input_unit,
-                                 output_unit=structure.output_unit)
+    return Recording.from_arrays(
+        x, y, structure.sample_time, input_unit=structure.input_unit, output_unit=structure.output_unit
+    )
 
 
 def _offset(problem: IdentificationProblem, w: Vector, solver: str) -> Offset:
     """Solve again without the constant to see what it is worth."""
     s = problem.structure
-    without = replace(problem, structure=replace(s, offset=False), P=problem.P[:-1, :-1].copy(),
-                      q=problem.q[:-1].copy(), reference=None)
-    return Offset(float(w[-1]) * s.x_scale, error_percent(problem, w),
-                  error_percent(without, optimum(without, solver)))
+    without = replace(
+        problem,
+        structure=replace(s, offset=False),
+        P=problem.P[:-1, :-1].copy(),
+        q=problem.q[:-1].copy(),
+        reference=None,
+    )
+    return Offset(float(w[-1]) * s.x_scale, error_percent(problem, w), error_percent(without, optimum(without, solver)))
 
 
 def line(s: ModelStructure, fit: Fit) -> Vector:

@@ -1,10 +1,11 @@
 """The operators' states before the first sample, which no recording holds, found by the cost (6) itself.
 
-The play states over their thresholds are one curve from the first input on, z(0) = x(0) with |dz/dr| ≤ 1: the memory of what
-the actuator had seen. A play of threshold r shows its start until the drive has wiped it out, H_r = min(max(z_r(0), L_r), U_r)
-with the running bounds L_r and U_r, so nearly every sample tells something. Creep states start as if the actuator had rested at
-a level, or where the plays are. The search takes the best of a handful of starts (at rest at a level, which includes coming from
-above, from below and demagnetised) and refines it on a grid of halving steps, so that rounding does not decide.
+The play states over their thresholds are one curve from the first input on, z(0) = x(0) with |dz/dr| ≤ 1: the memory of
+what the actuator had seen. A play of threshold r shows its start until the drive has wiped it out, H_r =
+min(max(z_r(0), L_r), U_r) with the running bounds L_r and U_r, so nearly every sample tells something. Creep states
+start as if the actuator had rested at a level, or where the plays are. The search takes the best of a handful of starts
+(at rest at a level, which includes coming from above, from below and demagnetised) and refines it on a grid of
+halving steps, so that rounding does not decide.
 
 Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
 """
@@ -54,22 +55,27 @@ class Start:
         return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), at if creep else None, branch)
 
     def state(self, s: ModelStructure, centre: float, half: float) -> OperatorState:
-        """States of the operators; plays that a drive of that centre and half range can never tell rest in the middle."""
+        """States of the operators; plays that a drive of that centre and half range can never tell rest in the
+        middle."""
         r, state = OperatorArrays.of(s).r, OperatorState.at_rest(s, self.first)
         steps = np.diff((0.0, *s.play_thresholds)) * np.array(self.slopes)
-        state.play[1:s.n + 1] = self.first + np.cumsum(steps)
+        state.play[1 : s.n + 1] = self.first + np.cumsum(steps)
         settled = state.play if self.level is None else self.level + self.branch * r
         state.creep[:] = np.tile(settled, len(s.creep_rates))
         state.play[r >= half] = centre
         return state
 
 
-def find_initial_state(recording: Recording, s: ModelStructure, cost: Callable[[OperatorState], float], refine: bool = True,
-               ) -> tuple[OperatorState, float | None]:
+def find_initial_state(
+    recording: Recording,
+    s: ModelStructure,
+    cost: Callable[[OperatorState], float],
+    refine: bool = True,
+) -> tuple[OperatorState, float | None]:
     """Return the start of the smallest cost, and the input in unit amplitudes at which creep had rested, if it had.
 
-    The cost is the mean square error over the recording from these states on, with whatever else is free at its best; ``refine`` goes on from
-    the best of the handful.
+    The cost is the mean square error over the recording from these states on, with whatever else is free at its best;
+    ``refine`` goes on from the best of the handful.
     """
     low, high = s.unit_input(np.array(recording.x_range))
     centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))
@@ -87,9 +93,13 @@ def find_initial_state(recording: Recording, s: ModelStructure, cost: Callable[[
         return found if seen(best) > EXACT and seen(found) < BETTER * seen(best) else best
 
     levels = [centre + half * level for level in LEVELS]
-    best = better_of(Start.rested(s, first, first, creep=False), [Start.rested(s, first, at, creep=False) for at in levels])
+    best = better_of(
+        Start.rested(s, first, first, creep=False), [Start.rested(s, first, at, creep=False) for at in levels]
+    )
     if s.creep_rates:
-        best = better_of(best, [Start.rested(s, first, at, branch, creep=True) for at in levels for branch in (0.0, 1.0, -1.0)])
+        best = better_of(
+            best, [Start.rested(s, first, at, branch, creep=True) for at in levels for branch in (0.0, 1.0, -1.0)]
+        )
         best = better_of(best, [replace(best, level=level) for level in levels])
     if not refine:
         return best.state(s, centre, half), best.level
@@ -105,8 +115,14 @@ def find_initial_state(recording: Recording, s: ModelStructure, cost: Callable[[
                     level = centre + half * _clip((best.level - centre) / half + change, FARTHEST)
                     branch = _clip(best.branch + change, 1.0)
                     turned = best.level - 0.5 * half * (branch - best.branch)  # about the middle threshold
-                    best = better_of(best, [replace(best, level=level), replace(best, branch=branch),
-                                            replace(best, level=turned, branch=branch)])
+                    best = better_of(
+                        best,
+                        [
+                            replace(best, level=level),
+                            replace(best, branch=branch),
+                            replace(best, level=turned, branch=branch),
+                        ],
+                    )
             helped |= best != before
         step *= 0.5
     return best.state(s, centre, half), best.level

@@ -20,8 +20,9 @@ LONGEST_LAG = 10
 """Samples of lag looked for."""
 
 
-def estimate_lag(recording: Recording, s: ModelStructure, skip: int, solver: str, state: OperatorState,
-                  proximal: float, remove: bool) -> Lag | None:
+def estimate_lag(
+    recording: Recording, s: ModelStructure, skip: int, solver: str, state: OperatorState, proximal: float, remove: bool
+) -> Lag | None:
     """Return the delay of the output with the smallest error (5) left after the fit, over the same samples for all.
 
     None where the recording is too short for it, or the drive moves at its ends alone.
@@ -32,7 +33,11 @@ def estimate_lag(recording: Recording, s: ModelStructure, skip: int, solver: str
     too_few = stop - start <= s.d
     if too_few or not np.ptp(x[start:stop]):
         if remove:
-            why = f"{x.size} samples are too few" if too_few else "the drive moves too close to the ends of the recording"
+            why = (
+                f"{x.size} samples are too few"
+                if too_few
+                else ("the drive moves too close to the ends of the recording")
+            )
             raise IdentificationError(f"{recording.name}: {why} to look for a lag")
         return None
     settled = DataBasis(s, state)
@@ -41,7 +46,7 @@ def estimate_lag(recording: Recording, s: ModelStructure, skip: int, solver: str
     def error(lag: float) -> float:
         values, kept = shift_output(y, lag)
         basis = DataBasis(s, settled.state)
-        basis.update(x[start:stop], values[start - kept.start:stop - kept.start])
+        basis.update(x[start:stop], values[start - kept.start : stop - kept.start])
         problem = basis.problem(proximal=proximal)
         return error_percent(problem, optimum(problem, solver))
 
@@ -49,13 +54,27 @@ def estimate_lag(recording: Recording, s: ModelStructure, skip: int, solver: str
     return Lag(found.lag, remove and found.lag > 0.0, found.cost_without, found.cost, found.at_edge)
 
 
-def without_lag(recording: Recording, s: ModelStructure, lag: float, skip: int, state: OperatorState,
-                 ) -> tuple[Recording, int, OperatorState]:
+def without_lag(
+    recording: Recording,
+    s: ModelStructure,
+    lag: float,
+    skip: int,
+    state: OperatorState,
+) -> tuple[Recording, int, OperatorState]:
     """Return the recording without the lag, and what is left of ``skip`` and the states where it starts now."""
     x, y = recording.arrays()
     values, kept = shift_output(y, lag)
     start = DataBasis(s, state)
-    start.update(x[:kept.start], y[:kept.start], count=False)
-    return (Recording.from_arrays(x[kept], values, recording.sample_time, name=recording.name,
-                                  input_unit=recording.input_unit, output_unit=recording.output_unit),
-            max(skip - kept.start, 0), start.state)
+    start.update(x[: kept.start], y[: kept.start], count=False)
+    return (
+        Recording.from_arrays(
+            x[kept],
+            values,
+            recording.sample_time,
+            name=recording.name,
+            input_unit=recording.input_unit,
+            output_unit=recording.output_unit,
+        ),
+        max(skip - kept.start, 0),
+        start.state,
+    )

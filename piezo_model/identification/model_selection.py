@@ -1,15 +1,16 @@
 """Creep rates and the orders n and m, chosen by cross-validation on whole excursions of the drive.
 
-The creep part is K = Σ w_Ki Σ_a z_i(a), one state for each rate a, and every operator is fixed beforehand, so that the cost (6) of any set of
-rates, thresholds and dead zones is made of sums of the columns
+The creep part is K = Σ w_Ki Σ_a z_i(a), one state for each rate a, and every operator is fixed beforehand, so that the
+cost (6) of any set of rates, thresholds and dead zones is made of sums of the columns
 
     x,  H_r [x] for all thresholds r,  −S_r' [y] for all dead zones r',  z_r(a) for all thresholds and rates,  1.
 
-One pass gives the Gram matrix of these columns for each fold; programs of all candidates follow from it without the samples. The recording is
-cut where the drive turns at the bottom of its excursions, excursions are gathered in FOLDS stretches of about equal length, weights come from
-all stretches but one and are judged by the error of the drive (5) on that one. Of all candidates that err at most PAYS times as much as the
-structure without a choice, and whose mean square error is within one standard error of the smallest (of the difference, fold by fold), the one
-with the fewest unknowns is taken.
+One pass gives the Gram matrix of these columns for each fold; programs of all candidates follow from it without the
+samples. The recording is cut where the drive turns at the bottom of its excursions, excursions are gathered in FOLDS
+stretches of about equal length, weights come from all stretches but one and are judged by the error of the drive (5) on
+that one. Of all candidates that err at most PAYS times as much as the structure without a choice, and whose mean square
+error is within one standard error of the smallest (of the difference, fold by fold), the one with the fewest unknowns
+is taken.
 
 Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd edition 2009, section 7.10.
 """
@@ -89,14 +90,21 @@ class Selection:
         before = "" if c == self.unchosen else f", {self.unchosen.error_percent:.3g} % without the choice"
         smallest = "" if c == b else f", {b.error_percent:.3g} % at best"
         if (g := self.given_up) is not None:
-            smallest += (f"; n = {g.n}, m = {g.m} and {_said(g)} err less there, {g.error_percent:.3g} %, but more at the output on data left "
-                         "out")
-        return (f"Cross-validation over {len(self.candidates)} structures takes n = {c.n}, m = {c.m} and {_said(c)}: an RMS error of the drive of "
-                f"{c.error_percent:.3g} % of its range on excursions left out{before}{smallest}.")
+            smallest += (
+                f"; n = {g.n}, m = {g.m} and {_said(g)} err less there, {g.error_percent:.3g} %, but more at "
+                "the output on data left "
+                "out"
+            )
+        return (
+            f"Cross-validation over {len(self.candidates)} structures takes n = {c.n}, m = {c.m} and {_said(c)}: "
+            "an RMS error of the drive of "
+            f"{c.error_percent:.3g} % of its range on excursions left out{before}{smallest}."
+        )
 
     @property
     def table(self) -> tuple[Candidate, ...]:
-        """The chosen one, and of the others the best of each number of rates and of each pair of orders, by their error."""
+        """The chosen one, and of the others the best of each number of rates and of each pair of orders, by their
+        error."""
         kept: dict[object, Candidate] = {}
         for each in sorted(self.candidates, key=_error):
             kept.setdefault(len(each.creep_rates), each)
@@ -106,8 +114,18 @@ class Selection:
     def to_dict(self) -> dict[str, Any]:
         """The sentence, and the table with the standing of each row, as JSON can hold them."""
         standing = {self.best: "smallest error", self.unchosen: "without a choice", self.chosen: "chosen"}
-        rows = [{"n": c.n, "m": c.m, "creep_rates": list(c.creep_rates), "d": c.d, "error_percent": c.error_percent,
-                 "standard_error": c.standard_error, "standing": standing.get(c, "")} for c in self.table]
+        rows = [
+            {
+                "n": c.n,
+                "m": c.m,
+                "creep_rates": list(c.creep_rates),
+                "d": c.d,
+                "error_percent": c.error_percent,
+                "standard_error": c.standard_error,
+                "standing": standing.get(c, ""),
+            }
+            for c in self.table
+        ]
         return {"sentence": self.sentence, "tried": len(self.candidates), "table": rows}
 
 
@@ -117,7 +135,8 @@ def _said(candidate: Candidate) -> str:
 
 
 def excursions(x: Vector) -> NDArray[np.int64]:
-    """Samples at which the drive turns at the bottom, after it went down and before it goes up by DEPTH of its range."""
+    """Samples at which the drive turns at the bottom, after it went down and before it goes up by DEPTH of its
+    range."""
     depth, bottoms = DEPTH * float(np.ptp(x)), []
     turns = np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1
     high, low, at, falling = x[0], x[0], 0, False
@@ -149,9 +168,19 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
     return tuple(float(f"{10.0 ** (k / PER_DECADE):.6g}") for k in range(fastest, slowest - 1, -1))
 
 
-def select(x: Vector, y: Vector, structure: ModelStructure, start: OperatorState, skip: int, solver: str, *, ns: Sequence[int] = HYSTERESIS_ORDERS,
-           ms: Sequence[int] = SUPERPOSITION_ORDERS, rates: Sequence[float] | None = None,
-           progress: Progress = lambda what, done, total: None) -> Selection | None:
+def select(
+    x: Vector,
+    y: Vector,
+    structure: ModelStructure,
+    start: OperatorState,
+    skip: int,
+    solver: str,
+    *,
+    ns: Sequence[int] = HYSTERESIS_ORDERS,
+    ms: Sequence[int] = SUPERPOSITION_ORDERS,
+    rates: Sequence[float] | None = None,
+    progress: Progress = lambda what, done, total: None,
+) -> Selection | None:
     """Cross-validate creep rates and orders; None where the drive makes too few excursions to tell.
 
     Parameters
@@ -168,14 +197,19 @@ def select(x: Vector, y: Vector, structure: ModelStructure, start: OperatorState
     ns, ms : sequence of int
         Orders to try, those of ``structure`` among them.
     rates : sequence of float, optional
-        Those of ``structure`` where they are known; sets of up to MOST_RATES of ``candidate_rates`` are tried otherwise.
+        Those of ``structure`` where they are known; sets of up to MOST_RATES of ``candidate_rates`` are tried
+        otherwise.
     """
     bottoms = excursions(x[skip:]) + skip
     edges = _edges(bottoms, skip, x.size)
     if bottoms.size < EXCURSIONS or len(edges) <= FOLDS:
         return None
     usual = structure.n, structure.dead_zones // 2
-    grid = candidate_rates(structure.sample_time, (x.size - skip) * structure.sample_time) if rates is None else tuple(rates)
+    grid = (
+        candidate_rates(structure.sample_time, (x.size - skip) * structure.sample_time)
+        if rates is None
+        else tuple(rates)
+    )
     grams = _Grams(structure, ns, ms, tuple(dict.fromkeys((*grid, *structure.creep_rates))), solver)
     grams.accumulate(x, y, start, skip, edges, progress)
     unchosen = grams.judged(*usual, structure.creep_rates)
@@ -188,7 +222,12 @@ def select(x: Vector, y: Vector, structure: ModelStructure, start: OperatorState
         _search(grams, grid, best.n, best.m, progress)
         best = min(grams.found.values(), key=_error)
     good = [c for c in grams.found.values() if _error(c) <= PAYS * _error(unchosen) and _as_good(c, best)]
-    return Selection(tuple(grams.found.values()), best, min(good, key=lambda c: (c.d, len(c.creep_rates), _error(c)), default=unchosen), unchosen)
+    return Selection(
+        tuple(grams.found.values()),
+        best,
+        min(good, key=lambda c: (c.d, len(c.creep_rates), _error(c)), default=unchosen),
+        unchosen,
+    )
 
 
 def _error(candidate: Candidate) -> float:
@@ -208,7 +247,12 @@ def _search(grams: _Grams, grid: Sequence[float], n: int, m: int, progress: Prog
     progress("creep rates", 2, MOST_RATES)
     best = [c for c in sorted(judged, key=_error) if len(c.creep_rates) == 2][:BEAM]
     for size in range(3, MOST_RATES + 1):
-        larger = {tuple(sorted({*c.creep_rates, rate}, reverse=True)) for c in best for rate in grid if rate not in c.creep_rates}
+        larger = {
+            tuple(sorted({*c.creep_rates, rate}, reverse=True))
+            for c in best
+            for rate in grid
+            if rate not in c.creep_rates
+        }
         found = sorted((grams.judged(n, m, each) for each in sorted(larger)), key=_error)
         judged, best = [*judged, *found], found[:BEAM]
         progress("creep rates", size, MOST_RATES)
@@ -225,7 +269,9 @@ def _edges(bottoms: NDArray[np.int64], skip: int, size: int) -> list[int]:
 class _Grams:
     """Gram matrices of all columns, one a fold, and the candidates that were judged by them."""
 
-    def __init__(self, structure: ModelStructure, ns: Sequence[int], ms: Sequence[int], rates: tuple[float, ...], solver: str) -> None:
+    def __init__(
+        self, structure: ModelStructure, ns: Sequence[int], ms: Sequence[int], rates: tuple[float, ...], solver: str
+    ) -> None:
         self.structure, self.rates, self.solver = structure, rates, solver
         self.plays = tuple(sorted({r for n in ns for r in _orders(structure, n, 0).play_thresholds}))
         self.zones = tuple(sorted({r for m in ms for r in _orders(structure, 0, m).dead_zone_thresholds}))
@@ -233,18 +279,25 @@ class _Grams:
         self.folds: list[Matrix] = []
         self.counts: list[int] = []
 
-    def accumulate(self, x: Vector, y: Vector, start: OperatorState, skip: int, edges: Sequence[int], progress: Progress) -> None:
+    def accumulate(
+        self, x: Vector, y: Vector, start: OperatorState, skip: int, edges: Sequence[int], progress: Progress
+    ) -> None:
         """Run all operators once over the samples and sum the products of their columns, fold by fold."""
-        s = replace(self.structure, play_thresholds=self.plays, dead_zone_thresholds=self.zones, creep_rates=(), offset=True)
+        s = replace(
+            self.structure, play_thresholds=self.plays, dead_zone_thresholds=self.zones, creep_rates=(), offset=True
+        )
         r, own = np.array((0.0, *self.plays)), np.array((0.0, *self.structure.play_thresholds))
-        play = np.interp(r, own, start.play[:own.size])
-        rested = np.interp(r, own, start.creep[:own.size]) if start.creep.size else play  # creep starts alike for all rates
+        play = np.interp(r, own, start.play[: own.size])
+        # creep starts alike for all rates
+        rested = np.interp(r, own, start.creep[: own.size]) if start.creep.size else play
         structures = [replace(s, creep_rates=(rate,)) for rate in self.rates] or [s]
         states = [OperatorState.of(play, [rested] * len(each.creep_rates), each) for each in structures]
         self.span = float(np.ptp(s.unit_input(x[skip:])))
 
         def columns(part: slice) -> Matrix:
-            rows = [regressor_rows(each, state, x[part], y[part]) for each, state in zip(structures, states, strict=True)]
+            rows = [
+                regressor_rows(each, state, x[part], y[part]) for each, state in zip(structures, states, strict=True)
+            ]
             fixed = 1 + len(self.plays) + len(self.zones)
             return np.hstack([rows[0][:, :fixed], *(each[:, fixed:-1] for each in rows), rows[0][:, -1:]])
 
@@ -266,7 +319,10 @@ class _Grams:
         if key not in self.found:
             s = replace(_orders(self.structure, n, m), creep_rates=tuple(rates))
             members, first = self._members(s)
-            folds = [np.add.reduceat(np.add.reduceat(gram[np.ix_(members, members)], first, axis=0), first, axis=1) for gram in self.folds]
+            folds = [
+                np.add.reduceat(np.add.reduceat(gram[np.ix_(members, members)], first, axis=0), first, axis=1)
+                for gram in self.folds
+            ]
             total = np.sum(folds, axis=0)
             squares = []
             for gram, count in zip(folds, self.counts, strict=True):
@@ -274,15 +330,25 @@ class _Grams:
                 w = np.concatenate([[1.0], optimum(problem, self.solver)])
                 squares.append(max(float(w @ gram @ w), 0.0) / count)
             errors = 100.0 * np.sqrt(squares) / self.span
-            self.found[key] = Candidate(n, m, tuple(rates), s.d, float(np.sqrt(np.mean(np.square(errors)))),
-                                        float(np.std(errors, ddof=1)) / math.sqrt(errors.size), tuple(errors.tolist()))
+            self.found[key] = Candidate(
+                n,
+                m,
+                tuple(rates),
+                s.d,
+                float(np.sqrt(np.mean(np.square(errors)))),
+                float(np.std(errors, ddof=1)) / math.sqrt(errors.size),
+                tuple(errors.tolist()),
+            )
         return self.found[key]
 
     def _members(self, s: ModelStructure) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """The columns whose sums are those of a structure, x first, one after the other, and where each sum begins."""
         r, zones, creep = (0.0, *self.plays), 1 + len(self.plays), 1 + len(self.plays) + len(self.zones)
-        sums = [[0], *([r.index(threshold)] for threshold in s.play_thresholds),
-                *([zones + self.zones.index(threshold)] for threshold in s.dead_zone_thresholds)]
+        sums = [
+            [0],
+            *([r.index(threshold)] for threshold in s.play_thresholds),
+            *([zones + self.zones.index(threshold)] for threshold in s.dead_zone_thresholds),
+        ]
         if s.creep_rates:
             blocks = [creep + self.rates.index(rate) * len(r) for rate in s.creep_rates]
             sums += [[block + r.index(threshold) for block in blocks] for threshold in (0.0, *s.play_thresholds)]
@@ -294,7 +360,14 @@ class _Grams:
         """The program of a Gram matrix of so many samples; an operator of small variance has not moved."""
         gram, first = gram / count, 1 + s.n + s.dead_zones
         moved = np.diag(gram) - gram[-1] ** 2 > STILL if s.offset else np.diag(gram) > STILL
-        excitation = Excitation(-1.0, 1.0, -1.0, 1.0, tuple(moved[1:1 + s.n].tolist()), tuple(moved[first:first + s.creep_weights].tolist()))
+        excitation = Excitation(
+            -1.0,
+            1.0,
+            -1.0,
+            1.0,
+            tuple(moved[1 : 1 + s.n].tolist()),
+            tuple(moved[first : first + s.creep_weights].tolist()),
+        )
         return IdentificationProblem(s, gram[1:, 1:], gram[0, 1:], 0.5 * float(gram[0, 0]), excitation)
 
 

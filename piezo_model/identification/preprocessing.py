@@ -1,7 +1,8 @@
 """What an identification counts, and from which states on: the sign of the output, a switch-on transient, the start.
 
-A recording is counted from its first sample, since the start is found (`initial_state`). Left out is only what no start explains: first
-samples at which the model of the whole, and that of the rest, errs far more than anywhere later, as where an amplifier was switched on.
+A recording is counted from its first sample, since the start is found (`initial_state`). Left out is only what no start
+explains: first samples at which the model of the whole, and that of the rest, errs far more than anywhere later, as
+where an amplifier was switched on.
 """
 
 from __future__ import annotations
@@ -39,11 +40,13 @@ class Preprocessed:
     rest: float | None
 
 
-def preprocess(recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool) -> Preprocessed:
+def preprocess(
+    recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool
+) -> Preprocessed:
     """Find the sign of the output, what to leave out at the start, and the states before the first sample.
 
-    First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure becomes that of the counted
-    part. IdentificationError where too few samples are left.
+    First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure
+    becomes that of the counted part. IdentificationError where too few samples are left.
     """
     head = head_of(recording, s)
 
@@ -71,7 +74,8 @@ def preprocess(recording: Recording, s: ModelStructure, solver: str, proximal: f
         return np.abs(model.simulate(x, state.copy()) - y) / (2.0 * abs(s.y_scale))
 
     def transient(look: int) -> int:
-        """First samples that the model of the whole does not describe, or is spoiled by, and that of the rest does not describe either."""
+        """First samples that the model of the whole does not describe, or is spoiled by, and that of the rest does not
+        describe either."""
         state, settled = found(s, 0, refine=False)[0], ranged(s, look)
         whole = errors(s, 0, state)
         if not transient_end(whole, look):
@@ -94,7 +98,12 @@ def preprocess(recording: Recording, s: ModelStructure, solver: str, proximal: f
 def require(recording: Recording, s: ModelStructure, skip: int) -> None:
     """Refuse a recording that skipping leaves too little of, or no movement."""
     if recording.length - skip <= s.d:
-        raise IdentificationError(f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples "
-                                  f"are left after skipping {skip}, too few for {s.d} weights")
+        raise IdentificationError(
+            f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} "
+            "samples "
+            f"are left after skipping {skip}, too few for {s.d} weights"
+        )
     if skip and moving_from(recording, skip) == recording.length:
-        raise IdentificationError(f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped")
+        raise IdentificationError(
+            f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped"
+        )

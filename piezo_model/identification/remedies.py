@@ -19,12 +19,16 @@ Refit = Callable[..., HysteresisCreepModel]
 
 
 def remedy(refit: Refit, recording: Recording, skip: int | None, m: int | None) -> str:
-    """A clause that names the option with which the recording does give a model, with the error then; "" where none was found.
+    """A clause that names the option with which the recording does give a model, with the error then; "" where none was
+    found.
 
     What is tried: to leave out first samples, and lower orders than ``m``, None where it may not be chosen.
     """
     if (found := _transient(refit, recording, skip or 0)) is not None:
-        return f"; its first {found[0]} samples seem to hold a transient: with --skip {found[0]} the model leaves {found[1]}"
+        return (
+            f"; its first {found[0]} samples seem to hold a transient: with --skip {found[0]} the model leaves "
+            f"{found[1]}"
+        )
     for lower in range((m or 0) - 1, -1, -1):
         if (model := _tried(refit, m=lower)) is not None:
             return f"; with --m {lower} the model leaves {_left(model)}"

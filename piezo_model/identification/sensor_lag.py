@@ -136,7 +136,7 @@ def shift_output(y: Vector, lag: float) -> Shifted:
     start, stop = max(0, before - whole), min(y.size, y.size - after - whole)
     if stop <= start:
         raise ValueError(f"{y.size} samples are too few to be shifted by {lag:g} samples")
-    values: Vector = np.correlate(y[start + whole - before:stop + whole + after], kernel, mode="valid")
+    values: Vector = np.correlate(y[start + whole - before : stop + whole + after], kernel, mode="valid")
     return Shifted(values, slice(start, stop))
 
 

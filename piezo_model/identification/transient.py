@@ -12,7 +12,8 @@ from solvers.arrays import Vector
 TRANSIENT_SHARE = 0.1
 """Longest transient, as a share of the recording."""
 FAR_MORE, NOTABLE = 4.0, 0.03
-"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the range."""
+"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the
+range."""
 
 
 def longest_transient(head: Recording, s: ModelStructure) -> int:
@@ -22,7 +23,8 @@ def longest_transient(head: Recording, s: ModelStructure) -> int:
 
 
 def transient_end(error: Vector, look: int) -> int:
-    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after them; 0 for none."""
+    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after
+    them; 0 for none."""
     later = float(np.max(error[look:]))
     if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
         return 0

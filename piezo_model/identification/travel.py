@@ -1,4 +1,5 @@
-"""Where the drive of a recording moves, what it has covered by then, and how much of the recording its start is found from."""
+"""Where the drive of a recording moves, what it has covered by then, and how much of the recording its start is found
+from."""
 
 from __future__ import annotations
 
@@ -24,20 +25,27 @@ def head_of(recording: Recording, s: ModelStructure) -> Recording:
 def settled_from(recording: Recording, s: ModelStructure) -> int:
     """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
     span = recording.x_range[1] - recording.x_range[0]
-    return covered_from(recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0))
+    return covered_from(
+        recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0)
+    )
 
 
 def moving_from(recording: Recording, skip: int) -> int:
-    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if it stays so."""
+    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
+    it stays so."""
     return covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
 
 
 def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
-    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it never does."""
+    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
+    never does."""
     low, high, seen = math.inf, -math.inf, 0
     for x, _ in recording.chunks():
         after = max(skip - seen, 0)
-        lows, highs = np.minimum.accumulate(np.minimum(x[after:], low)), np.maximum.accumulate(np.maximum(x[after:], high))
+        lows, highs = (
+            np.minimum.accumulate(np.minimum(x[after:], low)),
+            np.maximum.accumulate(np.maximum(x[after:], high)),
+        )
         covered = np.flatnonzero(highs - lows >= span)
         if covered.size:
             return seen + after + int(covered[0])
@@ -51,7 +59,7 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
         return recording.y_range
     low, high, seen = math.inf, -math.inf, 0
     for _, y in recording.chunks():
-        counted = y[max(skip - seen, 0):]
+        counted = y[max(skip - seen, 0) :]
         low, high = float(np.min(counted, initial=low)), float(np.max(counted, initial=high))
         seen += y.size
     return low, high

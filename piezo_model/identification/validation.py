@@ -1,7 +1,8 @@
 """A model on a recording that its identification has not seen.
 
-The weights stay. What no recording holds is found as in the identification: the states before the first sample (`initial_state`), here by
-the variance of the output's error, and the sensor's offset between the two sessions, which is the mean of it.
+The weights stay. What no recording holds is found as in the identification: the states before the first sample
+(`initial_state`), here by the variance of the output's error, and the sensor's offset between the two sessions, which
+is the mean of it.
 """
 
 from __future__ import annotations
@@ -67,17 +68,29 @@ class Validation:
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
-            yield (f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up to "
-                   f"{percent(self.fit.skipped_max_percent)}.")
+            yield (
+                f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up "
+                "to "
+                f"{percent(self.fit.skipped_max_percent)}."
+            )
         if abs(self.shift) > 0.1 * self.fit.rms:
-            yield (f"The sensor's offset has changed by {quantity(self.shift, self.unit, 3)} ({percent(100.0 * abs(self.shift) / self.fit.span)} "
-                   f"of the range) since the identification; that is removed.")
+            yield (
+                f"The sensor's offset has changed by {quantity(self.shift, self.unit, 3)} "
+                f"({percent(100.0 * abs(self.shift) / self.fit.span)} "
+                f"of the range) since the identification; that is removed."
+            )
         if self.fitted_rms_percent is not None and self.fit.rms_percent > 2.0 * self.fitted_rms_percent:
-            yield (f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the {percent(self.fitted_rms_percent)} "
-                   f"of the recording that it was identified from.")
+            yield (
+                f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the "
+                f"{percent(self.fitted_rms_percent)} "
+                f"of the recording that it was identified from."
+            )
         if self.beyond_percent > 1.0:
-            yield (f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, where the model "
-                   f"extrapolates; an offset of the sensor is looked for within that range alone.")
+            yield (
+                f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
+                "where the model "
+                f"extrapolates; an offset of the sensor is looked for within that range alone."
+            )
 
 
 def _outlier(recording: Recording, unit: str) -> str:
@@ -87,7 +100,8 @@ def _outlier(recording: Recording, unit: str) -> str:
 
 
 def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState:
-    """States before the first sample of a recording that explain it best; the identification's where these do as well as there.
+    """States before the first sample of a recording that explain it best; the identification's where these do as well
+    as there.
 
     Raises
     ------
@@ -98,11 +112,13 @@ def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState
 
 
 def _start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
-    """The states before the first sample, and the first samples that hold a transient, as the identification finds them."""
+    """The states before the first sample, and the first samples that hold a transient, as the identification finds
+    them."""
     s = model.structure
     if abs(recording.sample_time / s.sample_time - 1.0) > 1e-3:
-        raise IdentificationError(f"{recording.name}: is sampled every {recording.sample_time:g} s and the model every "
-                                  f"{s.sample_time:g} s")
+        raise IdentificationError(
+            f"{recording.name}: is sampled every {recording.sample_time:g} s and the model every {s.sample_time:g} s"
+        )
     head = head_of(recording, s)
     (x, y), look = head.arrays(), longest_transient(head, s)
 
@@ -130,7 +146,10 @@ def _start_and_transient(model: HysteresisCreepModel, recording: Recording) -> t
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     """Judge a model on a recording; see ``HysteresisCreepModel.validate``."""
     s = model.structure
-    for what, own, other in (("input", recording.input_unit, s.input_unit), ("output", recording.output_unit, s.output_unit)):
+    for what, own, other in (
+        ("input", recording.input_unit, s.input_unit),
+        ("output", recording.output_unit, s.output_unit),
+    ):
         if own and other and own != other:
             raise IdentificationError(f"{recording.name}: its {what} is in {own} and that of the model in {other}")
     (state, skip), lag = _start_and_transient(model, recording), model.report.get("lag")
@@ -141,5 +160,13 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
     reported = model.report.get("fit", {}).get("rms_percent")
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
-    return Validation(fit, shift, start, reported, max(0.0, 50.0 * (farthest - 1.0)), s.output_unit, model.warning,
-                      _outlier(recording, s.output_unit))
+    return Validation(
+        fit,
+        shift,
+        start,
+        reported,
+        max(0.0, 50.0 * (farthest - 1.0)),
+        s.output_unit,
+        model.warning,
+        _outlier(recording, s.output_unit),
+    )

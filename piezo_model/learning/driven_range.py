@@ -1,13 +1,14 @@
 """Thresholds follow the range that is really driven.
 
-    widen    where the drive, at once, or the output, in a whole cycle or piece without a fault, went beyond OVER of the structure's range
-    narrow   where all the cycles, or pieces of PIECE_S, that are remembered, 6 at least, stayed within half of its width, or 60 within ¾
+    widen    where the drive, at once, or the output, in a whole cycle or piece without a fault, went beyond OVER of the
+    structure's range narrow   where all the cycles, or pieces of PIECE_S, that are remembered, 6 at least, stayed
+    within half of its width, or 60 within ¾
 
-wider to what holds both the old range and the driven one, narrower to the range of those cycles, with MARGIN on either side,
-drive and output each for itself. The thresholds stay where they are
+wider to what holds both the old range and the driven one, narrower to the range of those cycles, with MARGIN on either
+side, drive and output each for itself. The thresholds stay where they are
 in unit amplitudes and the model is carried over: with x̃ = h + g x̃' the play of threshold r is h + g times the play of
-threshold r/g, so that the weights follow from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; creep
-likewise, and S⁻¹ has the mean slopes of the old one between the new thresholds. The shifts go into the constant.
+threshold r/g, so that the weights follow from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds;
+creep likewise, and S⁻¹ has the mean slopes of the old one between the new thresholds. The shifts go into the constant.
 """
 
 from __future__ import annotations
@@ -66,9 +67,14 @@ class DrivenRange:
             if beyond := max(-bottom, top) > OVER and (whole or name == "x"):
                 bottom, top = min(bottom, -1.0), max(top, 1.0)
             half = 0.5 * (top - bottom)
-            if beyond or any(self.looked >= pieces * self.looks and 0.0 < half < share for pieces, share in UNDER.items()):
+            if beyond or any(
+                self.looked >= pieces * self.looks and 0.0 < half < share for pieces, share in UNDER.items()
+            ):
                 centre, scale = getattr(s, f"{name}_centre"), getattr(s, f"{name}_scale")
-                ranges |= {f"{name}_centre": centre + scale * 0.5 * (bottom + top), f"{name}_scale": scale * half * (1.0 + 2.0 * MARGIN)}
+                ranges |= {
+                    f"{name}_centre": centre + scale * 0.5 * (bottom + top),
+                    f"{name}_scale": scale * half * (1.0 + 2.0 * MARGIN),
+                }
         if not ranges:
             return None
         self.spans.clear()
@@ -102,7 +108,8 @@ def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> Hysteresis
     >>> structure = ModelStructure.equidistant(n=3, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(),
     ...                                        sample_time=1e-3, offset=True)
     >>> model = HysteresisCreepModel.from_weights(structure, [0.0, 0.4, 0.0, 1.0, 0.1])
-    >>> carried_over(model, replace(structure, x_scale=2.0)).w_H.round(12).tolist()  # the play of threshold ½ is now at ¼
+    >>> # the play of threshold ½ is now at ¼
+    >>> carried_over(model, replace(structure, x_scale=2.0)).w_H.round(12).tolist()
     [1.0, 0.4, 0.0, 0.0]
     """
     old, S = model.structure, model.arrays.S_inverse
@@ -124,5 +131,7 @@ def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> Hysteresis
     block = new.slices[1]
     w_S = new.slope_map[block, block] @ (np.diff(u) / np.diff(edges)) / g
     w_K = at_new_thresholds(model.w_K) if model.w_K.size else model.w_K
-    shift = h * (model.w_H.sum() + len(old.creep_rates) * model.w_K.sum()) - float(inverse_superposition(np.array([centre]))[0])
+    shift = h * (model.w_H.sum() + len(old.creep_rates) * model.w_K.sum()) - float(
+        inverse_superposition(np.array([centre]))[0]
+    )
     return HysteresisCreepModel(new, at_new_thresholds(model.w_H), w_S, w_K, (model.offset + shift) / g)

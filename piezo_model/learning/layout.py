@@ -10,20 +10,55 @@ import numpy as np
 from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.structure import ModelStructure
 
-MEMORY = ("learning", "left", "probation", "level", "squares_in_use", "squares_candidate", "predicted", "established", "noted", "revert",
-          "wait", "pending", "fault_count", "in_half", "x_low", "x_high", "x_low_before", "x_high_before", "hand_overs", "refusals",
-          "faults", "failures", "alone", "span")
+MEMORY = (
+    "learning",
+    "left",
+    "probation",
+    "level",
+    "squares_in_use",
+    "squares_candidate",
+    "predicted",
+    "established",
+    "noted",
+    "revert",
+    "wait",
+    "pending",
+    "fault_count",
+    "in_half",
+    "x_low",
+    "x_high",
+    "x_low_before",
+    "x_high_before",
+    "hand_overs",
+    "refusals",
+    "faults",
+    "failures",
+    "alone",
+    "span",
+)
 """What a learner remembers beside vectors; the last are four numbers."""
 CLOCK = ("next_interval", "phase", "phase_left", "learning_since", "error_in_use", "error_found", "past_share")
 """The first four are whole numbers."""
-COUNTS = ("way", "solver", "middle", "interval", "checkpoint", "half_window", "reset_lasts", "build_lasts", "learn_lasts", "solve_lasts")
+COUNTS = (
+    "way",
+    "solver",
+    "middle",
+    "interval",
+    "checkpoint",
+    "half_window",
+    "reset_lasts",
+    "build_lasts",
+    "learn_lasts",
+    "solve_lasts",
+)
 SHARES = ("forgetting", "share", "proximal", "min_slope", "smoothing", "step_ratio")
 CONTINUOUS, CYCLIC = range(2)
 EXACT, STEPS, ANSWERED = range(3)
 """Who solves: the core's exact solver, the core by projected steps, or somebody whose answer it is given."""
 
 PROXIMAL = 1e-8
-"""In continuous operation, the share of the diagonal with which the solver holds what the data leave open where it is."""
+"""In continuous operation, the share of the diagonal with which the solver holds what the data leave open where it
+is."""
 CHECKPOINT_S = 0.5
 """Between states that are noted to be gone back to after a fault of the sensor."""
 MOST_ROWS, FEWEST_ROWS = 32, 8
@@ -45,18 +80,30 @@ def block_samples(counts: tuple[int, ...]) -> int:
     return block if block >= min(FEWEST_ROWS, most) else max(1, smallest // max(2, -(-smallest // MOST_ROWS)))
 
 
-def continuous_numbers(s: ModelStructure, hand_over_s: float, memory_s: float, reset_s: float) -> tuple[int, dict[str, float]]:
+def continuous_numbers(
+    s: ModelStructure, hand_over_s: float, memory_s: float, reset_s: float
+) -> tuple[int, dict[str, float]]:
     """Samples of a block, and the settings of continuous operation with the exact solver."""
     block = block_samples((s.samples(hand_over_s),))
     interval = max(2, s.samples(hand_over_s) // block) * block
     forgetting = math.exp(-s.sample_time / memory_s)
-    return block, {"way": CONTINUOUS, "solver": EXACT, "middle": s.middle, "interval": interval,
-                   "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval), "half_window": s.samples(memory_s),
-                   "reset_lasts": s.samples(reset_s), "forgetting": forgetting, "share": 1.0 - forgetting, "proximal": PROXIMAL,
-                   "min_slope": MIN_SLOPE, "smoothing": 1.0 / s.samples(1.0)}
+    return block, {
+        "way": CONTINUOUS,
+        "solver": EXACT,
+        "middle": s.middle,
+        "interval": interval,
+        "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval),
+        "half_window": s.samples(memory_s),
+        "reset_lasts": s.samples(reset_s),
+        "forgetting": forgetting,
+        "share": 1.0 - forgetting,
+        "proximal": PROXIMAL,
+        "min_slope": MIN_SLOPE,
+        "smoothing": 1.0 / s.samples(1.0),
+    }
 
 
 def write_settings(numbers: Mapping[str, float], into: np.ndarray) -> None:
     """Write settings by their names into the core's ``LearnerSettings``; those that are not named are 0."""
-    into[:len(COUNTS)].view(np.int64)[:] = [int(numbers.get(name, 0)) for name in COUNTS]
-    into[len(COUNTS):] = [numbers.get(name, 0.0) for name in SHARES]
+    into[: len(COUNTS)].view(np.int64)[:] = [int(numbers.get(name, 0)) for name in COUNTS]
+    into[len(COUNTS) :] = [numbers.get(name, 0.0) for name in SHARES]

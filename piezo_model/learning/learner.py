@@ -1,7 +1,8 @@
 """The learner of a compensator: a state of the core, whose weights it changes, and what the core has to tell.
 
-Each sample and each block is the core's business (``core/controller.h``, ``core/learner.h``); it comes back to Python where there is
-something to tell: an event for the log, a program for a solver, a range to look at. Cyclic and continuous operation are settings.
+Each sample and each block is the core's business (``core/controller.h``, ``core/learner.h``); it comes back to Python
+where there is something to tell: an event for the log, a program for a solver, a range to look at. Cyclic and
+continuous operation are settings.
 """
 
 from __future__ import annotations
@@ -54,8 +55,11 @@ class Learner:
         s = compensator.model.structure
         self.cyclic = settings.mode == "cyclic"
         self._problem: IdentificationProblem | None = None
-        self.block, numbers = self._cyclic_numbers() if self.cyclic else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s,
-                                                                                              settings.reset_s)
+        self.block, numbers = (
+            self._cyclic_numbers()
+            if self.cyclic
+            else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s, settings.reset_s)
+        )
         """Samples of a block."""
         if not self.cyclic and settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
@@ -74,13 +78,22 @@ class Learner:
         lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
         stepped = settings.solver == STEPPED
         return layout.block_samples(tuple(lasts.values())), {
-            "way": CYCLIC, "solver": STEPS if stepped else ANSWERED, "middle": s.middle, **lasts, "solve_lasts": settings.samples_to_solve,
-            "forgetting": 1.0, "share": 1.0, "proximal": settings.proximal, "min_slope": MIN_SLOPE,
-            "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5}
+            "way": CYCLIC,
+            "solver": STEPS if stepped else ANSWERED,
+            "middle": s.middle,
+            **lasts,
+            "solve_lasts": settings.samples_to_solve,
+            "forgetting": 1.0,
+            "share": 1.0,
+            "proximal": settings.proximal,
+            "min_slope": MIN_SLOPE,
+            "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
+        }
 
     @property
     def problem(self) -> IdentificationProblem | None:
-        """Of cyclic operation, what the last building phase has gathered, with what is recalled of the cycles before."""
+        """Of cyclic operation, what the last building phase has gathered, with what is recalled of the cycles
+        before."""
         return self._problem
 
     @property
@@ -104,7 +117,9 @@ class Learner:
     def step(self, y_ref: float, y: float | None) -> float:
         """Observe the output of the last drive, None where there was none, then the drive for a reference."""
         with self.core.alone():
-            x, brought = face.learner_step(self.core.block, self._compensator.block, y_ref, math.nan if y is None else y, y is not None)
+            x, brought = face.learner_step(
+                self.core.block, self._compensator.block, y_ref, math.nan if y is None else y, y is not None
+            )
             if brought:
                 self._follow(Brought(brought))
                 x, _ = face.learner_step(self.core.block, self._compensator.block, y_ref, math.nan, False)
@@ -152,10 +167,15 @@ class Learner:
             self._follow_range()
 
     def _follow_cycle(self, brought: Brought) -> None:
-        errors = float(self.core["clock"][CLOCK.index("error_in_use")]), float(self.core["clock"][CLOCK.index("error_found")])
+        errors = (
+            float(self.core["clock"][CLOCK.index("error_in_use")]),
+            float(self.core["clock"][CLOCK.index("error_found")]),
+        )
         if Brought.UNEXCITED in brought:
             low, high = self.core["covered"][:2]
-            self._note("refused", f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed")
+            self._note(
+                "refused", f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed"
+            )
         elif Brought.NOT_A_NUMBER in brought:
             self._note("refused", f"the solver {self._settings.solver} found no finite weights")
         elif Brought.WORSE in brought:
@@ -167,7 +187,9 @@ class Learner:
         return int(self.core.whole("clock")[CLOCK.index(name)])
 
     def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
-        self._log.append(Event(self.count("sample"), what, message, old, new, self._clock("learning_since") if self.cyclic else 0))
+        self._log.append(
+            Event(self.count("sample"), what, message, old, new, self._clock("learning_since") if self.cyclic else 0)
+        )
 
     def _solve(self) -> None:
         """Have the program of the core solved."""
@@ -198,7 +220,7 @@ class Learner:
     def _follow_range(self) -> None:
         """Go on in other ranges, where those that were driven are others."""
         core, old = self.core, self._compensator.model.structure
-        span = core["covered"] if self.cyclic else core["memory"][MEMORY.index("span"):]
+        span = core["covered"] if self.cyclic else core["memory"][MEMORY.index("span") :]
         new = self._driven.look(span, old) if self._settings.follow_range and np.all(np.isfinite(span)) else None
         if not self.cyclic:
             span[:] = math.inf, -math.inf, math.inf, -math.inf
@@ -206,7 +228,8 @@ class Learner:
             return
         state = OperatorState(core["block_play"], core["block_creep"]).on(old, new)
         level = core["memory"][MEMORY.index("level")] * (old.x_scale / new.x_scale) ** 2
-        learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])  # perhaps offered and not yet taken
+        # perhaps offered and not yet taken
+        learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
         self._compensator.change_model(carried_over(learned, new), self._settings.fade_s)
         core["in_use"][:] = new.inverse_slope_map @ self._compensator.model.weights
         core["memory"][MEMORY.index("level")] = level
@@ -221,7 +244,8 @@ class Learner:
             return {"core": self.core.block.copy(), "driven": self._driven.memory()}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before. ValueError says why not."""
+        """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before. ValueError
+        says why not."""
         with self.core.alone():
             found = convert(memory, LearningMemory)
             if found["core"].dtype != np.uint8 or found["core"].size != self.core.block.size:
@@ -229,4 +253,8 @@ class Learner:
             self._driven.restore(found["driven"])
             face.learner_restore(self.core.block, aligned(found["core"]))
             stepping = self.cyclic and self._clock("phase") == LEARN
-            self._problem = program.gathered(self.core, self._compensator.model.structure, self._settings.proximal) if stepping else None
+            self._problem = (
+                program.gathered(self.core, self._compensator.model.structure, self._settings.proximal)
+                if stepping
+                else None
+            )

@@ -1,4 +1,5 @@
-"""The program of a learner that somebody solves beside the core: what the data of a cycle make, and any registered solver's answer."""
+"""The program of a learner that somebody solves beside the core: what the data of a cycle make, and any registered
+solver's answer."""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ def answer(settings: LearningSettings, P: Matrix, q: Vector, lower: Vector, star
     """The solver's minimiser (d,) of ½ vᵀP v + qᵀv over v ≥ lower, warm from ``start``; NaN where it found none."""
     from qpsolvers import Problem
 
-    return solved(settings.solver, settings.solver_options, Problem(P, q, lb=lower, ub=np.full(q.size, np.inf)), start, c)
+    return solved(
+        settings.solver, settings.solver_options, Problem(P, q, lb=lower, ub=np.full(q.size, np.inf)), start, c
+    )
 
 
 def gathered(core: State, s: ModelStructure, proximal: float) -> IdentificationProblem:
@@ -28,7 +31,21 @@ def gathered(core: State, s: ModelStructure, proximal: float) -> IdentificationP
     r, creep = core["r"], core["start_creep"].reshape(-1, s.lanes)
     play_moved = (x_max - r > core["start_play"]) | (x_min + r < core["start_play"])
     creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
-    excitation = Excitation(x_min, x_max, y_min, y_max, tuple(play_moved[1:s.n + 1].tolist()),
-                            tuple(creep_moved[:s.creep_weights].tolist()))
-    return IdentificationProblem(s, S.T @ products[1:, 1:] @ S, S.T @ products[0, 1:], 0.5 * float(products[0, 0]), excitation,
-                                 s.slope_map @ core["reference"], proximal, MIN_SLOPE)
+    excitation = Excitation(
+        x_min,
+        x_max,
+        y_min,
+        y_max,
+        tuple(play_moved[1 : s.n + 1].tolist()),
+        tuple(creep_moved[: s.creep_weights].tolist()),
+    )
+    return IdentificationProblem(
+        s,
+        S.T @ products[1:, 1:] @ S,
+        S.T @ products[0, 1:],
+        0.5 * float(products[0, 0]),
+        excitation,
+        s.slope_map @ core["reference"],
+        proximal,
+        MIN_SLOPE,
+    )

@@ -18,8 +18,9 @@ EXACT_SOLVERS = ("projected_difference", "box_active_set", "recursive_active_set
 """What means the core's exact solver in continuous operation: the default, and those that are exact."""
 
 MIN_SLOPE = 0.1
-"""Smallest slope of S⁻¹, in unit amplitudes, that is learned. With a much smaller one a single wrong slope in an outer piece would
-be there for ever: the drive would hardly rise with the reference, so the output would never come to where it is put right."""
+"""Smallest slope of S⁻¹, in unit amplitudes, that is learned. With a much smaller one a single wrong slope in an outer
+piece would be there for ever: the drive would hardly rise with the reference, so the output would never come to where
+it is put right."""
 
 
 def require_seconds(name: str, value: float) -> None:

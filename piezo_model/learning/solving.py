@@ -25,8 +25,8 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
 
     It is set up before with other data of the same structure, so that nothing of the answer is worked out then.
 
-    The ``options`` are lane, settings and ``setting``: what :func:`solvers.protocol.setting_text` calls a rung of the solver's ladder, or
-    the use without any; by default the tightest that it says it reaches.
+    The ``options`` are lane, settings and ``setting``: what :func:`solvers.protocol.setting_text` calls a rung of the
+    solver's ladder, or the use without any; by default the tightest that it says it reaches.
 
     Examples
     --------
@@ -45,7 +45,9 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     return np.full_like(found, np.nan)
 
 
-def _asked(solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any) -> Iterator[Solver]:
+def _asked(
+    solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any
+) -> Iterator[Solver]:
     """A solver at the setting that is wanted, or at each of its ladder from the tightest on."""
     cls = solvers.find(solver, lane).load()
     for asked in cls.ladder(c)[::-1] if setting is None else [cls.at(setting, c)]:
@@ -66,7 +68,8 @@ def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
 
 
 def step_ratio(options: Mapping[str, Any] | None) -> float:
-    """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot be."""
+    """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot
+    be."""
     from qpsolvers import Problem
 
     engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "setting"})

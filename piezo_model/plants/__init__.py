@@ -25,8 +25,12 @@ def _classes() -> dict[str, type[Actuator]]:
     for file in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f"{__name__}.{file.name}")
         for cls in vars(module).values():
-            if (inspect.isclass(cls) and issubclass(cls, Actuator) and cls.__module__ == module.__name__
-                    and not inspect.isabstract(cls)):
+            if (
+                inspect.isclass(cls)
+                and issubclass(cls, Actuator)
+                and cls.__module__ == module.__name__
+                and not inspect.isabstract(cls)
+            ):
                 found[file.name] = cls
     return found
 

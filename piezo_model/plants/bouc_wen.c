@@ -3,9 +3,12 @@
 
 #include <math.h>
 
-#define LONGEST_STEP (1.0 / 1024.0) /* of u in one Runge-Kutta step: the kink of |h|^n at h = 0 costs the method its order there */
+#define LONGEST_STEP                                                                                                   \
+    (1.0 / 1024.0) /* of u in one Runge-Kutta step: the kink of |h|^n at h = 0 costs the method its order there */
 
-typedef struct { double A, beta, gamma, n; } BoucWen;
+typedef struct {
+    double A, beta, gamma, n;
+} BoucWen;
 
 /* dh/du where u moves in the given direction (1 or -1). */
 static double slope(const BoucWen *p, double h, double direction)

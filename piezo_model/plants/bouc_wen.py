@@ -85,8 +85,12 @@ class BoucWen(Actuator):
     def draw(random: np.random.Generator) -> dict[str, Any]:
         """Options of an individual."""
         beta = random.uniform(0.8, 2.5)
-        return {"loading_slope": random.uniform(0.15, 0.35), "beta": beta, "gamma": beta * random.uniform(0.0, 1.0),
-                "exponent": random.uniform(1.0, 1.8)}
+        return {
+            "loading_slope": random.uniform(0.15, 0.35),
+            "beta": beta,
+            "gamma": beta * random.uniform(0.0, 1.0),
+            "exponent": random.uniform(1.0, 1.8),
+        }
 
     def _h_along(self, u: Vector, h: Vector, u_before: Vector) -> Vector:
         path = np.empty_like(u)

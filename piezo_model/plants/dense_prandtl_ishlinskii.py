@@ -79,12 +79,18 @@ class DensePrandtlIshlinskii(Actuator):
     def _respond(self, u: Vector) -> Vector:
         memory = self._memory
         v = np.empty_like(u)
-        face.plays_and_creep(u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"], memory["u_previous"], v)
+        face.plays_and_creep(
+            u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"], memory["u_previous"], v
+        )
         return curved(v, self.saturation, self.asymmetry)
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
         """Options of an individual."""
-        return {"thresholds": int(random.integers(20, 60)), "reversible_share": random.uniform(0.55, 0.85),
-                "threshold_scale": random.uniform(0.15, 0.8), "saturation": random.uniform(0.0, 0.15),
-                "asymmetry": random.uniform(-0.1, 0.1)}
+        return {
+            "thresholds": int(random.integers(20, 60)),
+            "reversible_share": random.uniform(0.55, 0.85),
+            "threshold_scale": random.uniform(0.15, 0.8),
+            "saturation": random.uniform(0.0, 0.15),
+            "asymmetry": random.uniform(-0.1, 0.1),
+        }

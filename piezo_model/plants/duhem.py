@@ -4,9 +4,9 @@
 
 (B. D. Coleman and M. L. Hodgdon, "A constitutive relation for rate-independent hysteresis in ferromagnetically soft
 materials", International Journal of Engineering Science 24 (1986), 897-919.) The deviation e = v − u goes to
-∓(1 − b) / α as u rises or falls and is exact over any step, e ← e_∞ + (e − e_∞) e^(−α |Δu|). With ½ < b ≤ 1 every branch
-rises. The equation forgets turning points with the way of u and not by wiping them out, so minor loops do not close.
-S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α what |v| never exceeds.
+∓(1 − b) / α as u rises or falls and is exact over any step, e ← e_∞ + (e − e_∞) e^(−α |Δu|). With ½ < b ≤ 1 every
+branch rises. The equation forgets turning points with the way of u and not by wiping them out, so minor loops do not
+close. S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α what |v| never exceeds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class Duhem(Actuator):
     alpha : float
         α, positive: the inverse of the way after which a turning point is forgotten, in half ranges of the drive.
     slope_after_turn : float
-        b, above 0.5 and below 1: about the slope after a long way in one direction is 1 and after a turning point 2 b − 1.
+        b, above 0.5 and below 1: about the slope after a long way in one direction is 1 and after a turning point 2 b −
+        1.
     saturation, asymmetry : float
         c and e of the cubic.
 
@@ -76,5 +77,9 @@ class Duhem(Actuator):
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
         """Options of an individual."""
-        return {"alpha": random.uniform(1.0, 6.0), "slope_after_turn": random.uniform(0.6, 0.92),
-                "saturation": random.uniform(0.0, 0.15), "asymmetry": random.uniform(-0.1, 0.1)}
+        return {
+            "alpha": random.uniform(1.0, 6.0),
+            "slope_after_turn": random.uniform(0.6, 0.92),
+            "saturation": random.uniform(0.0, 0.15),
+            "asymmetry": random.uniform(-0.1, 0.1),
+        }

@@ -6,13 +6,14 @@
 #define NO_ROOM 1e-15 /* what rounding leaves of the way to the next slider, and of the path */
 
 typedef struct {
-    double spring;         /* the one that does not slide */
-    const double *k, *f;   /* stiffness of the others, and the force at which each slides */
+    double spring;       /* the one that does not slide */
+    const double *k, *f; /* stiffness of the others, and the force at which each slides */
     double *force;
     int sliders;
 } Chain;
 
-/* How far the charge goes before the next slider begins to slide, at most `left` in voltage, and the stiffness on that way. */
+/* How far the charge goes before the next slider begins to slide, at most `left` in voltage, and the stiffness on that
+ * way. */
 static double straight_way(const Chain *p, double direction, double left, double *stiffness)
 {
     double way = INFINITY;

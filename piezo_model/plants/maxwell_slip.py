@@ -85,5 +85,10 @@ class MaxwellSlip(Actuator):
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
         """Options of an individual."""
-        return {"sliders": int(random.integers(3, 30)), "slip_share": random.uniform(0.1, 0.55), "reach": random.uniform(0.4, 1.8),
-                "saturation": random.uniform(0.0, 0.15), "asymmetry": random.uniform(-0.1, 0.1)}
+        return {
+            "sliders": int(random.integers(3, 30)),
+            "slip_share": random.uniform(0.1, 0.55),
+            "reach": random.uniform(0.4, 1.8),
+            "saturation": random.uniform(0.0, 0.15),
+            "asymmetry": random.uniform(-0.1, 0.1),
+        }

@@ -99,6 +99,11 @@ class RelayPreisach(Actuator):
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
         """Options of an individual."""
-        return {"reversible_share": random.uniform(0.55, 0.85), "half_width_scale": random.uniform(0.2, 0.8),
-                "hill_centre": random.uniform(-0.2, 0.3), "hill_centre_slope": random.uniform(-0.2, 0.6),
-                "hill_breadth": random.uniform(0.9, 1.6), "hill_breadth_slope": random.uniform(0.0, 0.6)}
+        return {
+            "reversible_share": random.uniform(0.55, 0.85),
+            "half_width_scale": random.uniform(0.2, 0.8),
+            "hill_centre": random.uniform(-0.2, 0.3),
+            "hill_centre_slope": random.uniform(-0.2, 0.6),
+            "hill_breadth": random.uniform(0.9, 1.6),
+            "hill_breadth_slope": random.uniform(0.0, 0.6),
+        }

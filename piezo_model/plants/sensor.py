@@ -101,7 +101,9 @@ class Sensor(Plant):
             if not (isinstance(getattr(self, option), int | np.integer) and getattr(self, option) >= 0):
                 raise ValueError(f"{option} must be a whole number of at least 0, not {getattr(self, option)}")
         if not self.gap_samples < self.gap_period_samples:
-            raise ValueError(f"gap_samples must be below gap_period_samples = {self.gap_period_samples}, not {self.gap_samples}")
+            raise ValueError(
+                f"gap_samples must be below gap_period_samples = {self.gap_period_samples}, not {self.gap_samples}"
+            )
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
         self._begin()
 
@@ -117,8 +119,9 @@ class Sensor(Plant):
         y = self.plant.run(x)
         if not y.size:
             return y
-        gain = gain_from(self._samples, y.size, self.sample_time, self.gain_drift_per_s, self.gain_swing,
-                         self.gain_swing_period_s)
+        gain = gain_from(
+            self._samples, y.size, self.sample_time, self.gain_drift_per_s, self.gain_swing, self.gain_swing_period_s
+        )
         centre = 0.5 * (self.y_range[0] + self.y_range[1])
         drifted = centre + gain * (y - centre)
         if self._samples == 0:
@@ -131,12 +134,16 @@ class Sensor(Plant):
             drifted, state = lfilter([1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging)
             self._lagging = state / self._keep
         passing = np.concatenate([self._line, drifted])
-        self._line = passing[y.size:].copy()
+        self._line = passing[y.size :].copy()
         # Noise is drawn even if its size is 0: changing the size alone never changes its sequence.
-        measured = passing[:y.size] + self.offset_um + self.noise_um * self._generator.standard_normal(y.size)
+        measured = passing[: y.size] + self.offset_um + self.noise_um * self._generator.standard_normal(y.size)
         if self.quantum_um > 0.0:
             measured = self.quantum_um * np.round(measured / self.quantum_um)
-        return np.where(at < self.gap_period_samples - self.gap_samples, measured, np.nan) if self.gap_samples else measured
+        return (
+            np.where(at < self.gap_period_samples - self.gap_samples, measured, np.nan)
+            if self.gap_samples
+            else measured
+        )
 
     def reset(self) -> None:
         """Put the plant at rest, the time to zero and the noise to its beginning."""
@@ -145,8 +152,12 @@ class Sensor(Plant):
 
     def _own(self) -> Memory:
         words = self._generator.bit_generator.state["state"]["state"]
-        return {"generator": np.array(words, dtype=np.uint64), "samples": np.array([self._samples], dtype=np.int64),
-                "delay_line": self._line.copy(), "lagging": self._lagging.copy()}
+        return {
+            "generator": np.array(words, dtype=np.uint64),
+            "samples": np.array([self._samples], dtype=np.int64),
+            "delay_line": self._line.copy(),
+            "lagging": self._lagging.copy(),
+        }
 
     def state(self) -> Memory:
         """Return a copy of the delay line, the time, the generator and, under ``plant.``, the plant's own state."""

@@ -36,7 +36,8 @@ def numbers(column: pa.Array) -> NDArray[Any]:
 
 
 def times(column: pa.Array) -> NDArray[Any]:
-    """A column of points in time (datetime64), durations or times of day (timedelta64), NaT where a value is missing."""
+    """A column of points in time (datetime64), durations or times of day (timedelta64), NaT where a value is
+    missing."""
     whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()).cast(pa.int64())
     kind = "M" if pa.types.is_timestamp(column.type) else "m"
     return numbers(whole.fill_null(np.iinfo(np.int64).min)).view(f"{kind}8[{column.type.unit}]")

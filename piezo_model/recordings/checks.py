@@ -54,8 +54,15 @@ class Scan:
     """From the first time to the last."""
 
 
-def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: float = 1.0, tolerance: float = TIME_TOLERANCE,
-         length: int | None = None, even: bool = True) -> Scan:
+def scan(
+    table: Table,
+    time: int | None,
+    signals: Sequence[int],
+    sample_time: float = 1.0,
+    tolerance: float = TIME_TOLERANCE,
+    length: int | None = None,
+    even: bool = True,
+) -> Scan:
     """Check a time column and signal columns in one pass.
 
     Parameters
@@ -78,15 +85,20 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
     Raises
     ------
     RecordingError
-        Missing, NaN or infinite values but for missing ones in the last rows, times that run backwards, stand still, leap
-        or jitter, fewer than two rows.
+        Missing, NaN or infinite values but for missing ones in the last rows, times that run backwards, stand still,
+        leap or jitter, fewer than two rows.
     """
     if not 0 < tolerance < 0.5:
         raise RecordingError(f"the time tolerance is a share of the sampling period between 0 and 0.5, not {tolerance}")
     at = [*([] if time is None else [time]), *signals]
     values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
-    clock = None if time is None else ClockCheck(f"{table.path}: time column {table.columns[time].name!r}", table.where,
-                                                 sample_time, tolerance, even)
+    clock = (
+        None
+        if time is None
+        else ClockCheck(
+            f"{table.path}: time column {table.columns[time].name!r}", table.where, sample_time, tolerance, even
+        )
+    )
     for piece in rechunk(limited(table.pieces(at), length), CHUNK):
         for check, column in zip(values, piece, strict=True):
             check.update(column)
@@ -98,7 +110,7 @@ def scan(table: Table, time: int | None, signals: Sequence[int], sample_time: fl
         return replace(scan(table, time, signals, sample_time, tolerance, complete, even), incomplete=rows - complete)
     if clock is None and rows < 2:
         raise RecordingError(f"{table.path}: has {rows} data row{'' if rows == 1 else 's'}, and a recording needs two")
-    ranges = tuple((check.low, check.high) for check in values[len(at) - len(signals):])
+    ranges = tuple((check.low, check.high) for check in values[len(at) - len(signals) :])
     if clock is None:
         return Scan(sample_time, 0.0, rows, 0, ranges, (rows - 1) * sample_time)
     return Scan(clock.sample_time(), clock.resolution * sample_time, rows, 0, ranges, clock.duration_s)
@@ -133,7 +145,8 @@ class ValueCheck:
         self.low, self.high = min(self.low, low), max(self.high, high)
 
     def finish(self) -> int:
-        """Refuse what is not finite; returns the rows up to the last value where all the missing ones come at the end."""
+        """Refuse what is not finite; returns the rows up to the last value where all the missing ones come at the
+        end."""
         if not self.bad:
             return self.count
         if self._only_missing and self.bad == self.count - self._first_bad and self._first_bad >= 2:
@@ -148,7 +161,8 @@ class ValueCheck:
 class ClockCheck:
     """Uniform sampling, over any number of pieces, the first of which settles the sampling period to look for.
 
-    Label and where are as for :class:`ValueCheck`; a unit of the times is so many seconds, and an interval may differ by a share of the period.
+    Label and where are as for :class:`ValueCheck`; a unit of the times is so many seconds, and an interval may differ
+    by a share of the period.
     """
 
     def __init__(self, label: str, where: Where, seconds: float, tolerance: float, even: bool = True) -> None:
@@ -177,7 +191,7 @@ class ClockCheck:
         self._last = float(times[-1])
         for stride in self._strides if self.even else ():
             self._refuse_irregular(window, start, stride)
-        self._tail = window[-self._strides[-1]:].copy()
+        self._tail = window[-self._strides[-1] :].copy()
 
     @property
     def duration_s(self) -> float:
@@ -187,8 +201,10 @@ class ClockCheck:
     def sample_time(self) -> float:
         """Sampling period in seconds, after the last piece."""
         if self.count < 2:
-            raise RecordingError(f"{self.label} has {self.count} data row{'' if self.count == 1 else 's'}, "
-                                 "and a sampling period needs two")
+            raise RecordingError(
+                f"{self.label} has {self.count} data row{'' if self.count == 1 else 's'}, "
+                "and a sampling period needs two"
+            )
         period = (self._last - self._first) / (self.count - 1)
         check_sample_time(f"{self.label}: ", period * self.seconds)
         return _shortest(period * self.seconds, (self.resolution / (self.count - 1) + 1e-9 * period) * self.seconds)
@@ -224,8 +240,10 @@ class ClockCheck:
         back = window[1:] < window[:-1]
         if back.any():
             at = int(np.argmax(back)) + 1
-            raise RecordingError(f"{self.label} runs backwards in {self.where(start + at)}: "
-                                 f"{self._seconds(window[at])} follows {self._seconds(window[at - 1])}")
+            raise RecordingError(
+                f"{self.label} runs backwards in {self.where(start + at)}: "
+                f"{self._seconds(window[at])} follows {self._seconds(window[at - 1])}"
+            )
 
     def _refuse_irregular(self, window: Vector, start: int, stride: int) -> None:
         period, steps = self._period, window[stride:] - window[:-stride]
@@ -237,17 +255,24 @@ class ClockCheck:
         place = self.where(start + at + stride)
         rates = two_rates(np.diff(window), self.tolerance)
         if rates is not None:
-            sentence = (f"has two sampling rates: one sample every {self._seconds(rates[0])} up to {self.where(start + rates[2])} and one every "
-                        f"{self._seconds(rates[1])} from there on")
+            sentence = (
+                f"has two sampling rates: one sample every {self._seconds(rates[0])} up to "
+                f"{self.where(start + rates[2])} and one every "
+                f"{self._seconds(rates[1])} from there on"
+            )
         elif steps[at] == 0:
             sentence = f"stands still in {place}, at {self._seconds(window[at])}"
         elif excess[at] > period / 2:
             missing = max(1, round(float(excess[at]) / period))
-            sentence = (f"has a gap of {self._seconds(steps[at])} before {place}: about {missing} "
-                        f"sample{'s' if missing > 1 else ''} missing at one every {self._seconds(period)}")
+            sentence = (
+                f"has a gap of {self._seconds(steps[at])} before {place}: about {missing} "
+                f"sample{'s' if missing > 1 else ''} missing at one every {self._seconds(period)}"
+            )
         else:
-            sentence = (f"is not sampled uniformly: {self._seconds(steps[at])} from {self.where(start + at)} to "
-                        f"{place}, where {self._seconds(stride * period)} is expected within {self._seconds(allowed)}")
+            sentence = (
+                f"is not sampled uniformly: {self._seconds(steps[at])} from {self.where(start + at)} to "
+                f"{place}, where {self._seconds(stride * period)} is expected within {self._seconds(allowed)}"
+            )
         finest = (period if rates is None else min(rates[:2])) * self.seconds
         raise RecordingError(f"{self.label} {sentence}; --resample {finest:.6g} interpolates to an even clock")
 
@@ -256,7 +281,8 @@ class ClockCheck:
 
 
 def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | None:
-    """The two periods of intervals that are of one length and from some index on of another one, and that index; None where they are not so."""
+    """The two periods of intervals that are of one length and from some index on of another one, and that index; None
+    where they are not so."""
     if steps.size < 2 * SAME_RATE:
         return None
     first = float(np.median(steps[:SAME_RATE]))
@@ -264,8 +290,8 @@ def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | Non
     if others[0] or others.max() < SAME_RATE:
         return None
     at = int(np.argmax(others == SAME_RATE))
-    second = float(np.median(steps[at:at + SAME_RATE]))
-    agree = np.abs(steps[at:at + SAME_RATE] - second) <= max(tolerance, LEAST_CHANGE) * second
+    second = float(np.median(steps[at : at + SAME_RATE]))
+    agree = np.abs(steps[at : at + SAME_RATE] - second) <= max(tolerance, LEAST_CHANGE) * second
     return (first, second, at) if min(first, second) > 0.0 and agree.all() else None
 
 

@@ -1,9 +1,10 @@
-"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789) into seconds, exact to the nanosecond.
+"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789) into seconds, exact to the
+nanosecond.
 
-A column is written in one form: all of its clocks have a date or none has, and so with an offset from UTC, which counts. Whether day or
-month comes first makes no difference to the time that has passed for as long as the date stays the same. Where it first changes, the
-order is settled for the whole column: by what is a date at all, and of two by the one that comes next. So no order is ever guessed, and
-a column is read in one pass.
+A column is written in one form: all of its clocks have a date or none has, and so with an offset from UTC, which
+counts. Whether day or month comes first makes no difference to the time that has passed for as long as the date stays
+the same. Where it first changes, the order is settled for the whole column: by what is a date at all, and of two by the
+one that comes next. So no order is ever guessed, and a column is read in one pass.
 """
 
 from __future__ import annotations
@@ -23,9 +24,13 @@ from piezo_model.recordings.pieces import Elapsed, RecordingError
 from solvers.arrays import Vector
 
 _GAP = "[\\s\u00a0\u202f]*"
-_DATE = rf"(?:(?P<date>\d{{4}}[-./]\d{{1,2}}[-./]\d{{1,2}}|\d{{1,2}}[-./]\d{{1,2}}[-./]\d{{4}})(?:[T_\s]+|{_GAP},{_GAP}))?"
+_DATE = (
+    rf"(?:(?P<date>\d{{4}}[-./]\d{{1,2}}[-./]\d{{1,2}}|\d{{1,2}}[-./]\d{{1,2}}[-./]\d{{4}})(?:[T_\s]+|{_GAP},{_GAP}))?"
+)
 _TIME = r"(?P<first>\d{1,2}):(?P<second>[0-5]\d)(?::(?P<third>[0-5]?\d))?(?:[.,:](?P<fraction>\d+))?"
-CLOCK = re.compile(rf"^{_GAP}{_DATE}{_TIME}{_GAP}(?P<half>[AaPp][Mm])?{_GAP}(?P<zone>Z|UTC|[+-]\d{{2}}(?::?\d{{2}})?)?{_GAP}$")
+CLOCK = re.compile(
+    rf"^{_GAP}{_DATE}{_TIME}{_GAP}(?P<half>[AaPp][Mm])?{_GAP}(?P<zone>Z|UTC|[+-]\d{{2}}(?::?\d{{2}})?)?{_GAP}$"
+)
 DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
 ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
 HALVES = {"": -1, "AM": 0, "PM": 12}
@@ -58,12 +63,15 @@ class ClockReader:
         """Whether a clock of two numbers has minutes and seconds: some of the first ones have a fraction."""
 
     def seconds(self, cells: Sequence[str | None]) -> Vector:
-        """Seconds of the next piece, NaN where a cell is missing; RecordingError for a cell that is no clock of the column's form."""
+        """Seconds of the next piece, NaN where a cell is missing; RecordingError for a cell that is no clock of the
+        column's form."""
         at = np.array([k for k, cell in enumerate(cells) if cell], dtype=int)
         result = np.full(len(cells), np.nan)
         if at.size:
             self._example = self._example or str(cells[at[0]])
-            plain = pc.replace_substring_regex(pa.array([cells[k] for k in at], pa.string()), DOTTED_CLOCK.pattern, r"\1:\2:\3")
+            plain = pc.replace_substring_regex(
+                pa.array([cells[k] for k in at], pa.string()), DOTTED_CLOCK.pattern, r"\1:\2:\3"
+            )
             parts = pc.extract_regex(plain, CLOCK.pattern)
             wrong = pc.index(parts.is_null(), True).as_py()
             if wrong < 0:
@@ -79,7 +87,10 @@ class ClockReader:
     def _times_of_day(self, parts: pa.StructArray) -> NDArray[np.int64]:
         """Nanoseconds since midnight."""
         first, second, third = (_whole(pc.struct_field(parts, name)) for name in ("first", "second", "third"))
-        half, fraction = _each(parts, "half", lambda text: HALVES[text.upper()]).astype(np.int64), pc.struct_field(parts, "fraction")
+        half, fraction = (
+            _each(parts, "half", lambda text: HALVES[text.upper()]).astype(np.int64),
+            pc.struct_field(parts, "fraction"),
+        )
         short = third < 0
         if self._minutes is None and short.any():
             self._minutes = bool((numbers(pc.utf8_length(fraction))[short] > 0).any())
@@ -122,9 +133,12 @@ class ClockReader:
 
 
 def _each(parts: pa.StructArray, name: str, value: Callable[[str], float]) -> Vector:
-    """A value for each text of a part, asked for once for each of the few that there are, in the order in which they come."""
+    """A value for each text of a part, asked for once for each of the few that there are, in the order in which they
+    come."""
     coded = pc.struct_field(parts, name).dictionary_encode()
-    values: Vector = np.array([value(text) for text in coded.dictionary.to_pylist()], dtype=np.float64)[numbers(coded.indices)]
+    values: Vector = np.array([value(text) for text in coded.dictionary.to_pylist()], dtype=np.float64)[
+        numbers(coded.indices)
+    ]
     return values
 
 

@@ -21,10 +21,14 @@ SEPARATORS = ("\t", ";", ",", "|", " ")
 COMMENT = re.compile(r"\s*(?:#|%|//|;|!|\*\*)+\s*")
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
 FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
-DECIMAL = {".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),
-           ",": re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)}
-THOUSANDS = {".": re.compile(r"[+-]?\d{1,3}(?P<mark>[,' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:\.\d*)?"),
-             ",": re.compile(r"[+-]?\d{1,3}(?P<mark>[.' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:,\d*)?")}
+DECIMAL = {
+    ".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),
+}
+THOUSANDS = {
+    ".": re.compile(r"[+-]?\d{1,3}(?P<mark>[,' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:\.\d*)?"),
+    ",": re.compile(r"[+-]?\d{1,3}(?P<mark>[.' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:,\d*)?"),
+}
 REMARKS_BELOW_HEADER = 2
 WORTH: dict[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 
@@ -98,9 +102,15 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | No
     """
     first = max((header if header is not None else -1) + 1, 0)
     quoted = any('"' in line for line in lines)
-    dialects = [Dialect(separator, mark) for separator in SEPARATORS for mark in ([decimal] if decimal else ".,")
-                if quoted or (separator, mark) != (",", ",")]
-    score, dialect, width, rows = max((_score(dialect, lines, first) for dialect in dialects), key=lambda found: found[0])
+    dialects = [
+        Dialect(separator, mark)
+        for separator in SEPARATORS
+        for mark in ([decimal] if decimal else ".,")
+        if quoted or (separator, mark) != (",", ",")
+    ]
+    score, dialect, width, rows = max(
+        (_score(dialect, lines, first) for dialect in dialects), key=lambda found: found[0]
+    )
     if score <= 0:
         return None
     kinds = _kinds(dialect, [dialect.split(lines[k]) for k in rows])
@@ -123,7 +133,9 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
         except csv.Error:
             continue
         kinds = [dialect.kind(cell) for cell in cells]
-        found = [mark for cell, kind in zip(cells, kinds, strict=True) if kind == "text" and (mark := dialect.mark(cell))]
+        found = [
+            mark for cell, kind in zip(cells, kinds, strict=True) if kind == "text" and (mark := dialect.mark(cell))
+        ]
         marks.update(found)
         value = sum(WORTH[kind] for kind in kinds) + 1.4 * len(found)
         if "number" in kinds or "clock" in kinds or found:
@@ -149,8 +161,11 @@ def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
 
 def _fits(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> bool:
     cells = dialect.split(line)
-    return len(cells) == width and all(dialect.kind(cell) in (kind, "empty") for cell, kind in zip(cells, kinds, strict=True)
-                                       if kind in ("number", "clock"))
+    return len(cells) == width and all(
+        dialect.kind(cell) in (kind, "empty")
+        for cell, kind in zip(cells, kinds, strict=True)
+        if kind in ("number", "clock")
+    )
 
 
 def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, width: int, first: int) -> int:
@@ -164,12 +179,16 @@ def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, width
     return at
 
 
-def _headed(lines: Sequence[str], dialect: Dialect, width: int, start: int, kinds: tuple[Kind, ...],
-            header: int | None) -> Layout:
+def _headed(
+    lines: Sequence[str], dialect: Dialect, width: int, start: int, kinds: tuple[Kind, ...], header: int | None
+) -> Layout:
     """Find names and units above the first row: the header may be a comment, with a remark or a rule below it."""
     above = [k for k in range(start) if re.search(r"\w", lines[k])] if header is None else [*range(header, start)]
-    headed = [(k, cells) for k in above[-REMARKS_BELOW_HEADER - 1:] if header != -1
-              and (cells := _names(dialect, lines[k], width, kinds))]
+    headed = [
+        (k, cells)
+        for k in above[-REMARKS_BELOW_HEADER - 1 :]
+        if header != -1 and (cells := _names(dialect, lines[k], width, kinds))
+    ]
     if header is not None and header >= 0:
         headed = headed[:2]
     units: tuple[str, ...] = ("",) * width
@@ -195,13 +214,14 @@ def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[st
     if not joint or any(dialect.kind(cell) != kind for cell, kind in zip(row, kinds, strict=True)):
         return None
     tail = len(dialect.separator.join(line.rstrip("\r\n").split(dialect.separator)[width:])) + 1
-    return (*cells[:width - 1], joint[1].strip()), len(line.rstrip("\r\n")) - tail - len(joint[2])
+    return (*cells[: width - 1], joint[1].strip()), len(line.rstrip("\r\n")) - tail - len(joint[2])
 
 
 def _all_units(cells: Sequence[str]) -> bool:
     known = [bool(canonical(cell)) for cell in cells]
-    return any(known) and all(unit or cell.strip("[]() ").lower() in ("", "-", "1") for cell, unit in
-                              zip(cells, known, strict=True))
+    return any(known) and all(
+        unit or cell.strip("[]() ").lower() in ("", "-", "1") for cell, unit in zip(cells, known, strict=True)
+    )
 
 
 def _names(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> list[str] | None:
@@ -222,8 +242,12 @@ def _splits(dialect: Dialect, text: str) -> list[list[str]]:
     """Ways to cut a header: as the rows are, at wide gaps, and at blanks that do not stand before a bracket."""
     wide, bare = re.split(r"\t+|\s{2,}", text.strip()), re.split(r"\s+(?![\[(])", text.strip())
     if dialect.separator == " ":
-        return [wide, bare, *(next(csv.reader([text], delimiter=mark), []) for mark in ",;" if mark in text),
-                re.findall(r'"[^"]*"', text)]
+        return [
+            wide,
+            bare,
+            *(next(csv.reader([text], delimiter=mark), []) for mark in ",;" if mark in text),
+            re.findall(r'"[^"]*"', text),
+        ]
     ways = [dialect.split(text)]
     if len(ways[0]) == 1:  # the header is written otherwise than the rows
         ways += [wide, bare, re.split(r"[,;]", text)]

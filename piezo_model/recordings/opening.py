@@ -1,4 +1,5 @@
-"""Opens a file of any known format; a format is a file in :mod:`piezo_model.recordings.formats`, and that folder is the registry."""
+"""Opens a file of any known format; a format is a file in :mod:`piezo_model.recordings.formats`, and that folder is the
+registry."""
 
 from __future__ import annotations
 
@@ -40,9 +41,12 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
         return table
     except ModuleNotFoundError as error:
         if error.name == "pyarrow":  # on which the registry of formats stands
-            raise RecordingError(f"{path}: reading a file needs the package pyarrow: install piezobench[bench]") from None
-        raise RecordingError(f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install "
-                             "piezobench[formats]") from None
+            raise RecordingError(
+                f"{path}: reading a file needs the package pyarrow: install piezobench[bench]"
+            ) from None
+        raise RecordingError(
+            f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install piezobench[formats]"
+        ) from None
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file") from None
     except OSError as error:

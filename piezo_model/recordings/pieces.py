@@ -59,7 +59,8 @@ def ahead(pieces: Iterable[Matrix]) -> Iterator[Matrix]:
 
 
 class Elapsed:
-    """Seconds since the first time of a column, over any number of pieces, exact to the unit that the times are kept in.
+    """Seconds since the first time of a column, over any number of pieces, exact to the unit that the times are kept
+    in.
 
     As a number since 1970 a time would be rounded to 0.2 µs. Times of day may pass midnight.
     """

@@ -1,7 +1,7 @@
 """What the values of columns say about their roles where the names say nothing.
 
-Time never falls. Of two signals the output lags the input, be it by hysteresis, creep or delay: drawn over the input the
-loop is run through counterclockwise where the gain is positive, clockwise where it is negative, so that
+Time never falls. Of two signals the output lags the input, be it by hysteresis, creep or delay: drawn over the input
+the loop is run through counterclockwise where the gain is positive, clockwise where it is negative, so that
 
     S = ½ Σ (a_k b_{k+1} − a_{k+1} b_k) · sign(cov(a, b))
 
@@ -60,8 +60,16 @@ def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
             total, rows = total + steps.sum(axis=1), rows + steps.shape[1]
         last = piece[:, -1:].copy()
     mean = total / max(rows, 1)
-    return {k: Profile(float(low[i]), float(high[i]), bool(least[i] >= 0 and most[i] > 0), bool(least[i] == most[i] == 1),
-                       bool(most[i] - least[i] <= 0.5 * mean[i])) for i, k in enumerate(at)}
+    return {
+        k: Profile(
+            float(low[i]),
+            float(high[i]),
+            bool(least[i] >= 0 and most[i] > 0),
+            bool(least[i] == most[i] == 1),
+            bool(most[i] - least[i] <= 0.5 * mean[i]),
+        )
+        for i, k in enumerate(at)
+    }
 
 
 def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], str] | None:
@@ -76,8 +84,12 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], s
         window = np.concatenate([last, piece], axis=1) - first
         a, b = window
         area += 0.5 * float(np.sum(a[:-1] * b[1:] - a[1:] * b[:-1]))
-        fresh = window[:, last.shape[1] and 1:]
-        covariance, total, rows = covariance + float(fresh[0] @ fresh[1]), total + fresh.sum(axis=1), rows + fresh.shape[1]
+        fresh = window[:, last.shape[1] and 1 :]
+        covariance, total, rows = (
+            covariance + float(fresh[0] @ fresh[1]),
+            total + fresh.sum(axis=1),
+            rows + fresh.shape[1],
+        )
         low, high = np.minimum(low, window.min(axis=1)), np.maximum(high, window.max(axis=1))
         variation += np.abs(np.diff(window, axis=1)).sum(axis=1)
         bends += np.abs(np.diff(window, 2, axis=1)).sum(axis=1)

@@ -1,9 +1,9 @@
 """A recording: what was fed to an actuator and what came out, sampled uniformly.
 
-The file, of any format that :mod:`piezo_model.recordings.formats` knows, has columns for the input x_k and the output y_k,
-and for the time t_k = t_0 + k T unless T is known otherwise. It is checked once, when it is opened, and streamed ever after:
-a recording of hours fits because nothing of it is kept but its ranges. Columns that the user does not name are guessed
-(:mod:`piezo_model.recordings.roles`), and ``describe()`` says so; what is checked and how is in
+The file, of any format that :mod:`piezo_model.recordings.formats` knows, has columns for the input x_k and the output
+y_k, and for the time t_k = t_0 + k T unless T is known otherwise. It is checked once, when it is opened, and streamed
+ever after: a recording of hours fits because nothing of it is kept but its ranges. Columns that the user does not name
+are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` says so; what is checked and how is in
 :mod:`piezo_model.recordings.checks`.
 """
 
@@ -29,7 +29,8 @@ from piezo_model.units import canonical, quantity, shown
 from solvers.arrays import Matrix, Vector
 
 CLOCK_TOLERANCE = 0.01
-"""Share of its duration by which a recording may last longer or shorter by its time column than by a given sampling period."""
+"""Share of its duration by which a recording may last longer or shorter by its time column than by a given sampling
+period."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +64,22 @@ class Recording:
     _pieces: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False, default=tuple)
 
     @classmethod
-    def open(cls, path: str | Path, time: str | None = None, input: str | None = None, output: str | None = None, *,
-             time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
-             decimal: str | None = None, sheet: str | None = None, resample: float | None = None, input_unit: str | None = None,
-             output_unit: str | None = None) -> Recording:
+    def open(
+        cls,
+        path: str | Path,
+        time: str | None = None,
+        input: str | None = None,
+        output: str | None = None,
+        *,
+        time_tolerance: float = TIME_TOLERANCE,
+        sample_time: float | None = None,
+        header_row: int | None = None,
+        decimal: str | None = None,
+        sheet: str | None = None,
+        resample: float | None = None,
+        input_unit: str | None = None,
+        output_unit: str | None = None,
+    ) -> Recording:
         """Open a file and check all of it, in one pass and in bounded memory.
 
         Parameters
@@ -103,14 +116,33 @@ class Recording:
         x, y = (table.columns[roles.at[role]] for role in ("input", "output"))
         for role, column, (low, high) in zip(("input", "output"), (x, y), found.ranges, strict=True):
             _refuse_constant(f"{table.path}: {role} column {column.name!r}", low, high, found.length)
-        return cls(str(path), found.sample_time, found.length, found.ranges[0], found.ranges[1], _unit(input_unit, x), _unit(output_unit, y),
-                   _names(table, roles),
-                   {role: table.columns[roles.at[role]].name for role in roles.reasons}, found.time_resolution, roles.reasons,
-                   _form(table, found), found.signals)
+        return cls(
+            str(path),
+            found.sample_time,
+            found.length,
+            found.ranges[0],
+            found.ranges[1],
+            _unit(input_unit, x),
+            _unit(output_unit, y),
+            _names(table, roles),
+            {role: table.columns[roles.at[role]].name for role in roles.reasons},
+            found.time_resolution,
+            roles.reasons,
+            _form(table, found),
+            found.signals,
+        )
 
     @classmethod
-    def from_arrays(cls, x: ArrayLike, y: ArrayLike, sample_time: float, *, input_unit: str = "", output_unit: str = "",
-                    name: str = "arrays") -> Recording:
+    def from_arrays(
+        cls,
+        x: ArrayLike,
+        y: ArrayLike,
+        sample_time: float,
+        *,
+        input_unit: str = "",
+        output_unit: str = "",
+        name: str = "arrays",
+    ) -> Recording:
         """Make a recording of arrays in memory, which are copied.
 
         Parameters
@@ -129,8 +161,10 @@ class Recording:
         signals = {"input": np.asarray(x, dtype=np.float64), "output": np.asarray(y, dtype=np.float64)}
         shapes = [signal.shape for signal in signals.values()]
         if shapes[0] != shapes[1] or len(shapes[0]) != 1 or not shapes[0][0]:
-            raise RecordingError(f"{name}: input and output must be one-dimensional, of one length and not empty, "
-                                 f"not of shapes {shapes[0]} and {shapes[1]}")
+            raise RecordingError(
+                f"{name}: input and output must be one-dimensional, of one length and not empty, "
+                f"not of shapes {shapes[0]} and {shapes[1]}"
+            )
         ranges = []
         for role, signal in signals.items():
             check = ValueCheck(f"{name}: {role}", "sample {}".format)
@@ -139,8 +173,16 @@ class Recording:
             _refuse_constant(f"{name}: {role}", check.low, check.high, check.count)
             ranges.append((check.low, check.high))
         both = np.stack(list(signals.values()))
-        return cls(name, float(sample_time), both.shape[1], ranges[0], ranges[1], input_unit, output_unit,
-                   _pieces=partial(iter, (both,)))
+        return cls(
+            name,
+            float(sample_time),
+            both.shape[1],
+            ranges[0],
+            ranges[1],
+            input_unit,
+            output_unit,
+            _pieces=partial(iter, (both,)),
+        )
 
     @property
     def duration_s(self) -> float:
@@ -177,9 +219,16 @@ class Recording:
     def swapped(self) -> Recording:
         """Return the recording with input and output exchanged."""
         other = {"input": "output", "output": "input"}
-        return replace(self, x_range=self.y_range, y_range=self.x_range, input_unit=self.output_unit, output_unit=self.input_unit,
-                       columns={other.get(role, role): name for role, name in self.columns.items()},
-                       guesses={other.get(role, role): name for role, name in self.guesses.items()}, _pieces=partial(_turned, self._pieces))
+        return replace(
+            self,
+            x_range=self.y_range,
+            y_range=self.x_range,
+            input_unit=self.output_unit,
+            output_unit=self.input_unit,
+            columns={other.get(role, role): name for role, name in self.columns.items()},
+            guesses={other.get(role, role): name for role, name in self.guesses.items()},
+            _pieces=partial(_turned, self._pieces),
+        )
 
     def require(self, samples: int) -> None:
         """Refuse a recording of fewer samples than, say, the order of a model needs."""
@@ -188,14 +237,21 @@ class Recording:
 
     def describe(self) -> str:
         """Say in two lines what was recorded, and which columns were guessed and why."""
-        first = (f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
-                 f"{quantity(self.duration_s, 's')}, {_every(self.sample_time)}")
+        first = (
+            f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
+            f"{quantity(self.duration_s, 's')}, {_every(self.sample_time)}"
+        )
         if "time" in self.columns:
             first += f" by {self.columns['time']!r}"
         if self.time_resolution > TIME_TOLERANCE * self.sample_time:
             first += f", rounded to {quantity(self.time_resolution, 's')}"
-        second = ", ".join(_said(role, self.columns.get(role), unit, span) for role, unit, span in
-                           (("input", self.input_unit, self.x_range), ("output", self.output_unit, self.y_range)))
+        second = ", ".join(
+            _said(role, self.columns.get(role), unit, span)
+            for role, unit, span in (
+                ("input", self.input_unit, self.x_range),
+                ("output", self.output_unit, self.y_range),
+            )
+        )
         return f"{first}\n{second}{_guessed(self.reasons)}"
 
 
@@ -226,15 +282,30 @@ class Reference:
 
     def describe(self) -> str:
         """Say in a sentence what was read and which columns were guessed."""
-        return (f"{self.name}: {self.form}; {self.values.size} samples, {_every(self.sample_time)}; "
-                + _said("reference", self.columns["reference"], self.unit, (float(self.values.min()), float(self.values.max())))
-                + _guessed(self.reasons))
+        return (
+            f"{self.name}: {self.form}; {self.values.size} samples, {_every(self.sample_time)}; "
+            + _said(
+                "reference", self.columns["reference"], self.unit, (float(self.values.min()), float(self.values.max()))
+            )
+            + _guessed(self.reasons)
+        )
 
 
-def read_reference(path: str | Path, time: str | None = None, column: str | None = None, *, role: str = "reference",
-                   time_tolerance: float = TIME_TOLERANCE, sample_time: float | None = None, header_row: int | None = None,
-                   decimal: str | None = None, sheet: str | None = None, resample: float | None = None, input_unit: str | None = None,
-                   output_unit: str | None = None) -> Reference:
+def read_reference(
+    path: str | Path,
+    time: str | None = None,
+    column: str | None = None,
+    *,
+    role: str = "reference",
+    time_tolerance: float = TIME_TOLERANCE,
+    sample_time: float | None = None,
+    header_row: int | None = None,
+    decimal: str | None = None,
+    sheet: str | None = None,
+    resample: float | None = None,
+    input_unit: str | None = None,
+    output_unit: str | None = None,
+) -> Reference:
     """Read a file of one signal to be followed, which may be constant, and the times if it has any.
 
     Parameters
@@ -259,8 +330,16 @@ def read_reference(path: str | Path, time: str | None = None, column: str | None
     found = _scanned(table, roles, (role,), reading, time_tolerance)
     values = next(rechunk(found.signals(), found.length))[0]
     unit = _unit(input_unit if role == "input" else output_unit, table.columns[roles.at[role]])
-    return Reference(found.sample_time, values, unit, str(path), _names(table, roles),
-                     {role: table.columns[roles.at[role]].name for role in roles.reasons}, roles.reasons, _form(table, found))
+    return Reference(
+        found.sample_time,
+        values,
+        unit,
+        str(path),
+        _names(table, roles),
+        {role: table.columns[roles.at[role]].name for role in roles.reasons},
+        roles.reasons,
+        _form(table, found),
+    )
 
 
 @dataclass(frozen=True)
@@ -281,19 +360,37 @@ def _scanned(table: Table, roles: Roles, signals: Iterable[str], reading: Readin
     at, time = [roles.at[role] for role in signals], roles.at.get("time")
     if time is None:
         if reading.resample is not None:
-            raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
+            raise RecordingError(
+                f"{table.path}: --resample needs a time column, and there is none; name it with --time"
+            )
         found = scan(table, None, at, reading.sample_time or table.columns[at[0]].sample_time or 1.0, tolerance)
         if roles.unread is not None:
             _refuse_other_clock(table, roles.unread, found)
     else:
-        found = scan(table, time, at, seconds_per_unit(table, table.columns[time]), tolerance, even=reading.resample is None)
+        found = scan(
+            table, time, at, seconds_per_unit(table, table.columns[time]), tolerance, even=reading.resample is None
+        )
     if reading.resample is None or time is None:
-        return _Scanned(found.sample_time, found.time_resolution, found.length, found.incomplete, found.ranges, 0,
-                        partial(_rows, table, at, found.length))
+        return _Scanned(
+            found.sample_time,
+            found.time_resolution,
+            found.length,
+            found.incomplete,
+            found.ranges,
+            0,
+            partial(_rows, table, at, found.length),
+        )
     period, unit = reading.resample, seconds_per_unit(table, table.columns[time])
     length = resampled_length(str(table.path), found.duration_s, period)
-    return _Scanned(period, 0.0, length, found.incomplete, found.ranges, found.length,
-                    partial(_resampled_rows, table, [time, *at], found.length, period / unit))
+    return _Scanned(
+        period,
+        0.0,
+        length,
+        found.incomplete,
+        found.ranges,
+        found.length,
+        partial(_resampled_rows, table, [time, *at], found.length, period / unit),
+    )
 
 
 def _refuse_other_clock(table: Table, time: int, found: Scan) -> None:
@@ -302,10 +399,15 @@ def _refuse_other_clock(table: Table, time: int, found: Scan) -> None:
     for piece in limited(table.pieces([time]), found.length):
         ends = [min(ends[0], float(np.nanmin(piece))), max(ends[1], float(np.nanmax(piece)))]
     by_clock, by_option = (ends[1] - ends[0]) * seconds_per_unit(table, column), found.duration_s
-    if by_clock > 0.0 and abs(by_clock - by_option) > CLOCK_TOLERANCE * by_clock:  # one that stands still is not believed
-        raise RecordingError(f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {column.name!r} and {quantity(by_option, 's')} by "
-                             f"--sample-time {found.sample_time:g}; leave out --sample-time, or give --resample where the times are uneven, or "
-                             "--time none where that column is no clock")
+    # one that stands still is not believed
+    if by_clock > 0.0 and abs(by_clock - by_option) > CLOCK_TOLERANCE * by_clock:
+        raise RecordingError(
+            f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {column.name!r} and "
+            f"{quantity(by_option, 's')} by "
+            f"--sample-time {found.sample_time:g}; leave out --sample-time, or give --resample where "
+            "the times are uneven, or "
+            "--time none where that column is no clock"
+        )
 
 
 def _turned(pieces: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:

@@ -22,12 +22,15 @@ def resampled_length(label: str, duration_s: float, period_s: float) -> int:
     check_sample_time(f"{label}: --resample: ", period_s)
     length = int(duration_s / period_s + 1e-9) + 1
     if not 2 <= length <= MOST_SAMPLES:
-        raise RecordingError(f"{label}: --resample {period_s:g} gives {length} samples of {duration_s:g} s; take another period")
+        raise RecordingError(
+            f"{label}: --resample {period_s:g} gives {length} samples of {duration_s:g} s; take another period"
+        )
     return length
 
 
 def resampled(pieces: Iterable[Matrix], period: float) -> Iterator[Matrix]:
-    """Signals (signals, samples) every ``period`` from pieces of times and signals, shape (1 + signals, rows); times never fall."""
+    """Signals (signals, samples) every ``period`` from pieces of times and signals, shape (1 + signals, rows); times
+    never fall."""
     held: Matrix | None = None
     first, done = 0.0, 0
     for piece in pieces:

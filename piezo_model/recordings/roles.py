@@ -1,9 +1,10 @@
 """Which column is time, input and output.
 
 What the user names is taken. The rest is guessed and said, by what is surest first: the words in a name
-(``input_voltage``), its unit, that only one column is left, and in the end the values (:mod:`piezo_model.recordings.profile`).
-Every word votes: for the drive (positive) or for the sensor (negative). Two columns that fit equally well are no guess: the
-user is asked.
+(``input_voltage``), its unit, that only one column is left, and in the end the values
+(:mod:`piezo_model.recordings.profile`).
+Every word votes: for the drive (positive) or for the sensor (negative). Two columns that fit equally well are no guess:
+the user is asked.
 """
 
 from __future__ import annotations
@@ -21,21 +22,109 @@ from piezo_model.recordings.tables import Column, Table
 from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES, seconds
 
 TIME_WORDS = ("time", "t", "timestamp", "zeit", "clock", "elapsed", "datetime", "seconds", "x_value", "tempo", "temps")
-WISHED = frozenset({"reference", "ref", "desired", "target", "setpoint", "set", "commanded", "command", "cmd", "soll", "demand"})
+WISHED = frozenset(
+    {"reference", "ref", "desired", "target", "setpoint", "set", "commanded", "command", "cmd", "soll", "demand"}
+)
 """A wish is never the output, and drives where nothing else does."""
 VOTES: Mapping[str, int] = {
-    **dict.fromkeys(("drive", "driving", "input", "control", "excitation", "actuation", "amplifier", "amp", "dac", "ao", "piezo",
-                     "applied", "vin", "uin", "stimulus", "vpiezo", "upiezo", "vdrive", "stell", "actuator"), 3),
+    **dict.fromkeys(
+        (
+            "drive",
+            "driving",
+            "input",
+            "control",
+            "excitation",
+            "actuation",
+            "amplifier",
+            "amp",
+            "dac",
+            "ao",
+            "piezo",
+            "applied",
+            "vin",
+            "uin",
+            "stimulus",
+            "vpiezo",
+            "upiezo",
+            "vdrive",
+            "stell",
+            "actuator",
+        ),
+        3,
+    ),
     **dict.fromkeys(("voltage", "volt", "volts", "spannung", "u", "v", "x", "hv"), 2),
     **dict.fromkeys(("field",), 1),
-    **dict.fromkeys(("sensor", "sens", "measured", "meas", "measurement", "actual", "feedback", "encoder", "interferometer", "laser",
-                     "lvdt", "sgs", "gauge", "adc", "ai", "ist", "capacitive", "response", "vout", "uout"), -4),
-    **dict.fromkeys(("displacement", "disp", "displ", "output", "y", "stroke", "weg", "auslenkung", "extension", "elongation",
-                     "travel", "strain"), -3),
+    **dict.fromkeys(
+        (
+            "sensor",
+            "sens",
+            "measured",
+            "meas",
+            "measurement",
+            "actual",
+            "feedback",
+            "encoder",
+            "interferometer",
+            "laser",
+            "lvdt",
+            "sgs",
+            "gauge",
+            "adc",
+            "ai",
+            "ist",
+            "capacitive",
+            "response",
+            "vout",
+            "uout",
+        ),
+        -4,
+    ),
+    **dict.fromkeys(
+        (
+            "displacement",
+            "disp",
+            "displ",
+            "output",
+            "y",
+            "stroke",
+            "weg",
+            "auslenkung",
+            "extension",
+            "elongation",
+            "travel",
+            "strain",
+        ),
+        -3,
+    ),
     **dict.fromkeys(("position", "pos", "height", "deflection", "distance", "angle", "tilt", "z", "tip", "motion"), -2),
 }
-OTHERS = frozenset({"temperature", "temp", "humidity", "pressure", "index", "sample", "samples", "nr", "number", "error", "err", "power",
-                    "segment", "state", "status", "trigger", "flag", "frequency", "force", "current", "charge", "row", "scan"})
+OTHERS = frozenset(
+    {
+        "temperature",
+        "temp",
+        "humidity",
+        "pressure",
+        "index",
+        "sample",
+        "samples",
+        "nr",
+        "number",
+        "error",
+        "err",
+        "power",
+        "segment",
+        "state",
+        "status",
+        "trigger",
+        "flag",
+        "frequency",
+        "force",
+        "current",
+        "charge",
+        "row",
+        "scan",
+    }
+)
 """Words of what a recording holds beside drive and sensor."""
 KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
 NO_CLOCK = "none"
@@ -65,7 +154,8 @@ class _Search:
         """Columns of numbers of one length; the length is that of the named ones, or of most columns."""
         columns = self.table.columns
         lengths = Counter(columns[k].rows for k in self.at.values()) or Counter(
-            column.rows for column in columns if column.kind in ("number", "clock"))
+            column.rows for column in columns if column.kind in ("number", "clock")
+        )
         most = max(lengths, key=lambda rows: (lengths[rows], rows or 0), default=None)
         return [k for k, column in enumerate(columns) if column.kind in ("number", "clock") and column.rows == most]
 
@@ -103,12 +193,17 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     if clockless := named.get("time") == NO_CLOCK:
         named = {**named, "time": None}
     if sampled and named.get("time") is not None:
-        raise RecordingError(f"{table.path}: the sampling period is given, so that the time column {named['time']!r} would not be read; "
-                             "give one of the two")
+        raise RecordingError(
+            f"{table.path}: the sampling period is given, so that the time column {named['time']!r} "
+            "would not be read; "
+            "give one of the two"
+        )
     search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
     if len(set(search.at.values())) < len(search.at):
-        raise RecordingError(f"{table.path}: one column cannot serve as {' and '.join(search.at)}: "
-                             f"{', '.join(repr(named[role]) for role in search.at)}")
+        raise RecordingError(
+            f"{table.path}: one column cannot serve as {' and '.join(search.at)}: "
+            f"{', '.join(repr(named[role]) for role in search.at)}"
+        )
     if "time" not in search.at and not clockless:
         _find_time_by_name(search)
     unread = search.at.get("time") if sampled else None
@@ -134,24 +229,31 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
 def find(table: Table, role: str, named: str) -> int:
     """Position of the column that the user means: by name, by the end of a path, without its unit, or by its number."""
     tests: tuple[Callable[[Column], bool], ...] = (
-        lambda column: column.name == named, lambda column: _normal(column.name) == _normal(named),
+        lambda column: column.name == named,
+        lambda column: _normal(column.name) == _normal(named),
         lambda column: column.name.rpartition("/")[2] == named,
-        lambda column: column.stem.casefold() == named.strip().casefold())
+        lambda column: column.stem.casefold() == named.strip().casefold(),
+    )
     for test in tests:
         same = [k for k, column in enumerate(table.columns) if test(column)]
         if len(same) > 1:
-            raise RecordingError(f"{table.path}: has {len(same)} columns named {named!r}; --{role} takes a column's number, too")
+            raise RecordingError(
+                f"{table.path}: has {len(same)} columns named {named!r}; --{role} takes a column's number, too"
+            )
         if same:
             return same[0]
     if named.isdigit() and 1 <= int(named) <= len(table.columns):
         return int(named) - 1
-    raise RecordingError(f"{table.path}: has no column {named!r} for the {role}; its columns are {_listed(table.columns)}")
+    raise RecordingError(
+        f"{table.path}: has no column {named!r} for the {role}; its columns are {_listed(table.columns)}"
+    )
 
 
 def vote(column: Column) -> int:
     """How much a name and its unit speak for a drive (positive) or a sensor (negative).
 
-    >>> [vote(Column.named(name)) for name in ("input_voltage_V", "sensor_V", "height (piezo)", "height (measured)", "a")]
+    >>> names = "input_voltage_V", "sensor_V", "height (piezo)", "height (measured)", "a"
+    >>> [vote(Column.named(name)) for name in names]
     [6, -3, 1, -6, 0]
     """
     words = words_of(column)
@@ -177,10 +279,15 @@ def _find_time_by_name(search: _Search) -> None:
 
 def _find_time_by_values(search: _Search) -> None:
     clocks = [k for k in search.left() if search.table.columns[k].kind == "clock"]
-    rising = [k for k in search.left() if k in search.profiles and search.profiles[k].rises and not search.profiles[k].counts]
+    rising = [
+        k for k in search.left() if k in search.profiles and search.profiles[k].rises and not search.profiles[k].counts
+    ]
     even = [k for k in rising if search.profiles[k].uniform]
-    for group, reason in ((clocks, "as the only clock"), (rising, "as the only one that never falls"),
-                          (even, "as the only one that rises evenly")):
+    for group, reason in (
+        (clocks, "as the only clock"),
+        (rising, "as the only one that never falls"),
+        (even, "as the only one that rises evenly"),
+    ):
         if len(group) == 1:
             return search.give("time", group[0], reason)
 
@@ -214,7 +321,11 @@ def _find_signals(search: _Search) -> None:
         return
     if "time" not in search.at:
         _find_time_by_values(search)
-    lively = [k for k in search.left() if k in search.profiles and not search.profiles[k].constant and not search.profiles[k].counts]
+    lively = [
+        k
+        for k in search.left()
+        if k in search.profiles and not search.profiles[k].constant and not search.profiles[k].counts
+    ]
     usual = [k for k in usual if k in lively]
     _by_name(search, usual)
     for group in (usual, lively):
@@ -248,18 +359,26 @@ def _by_name(search: _Search, usual: Sequence[int]) -> None:
 def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str:
     listed = _listed(table.columns)
     if list(missing) == ["time"]:
-        return (f"{table.path}: cannot tell which column is the time; its columns are {listed}; name it with --time, or say "
-                "--sample-time or --sample-rate if there is none")
+        return (
+            f"{table.path}: cannot tell which column is the time; its columns are {listed}; name it with --time, "
+            "or say "
+            "--sample-time or --sample-rate if there is none"
+        )
     options = [f"--{role}" for role in asked]
-    return (f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are {listed}; name "
-            f"them with {', '.join(options[:-1])} and {options[-1]}")
+    return (
+        f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
+        f"{listed}; name "
+        f"them with {', '.join(options[:-1])} and {options[-1]}"
+    )
 
 
 def seconds_per_unit(table: Table, column: Column) -> float:
     """Seconds in one unit of a time column; a name without unit means seconds, and so does a clock."""
     found = 1.0 if column.kind == "clock" else seconds(column.unit)
     if found is None:
-        raise RecordingError(f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is no unit of time")
+        raise RecordingError(
+            f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is no unit of time"
+        )
     return found
 
 

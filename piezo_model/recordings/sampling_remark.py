@@ -10,18 +10,24 @@ from numpy.typing import NDArray
 from piezo_model.units import canonical, seconds
 
 _RATE = r"(?:sampl\w*|acquisition|scan|daq|data)[\s_-]*(?:rate|freq\w*)|fs|rate[\s_-]*hz|samples per second|abtastrate"
-_PERIOD = (r"sampl\w*[\s_-]*(?:time|period|interval|dt)|dt|ts|delta[\s_-]*t(?:ime)?|time[\s_-]*(?:step|increment)|"
-           r"wf_increment|delta_x|abtastzeit")
-_STATED = re.compile(rf"(?<![^\W_])(?P<key>(?P<rate>{_RATE})|(?P<period>{_PERIOD}))(?![^\W_])"
-                     r"\s*(?:[\[(](?P<before>[^\])]*)[\])])?[\"']?\s*[:=,;\t ]\s*"
-                     r"(?P<value>\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(?P<after>[^\W\d]+(?:/s)?)?", re.IGNORECASE)
+_PERIOD = (
+    r"sampl\w*[\s_-]*(?:time|period|interval|dt)|dt|ts|delta[\s_-]*t(?:ime)?|time[\s_-]*(?:step|increment)|"
+    r"wf_increment|delta_x|abtastzeit"
+)
+_STATED = re.compile(
+    rf"(?<![^\W_])(?P<key>(?P<rate>{_RATE})|(?P<period>{_PERIOD}))(?![^\W_])"
+    r"\s*(?:[\[(](?P<before>[^\])]*)[\])])?[\"']?\s*[:=,;\t ]\s*"
+    r"(?P<value>\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(?P<after>[^\W\d]+(?:/s)?)?",
+    re.IGNORECASE,
+)
 _HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0, "": 1.0}
 
 
 def sample_time_in(lines: Iterable[str]) -> float | None:
     """Sampling period in seconds that remarks state, or None where none or more than one does.
 
-    >>> sample_time_in(["Operator: K", "# Sampling rate (kHz) = 20"]), sample_time_in(["dt: 5 ms"]), sample_time_in(["t;u;y"])
+    >>> heads = ["Operator: K", "# Sampling rate (kHz) = 20"], ["dt: 5 ms"], ["t;u;y"]
+    >>> [sample_time_in(head) for head in heads]
     (5e-05, 0.005, None)
     """
     return only(_period(match) for line in lines for match in _STATED.finditer(line))
@@ -35,12 +41,16 @@ def only(periods: Iterable[float | None]) -> float | None:
 
 def sample_time_in_scalars(arrays: Mapping[str, NDArray]) -> float | None:
     """Sampling period in seconds that numbers among arrays state by their names, or by the last part of these."""
-    return only(sample_time_of(name.rpartition("/")[2], float(array.ravel()[0])) for name, array in arrays.items()
-                if array.size == 1 and array.dtype.kind in "iuf")
+    return only(
+        sample_time_of(name.rpartition("/")[2], float(array.ravel()[0]))
+        for name, array in arrays.items()
+        if array.size == 1 and array.dtype.kind in "iuf"
+    )
 
 
 def sample_time_of(name: str, value: float, unit: str = "") -> float | None:
-    """Sampling period in seconds that a named number states, or None where its name is not one of a rate or a period."""
+    """Sampling period in seconds that a named number states, or None where its name is not one of a rate or a
+    period."""
     return sample_time_in([f"{name} [{unit}] = {value!r}"])
 
 

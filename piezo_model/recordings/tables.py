@@ -1,8 +1,8 @@
 """A table of numbers in a file of any known format, told by its content and never by its suffix.
 
 A table is a path, its columns and two verbs: ``pieces(at)`` streams the columns at those positions as float64 arrays of
-shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where a
-row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recordings.checks`.
+shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where
+a row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recordings.checks`.
 
 A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the registry.
 """
@@ -57,14 +57,18 @@ class Reading:
         if self.resample is not None:
             check_sample_time("--resample: ", self.resample)
             if self.sample_time is not None:
-                raise RecordingError("--resample goes by a time column, which --sample-time replaces; give one of the two")
+                raise RecordingError(
+                    "--resample goes by a time column, which --sample-time replaces; give one of the two"
+                )
         for name in ("input_unit", "output_unit"):
             if getattr(self, name) is not None and not getattr(self, name).strip():
                 raise RecordingError(f"the {name.replace('_', ' ')} must not be empty")
         if self.decimal not in (None, ".", ","):
             raise RecordingError(f"the decimal mark is '.' or ',', not {self.decimal!r}")
         if self.header_row is not None and self.header_row < 0:
-            raise RecordingError(f"rows are counted from 1 (0 for no header), so the header is not in {self.header_row}")
+            raise RecordingError(
+                f"rows are counted from 1 (0 for no header), so the header is not in {self.header_row}"
+            )
 
 
 @dataclass(frozen=True)
@@ -89,8 +93,9 @@ class Column:
         return cls(name, canonical(unit) or split_unit(name)[1], **more)
 
     @classmethod
-    def of_path(cls, name: str, unit: str, rows: int, sample_time: float | None, kind: Kind = "number",
-                nested: bool = True) -> Column:
+    def of_path(
+        cls, name: str, unit: str, rows: int, sample_time: float | None, kind: Kind = "number", nested: bool = True
+    ) -> Column:
         """A column named by its path, of which the last part may tell the unit."""
         last = name.rpartition("/")[2] if nested else name
         return cls(name, canonical(unit) or split_unit(last)[1], kind, rows, sample_time, nested)
@@ -156,15 +161,21 @@ class ChannelTable:
         chosen = [self.channels[k] for k in at]
         lengths = {channel.column.name: channel.column.rows or 0 for channel in chosen}
         if len(set(lengths.values())) > 1:
-            raise RecordingError(f"{self.path}: the columns are not of one length: "
-                                 + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items()))
+            raise RecordingError(
+                f"{self.path}: the columns are not of one length: "
+                + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items())
+            )
         clocks = [Elapsed() for _ in chosen]
         for start in range(0, max(lengths.values()), CHANNEL_ROWS):
             stop = min(start + CHANNEL_ROWS, max(lengths.values()))
             with parsed(self.path, self.form):
                 read = [channel.read(start, stop) for channel in chosen]
-                piece = np.stack([clock.seconds(values) if values.dtype.kind in "mM" else np.asarray(values, dtype=np.float64)
-                                  for values, clock in zip(read, clocks, strict=True)])
+                piece = np.stack(
+                    [
+                        clock.seconds(values) if values.dtype.kind in "mM" else np.asarray(values, dtype=np.float64)
+                        for values, clock in zip(read, clocks, strict=True)
+                    ]
+                )
             yield piece
 
     def where(self, row: int) -> str:
@@ -183,8 +194,13 @@ def parsed(path: Path, form: str) -> Iterator[None]:
         raise RecordingError(f"{path}: is a damaged {form.partition(',')[0]} file: {first_line(error)}") from None
 
 
-def in_memory(path: Path, form: str, arrays: Mapping[str, NDArray], units: Mapping[str, str] | None = None,
-              sample_time: float | None = None) -> ChannelTable:
+def in_memory(
+    path: Path,
+    form: str,
+    arrays: Mapping[str, NDArray],
+    units: Mapping[str, str] | None = None,
+    sample_time: float | None = None,
+) -> ChannelTable:
     """Make a table of one- and two-dimensional arrays; a matrix becomes columns ``name/1``, ``name/2``, …"""
     units, channels = units or {}, []
     for name, array in arrays.items():

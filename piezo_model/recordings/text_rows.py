@@ -56,8 +56,9 @@ class TextRows:
                 if cut:
                     held = held[cut:]
                 elif len(held) > LONGEST_LINE:
-                    raise RecordingError(f"{self.path}: a line is longer than {LONGEST_LINE} characters, which no row of "
-                                         "a table is")
+                    raise RecordingError(
+                        f"{self.path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
+                    )
         if held and (block := self._cleaned(held)).strip():
             yield block
 
@@ -78,18 +79,23 @@ class TextRows:
         return bool(line.strip()) and not self.dialect.is_comment(line) and line.strip() not in self.repeated
 
     def _cleaned(self, block: bytes) -> bytes:
-        marks = _MARKS[self.dialect.separator == ";":]
+        marks = _MARKS[self.dialect.separator == ";" :]
         if any(mark in block for mark in marks):
             block = re.sub(rb"(?m)^[ \t]*(?:" + b"|".join(map(re.escape, marks)) + rb").*\r?\n?", b"", block)
         for line in self.repeated:
             if line.encode(self._bytes_encoding) in block:
-                block = re.sub(rb"(?m)^[ \t]*" + re.escape(line.encode(self._bytes_encoding)) + rb"[ \t]*\r?$\n?", b"", block)
+                block = re.sub(
+                    rb"(?m)^[ \t]*" + re.escape(line.encode(self._bytes_encoding)) + rb"[ \t]*\r?$\n?", b"", block
+                )
         mark = self.dialect.thousands
         if mark:
             encoded = re.escape(mark.encode(self._bytes_encoding))
             digits = re.compile(rb"(?<=\d)" + encoded + rb"(?=\d{3}(?!\d))")
-            block = (_QUOTED.sub(lambda cell: digits.sub(b"", cell[0]), block) if mark == self.dialect.separator
-                     else digits.sub(b"", block))
+            block = (
+                _QUOTED.sub(lambda cell: digits.sub(b"", cell[0]), block)
+                if mark == self.dialect.separator
+                else digits.sub(b"", block)
+            )
         if self.dialect.separator == " ":
             block = _BLANKS.sub(b"\t", _MARGINS.sub(b"", block))
         return block

@@ -15,7 +15,8 @@ from solvers.arrays import Vector
 MOST_DECIMALS = 15
 FEW = 8
 SINGLE_GRID = 0.1
-"""Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is 0.5."""
+"""Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is
+0.5."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Rounding:
         largest = float(np.abs(times).max())
         if self.digits is None or not largest:
             return self.share * largest
-        return float(10.0**(math.floor(math.log10(largest)) + 1 - self.digits))
+        return float(10.0 ** (math.floor(math.log10(largest)) + 1 - self.digits))
 
 
 def printed_digit(times: Vector) -> tuple[float, Rounding]:
@@ -46,7 +47,7 @@ def printed_digit(times: Vector) -> tuple[float, Rounding]:
 def _significant_digits(times: Vector, rounding: Rounding, decimals: int | None) -> int | None:
     """Digits that ``%g`` printed, or None: it shows in that times below the last power of ten have more decimals."""
     size = np.abs(times)
-    early = size < 10.0**math.floor(math.log10(float(size.max()) or 1.0))
+    early = size < 10.0 ** math.floor(math.log10(float(size.max()) or 1.0))
     fewer = _decimals(times[~early], rounding)
     if fewer is None or fewer == decimals or min(np.count_nonzero(early), np.count_nonzero(~early)) < FEW:
         return None
@@ -66,7 +67,8 @@ def _decimals(times: Vector, rounding: Rounding) -> int | None:
 
 
 def _single(times: Vector) -> bool:
-    """Whether times are of single precision, be it printed in decimals: they lie on its grid far better than by chance."""
+    """Whether times are of single precision, be it printed in decimals: they lie on its grid far better than by
+    chance."""
     some = times[times != 0.0]
     grid = np.float32(some)
     near = np.abs(grid - some) < SINGLE_GRID * np.spacing(np.abs(grid))

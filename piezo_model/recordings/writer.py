@@ -49,8 +49,9 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in WRITTEN_SUFFIXES:
-        raise RecordingError(f"{path}: unknown suffix {path.suffix!r}; a table is written as "
-                             f"{' or '.join(WRITTEN_SUFFIXES)}")
+        raise RecordingError(
+            f"{path}: unknown suffix {path.suffix!r}; a table is written as {' or '.join(WRITTEN_SUFFIXES)}"
+        )
     pa = _arrow(path)
     table = pa.table({name: _column(path, name, values) for name, values in _checked_names(path, columns).items()})
     write = _write_csv if path.suffix.lower() == ".csv" else pa.parquet.write_table
@@ -77,8 +78,9 @@ def _column(path: Path, name: str, values: NDArray[Any]) -> NDArray[Any]:
         raise RecordingError(f"{path}: column {name!r} holds {values.dtype}, where numbers are needed")
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise RecordingError(f"{path}: column {name!r} holds {values[bad[0]]} in data row {bad[0] + 1}, "
-                             "where a finite number is needed")
+        raise RecordingError(
+            f"{path}: column {name!r} holds {values[bad[0]]} in data row {bad[0] + 1}, where a finite number is needed"
+        )
     return values
 
 
@@ -88,7 +90,9 @@ def _arrow(path: Path) -> Any:
         import pyarrow.csv
         import pyarrow.parquet
     except ModuleNotFoundError as error:
-        raise RecordingError(f"{path}: writing a table needs the package {error.name}: install piezobench[bench]") from None
+        raise RecordingError(
+            f"{path}: writing a table needs the package {error.name}: install piezobench[bench]"
+        ) from None
     return pyarrow
 
 

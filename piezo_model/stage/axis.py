@@ -6,13 +6,13 @@
 
 With two equal actuators about the bias the sum is odd: an even part of Γ, which shifts or bends the loop, cancels. The
 gain g drifts with temperature and age (`sensor`), ℓ is the ratio of the lever, and a solid-state stage is a linear
-structure (the paper's introduction). Its response to a held input is solved exactly: with s = (z, ż/ω) the deviation from
-rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
+structure (the paper's introduction). Its response to a held input is solved exactly: with s = (z, ż/ω) the deviation
+from rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
 
     s(k+1) − s∞ = e^(ω Ts A) (s(k) − s∞),   s∞ = (ℓ f(k), 0)
 
-(K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", 3rd ed., 1997, section 2.3). A sample is taken at the end
-of the period in which its drive was held, so p(k) is the answer to x[0..k].
+(K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", 3rd ed., 1997, section 2.3). A sample is taken at the
+end of the period in which its drive was held, so p(k) is the answer to x[0..k].
 """
 
 from __future__ import annotations
@@ -89,7 +89,9 @@ class Axis(Plant):
         for option in ("x_range", "y_range", "sample_time"):
             values = [getattr(actuator, option) for actuator in self.actuators]
             if values[0] != values[-1]:
-                raise ValueError(f"the actuators in push-pull must have the same {option}, not {values[0]} and {values[1]}")
+                raise ValueError(
+                    f"the actuators in push-pull must have the same {option}, not {values[0]} and {values[1]}"
+                )
         for option in ("lever", "natural_frequency_Hz", "gain_swing_period_s"):
             if not 0.0 < getattr(self, option) < math.inf:
                 raise ValueError(f"{option} must be a positive number, not {getattr(self, option)}")
@@ -117,11 +119,19 @@ class Axis(Plant):
         x = np.asarray(x, dtype=np.float64)
         force = self._force(x)
         samples = self._memory["samples"]
-        gain = gain_from(int(samples[0]), force.size, self.sample_time, self.gain_drift_per_s, self.gain_swing,
-                         self.gain_swing_period_s)
+        gain = gain_from(
+            int(samples[0]),
+            force.size,
+            self.sample_time,
+            self.gain_drift_per_s,
+            self.gain_swing,
+            self.gain_swing_period_s,
+        )
         samples += force.size
         p = np.empty_like(force)
-        face.structure_response(self.lever * (self._centre + gain * (force - self._centre)), self._F, self._memory["structure"], p)
+        face.structure_response(
+            self.lever * (self._centre + gain * (force - self._centre)), self._F, self._memory["structure"], p
+        )
         return p
 
     def _force(self, x: Vector) -> Vector:
@@ -147,14 +157,21 @@ class Axis(Plant):
 
     def state(self) -> Memory:
         """Return a copy of the structure's state, the time and, under ``0.`` and ``1.``, those of the actuators."""
-        return {**{name: array.copy() for name, array in self._memory.items()},
-                **{f"{i}.{name}": array for i, actuator in enumerate(self.actuators)
-                   for name, array in actuator.state().items()}}
+        return {
+            **{name: array.copy() for name, array in self._memory.items()},
+            **{
+                f"{i}.{name}": array
+                for i, actuator in enumerate(self.actuators)
+                for name, array in actuator.state().items()
+            },
+        }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Put back what :meth:`state` gave."""
-        parts = [{name.removeprefix(f"{i}."): array for name, array in state.items() if name.startswith(f"{i}.")}
-                 for i in range(len(self.actuators))]
+        parts = [
+            {name.removeprefix(f"{i}."): array for name, array in state.items() if name.startswith(f"{i}.")}
+            for i in range(len(self.actuators))
+        ]
         prefixes = tuple(f"{i}." for i in range(len(self.actuators)))
         replace(self._memory, {name: array for name, array in state.items() if not name.startswith(prefixes)}, "Axis")
         for actuator, part in zip(self.actuators, parts, strict=True):

@@ -1,13 +1,13 @@
 """The decoupling matrix of a two-axis stage from a recording in which both axes move.
 
 With y = C p the measured platform and p_i what axis i does, p_i depends on x_i alone. Hence there is exactly one number
-c₁₂ = C₁₂ / C₂₂ for which y₁ − c₁₂ y₂ depends on x₁ alone, and least squares finds it beside the weights of any operators Φ
-of x₁ that are rich enough:
+c₁₂ = C₁₂ / C₂₂ for which y₁ − c₁₂ y₂ depends on x₁ alone, and least squares finds it beside the weights of any
+operators Φ of x₁ that are rich enough:
 
     y₁(k) ≈ c₁₂ y₂(k) + Φ[x₁](k) a,   and with 1 and 2 exchanged c₂₁;   D = ((1, c₁₂), (c₂₁, 1))⁻¹
 
-D C is diagonal. Its diagonal, the gains C₁₁ and C₂₂, is not known apart from those of the actuators and stays with them.
-Φ holds plays, creep, powers and derivatives; what they miss does not disturb c₁₂ unless it goes along with y₂.
+D C is diagonal. Its diagonal, the gains C₁₁ and C₂₂, is not known apart from those of the actuators and stays with
+them. Φ holds plays, creep, powers and derivatives; what they miss does not disturb c₁₂ unless it goes along with y₂.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
         raise ValueError(f"x and y must both be of shape (N, 2), not {x.shape} and {y.shape}")
     for name, values in (("x", x), ("y", y)):
         if not np.isfinite(values).all():
-            raise ValueError(f"{name} has a value at sample {np.argwhere(~np.isfinite(values))[0, 0]} that is not finite")
+            raise ValueError(
+                f"{name} has a value at sample {np.argwhere(~np.isfinite(values))[0, 0]} that is not finite"
+            )
     if len(x) < 10 * PLAYS:
         raise ValueError(f"{len(x)} samples are too few to tell the axes apart; it takes at least {10 * PLAYS}")
     for i in range(2):
@@ -81,7 +83,9 @@ def _crosstalk(x: Matrix, y: Matrix, axis: int) -> float:
     basis = np.linalg.qr(_operators(x[:, axis])[chosen])[0]
     open_part = other - basis @ (basis.T @ other)
     if not open_part @ open_part > INDEPENDENT * (other @ other):
-        raise ValueError(f"the displacement {1 - axis} follows from the drive of axis {axis} in this recording; {REMEDY}")
+        raise ValueError(
+            f"the displacement {1 - axis} follows from the drive of axis {axis} in this recording; {REMEDY}"
+        )
     return float(open_part @ own / (open_part @ open_part))
 
 

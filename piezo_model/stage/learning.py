@@ -2,7 +2,8 @@
 
     q_r = D y_r,   x_i = learner i (q_r,i, q_i),   q = D y
 
-In the coordinates q of the axes each output follows from one drive (`decoupling`), so the loops know nothing of each other.
+In the coordinates q of the axes each output follows from one drive (`decoupling`), so the loops know nothing of each
+other.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ class SelfLearningStage:
     >>> axes = tuple(Axis(actuators=(plants.get("relay_preisach"),)) for _ in range(2))
     >>> stage = Stage(axes=axes, coupling=((1.0, 0.05), (-0.03, 1.0)))
     >>> learners = [SelfLearningCompensator(ModelStructure.equidistant(
-    ...     n=5, m=3, x_range=axis.x_range, y_range=axis.y_range, creep_rates=(10.0, 1.0), sample_time=stage.sample_time),
+    ...     n=5, m=3, x_range=axis.x_range, y_range=axis.y_range, creep_rates=(10.0, 1.0),
+    ...     sample_time=stage.sample_time),
     ...     x_limits=axis.x_range) for axis in axes]
     >>> loop = SelfLearningStage(learners, np.linalg.inv(stage.C))
     >>> x, y = loop.run(np.zeros((100, 2)), stage.run)

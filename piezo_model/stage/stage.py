@@ -2,9 +2,9 @@
 
     y(k) = Q( C p(k) + σ ν(k) ),   p_i = axis i of `stage_axis`
 
-The cross-coupling C (2 × 2) says how much either axis moves the platform in the direction of the other: joints are not at
-right angles, sensors not in line with the actuators. Therefore neither direction is a plant by itself; behind the decoupling
-matrix D = C⁻¹ both are, and `decoupling` finds D and closes one self-learning loop for each.
+The cross-coupling C (2 × 2) says how much either axis moves the platform in the direction of the other: joints are not
+at right angles, sensors not in line with the actuators. Therefore neither direction is a plant by itself; behind the
+decoupling matrix D = C⁻¹ both are, and `decoupling` finds D and closes one self-learning loop for each.
 """
 
 from __future__ import annotations
@@ -68,8 +68,10 @@ class Stage:
         if len(self.axes) != 2 or self.axes[0] is self.axes[1]:
             raise ValueError("a stage has two axes, which must be two objects")
         if self.axes[0].sample_time != self.axes[1].sample_time:
-            raise ValueError(f"the axes must have the same sample_time, not {self.axes[0].sample_time} and "
-                             f"{self.axes[1].sample_time}")
+            raise ValueError(
+                f"the axes must have the same sample_time, not {self.axes[0].sample_time} and "
+                f"{self.axes[1].sample_time}"
+            )
         self.C: Matrix = np.array(self.coupling, dtype=np.float64)
         if self.C.shape != (2, 2) or not np.isfinite(self.C).all() or np.linalg.cond(self.C) > 1e6:
             raise ValueError(f"coupling must be a regular matrix of 2 by 2 numbers, not {self.C.tolist()}")
@@ -127,15 +129,20 @@ class Stage:
     def state(self) -> Memory:
         """Return a copy of everything that the stage remembers, by name."""
         words = self._generator.bit_generator.state["state"]["state"]
-        return {"generator": np.array(words, dtype=np.uint64),
-                **{f"axis{i}.{name}": array for i, axis in enumerate(self.axes) for name, array in axis.state().items()}}
+        return {
+            "generator": np.array(words, dtype=np.uint64),
+            **{f"axis{i}.{name}": array for i, axis in enumerate(self.axes) for name, array in axis.state().items()},
+        }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Put back what :meth:`state` gave; ValueError where it is the state of another stage."""
         own: Memory = {"generator": np.zeros(4, dtype=np.uint64)}
-        replace(own, {name: array for name, array in state.items() if not name.startswith(("axis0.", "axis1."))}, "Stage")
+        replace(
+            own, {name: array for name, array in state.items() if not name.startswith(("axis0.", "axis1."))}, "Stage"
+        )
         for i, axis in enumerate(self.axes):
-            axis.restore({name.removeprefix(f"axis{i}."): array for name, array in state.items()
-                          if name.startswith(f"axis{i}.")})
+            axis.restore(
+                {name.removeprefix(f"axis{i}."): array for name, array in state.items() if name.startswith(f"axis{i}.")}
+            )
         generator = self._generator.bit_generator
         generator.state = {**generator.state, "state": {"state": own["generator"]}}

@@ -1,7 +1,7 @@
 """Embedded C of many authors built by one compiler with one set of flags, and loaded.
 
-A library is built once for each generator, version and shape of problem and kept in a folder for temporary files. Every load
-takes a copy of its own, since embedded solvers keep their problem in static memory.
+A library is built once for each generator, version and shape of problem and kept in a folder for temporary files. Every
+load takes a copy of its own, since embedded solvers keep their problem in static memory.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ class Sources(NamedTuple):
 @functools.cache
 def built_with() -> str:
     """Compiler, its version and the flags."""
-    version = subprocess.run([COMPILER, "-dumpfullversion", "-dumpversion"], capture_output=True, text=True, check=True).stdout
+    version = subprocess.run(
+        [COMPILER, "-dumpfullversion", "-dumpversion"], capture_output=True, text=True, check=True
+    ).stdout
     return f"{Path(COMPILER).name} {version.strip()} {' '.join(FLAGS)}"
 
 
@@ -82,7 +84,22 @@ def run(command: Iterable[str | Path], folder: Path) -> None:
 
 
 def _compile(sources: Sources, folder: Path, target: Path) -> None:
-    run([COMPILER, *FLAGS, *_LINK, f"-I{folder}", f"-I{HERE}", *sources.options, *sources.files, *TIMED, "-o", target, "-lm"], folder)
+    run(
+        [
+            COMPILER,
+            *FLAGS,
+            *_LINK,
+            f"-I{folder}",
+            f"-I{HERE}",
+            *sources.options,
+            *sources.files,
+            *TIMED,
+            "-o",
+            target,
+            "-lm",
+        ],
+        folder,
+    )
 
 
 def _cache() -> Path:

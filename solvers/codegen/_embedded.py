@@ -2,8 +2,8 @@
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 
-Timed inside C, as in the lane kernel: ``update`` brings P and q into the solver's memory, ``solve`` is the call that its
-users make, and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some
+Timed inside C, as in the lane kernel: ``update`` brings P and q into the solver's memory, ``solve`` is the call that
+its users make, and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some
 seconds, see :mod:`solvers.codegen._build`) and loads on all others.
 """
 
@@ -42,7 +42,9 @@ class Shape:
     @classmethod
     def of(cls, lb: Vector, ub: Vector) -> Shape:
         """The shape of a box."""
-        return cls(lb.size, tuple(np.flatnonzero(np.isfinite(lb)).tolist()), tuple(np.flatnonzero(np.isfinite(ub)).tolist()))
+        return cls(
+            lb.size, tuple(np.flatnonzero(np.isfinite(lb)).tolist()), tuple(np.flatnonzero(np.isfinite(ub)).tolist())
+        )
 
     @property
     def bounded(self) -> tuple[int, ...]:
@@ -71,7 +73,8 @@ class Embedded(Solver):
     lane = Lane.CODEGEN
     built_with = built_with()
     parameters: ClassVar[Mapping[str, float]] = MappingProxyType({"tolerance": -1.0})
-    """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's own."""
+    """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's
+    own."""
     compiled_in: ClassVar[tuple[str, ...]] = ()
     """Those of them that ``generate`` writes into the C."""
     glue: ClassVar[tuple[str, ...]] = ()
@@ -80,7 +83,11 @@ class Embedded(Solver):
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
         """Tolerances c · 10⁻ᵏ, absolute and relative alike."""
-        return tuple({"tolerance": c * 10.0**-k} for k in (4, 6, 8, 10, 12, 13)) if "tolerance" in cls.parameters else super().ladder(c)
+        return (
+            tuple({"tolerance": c * 10.0**-k} for k in (4, 6, 8, 10, 12, 13))
+            if "tolerance" in cls.parameters
+            else super().ladder(c)
+        )
 
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:
@@ -89,7 +96,9 @@ class Embedded(Solver):
     def setup(self, problem: Problem) -> None:
         lb, ub = only_box(problem, self.name)
         if unknown := sorted(set(self.settings) - set(self.parameters)):
-            raise ValueError(f"{self.name} has no setting {unknown[0]!r} in the lane codegen; it has {', '.join(self.parameters)}")
+            raise ValueError(
+                f"{self.name} has no setting {unknown[0]!r} in the lane codegen; it has {', '.join(self.parameters)}"
+            )
         self.program = p = Program(problem)
         refuse_crossing(p, self.name)
         shape = Shape.of(lb, ub)
@@ -123,16 +132,38 @@ class Embedded(Solver):
         self._found = bool(np.isfinite(self._x).all())
         return timings
 
-    def _loop(self, P: Matrix, q: Matrix, start: Vector | None, most_ns: int, updates: Nanoseconds, solves: Nanoseconds,
-              answers: Matrix) -> tuple[int, int]:
-        return OK, self._library.embedded_time(ctypes.c_int64(len(q)), address(P), address(q), None if start is None else address(start),
-                                               ctypes.c_int64(most_ns), address(updates), address(solves), address(answers))
+    def _loop(
+        self,
+        P: Matrix,
+        q: Matrix,
+        start: Vector | None,
+        most_ns: int,
+        updates: Nanoseconds,
+        solves: Nanoseconds,
+        answers: Matrix,
+    ) -> tuple[int, int]:
+        return OK, self._library.embedded_time(
+            ctypes.c_int64(len(q)),
+            address(P),
+            address(q),
+            None if start is None else address(start),
+            ctypes.c_int64(most_ns),
+            address(updates),
+            address(solves),
+            address(answers),
+        )
 
     def solution(self) -> Solution:
         self._library.embedded_multipliers(address(self._z))
         status = self._library.embedded_status().decode()
-        return self.program.solution(self._x, self._z, self._found, status=status, reported_us=None,
-                                     iterations=int(self._library.embedded_iterations()))
+        return self.program.solution(
+            self._x,
+            self._z,
+            self._found,
+            status=status,
+            reported_us=None,
+            iterations=int(self._library.embedded_iterations()),
+        )
 
     def _values(self) -> Vector:
         chosen = {name: self.settings.get(name, default) for name, default in self.parameters.items()}
@@ -140,7 +171,9 @@ class Embedded(Solver):
 
     def _key(self, shape: Shape) -> list[bytes]:
         """What the built library depends on: all texts that it is made of and the version that makes it."""
-        files = {Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")}
+        files = {
+            Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")
+        }
         files |= set(CORE.glob("*.[ch]")) if issubclass(type(self), OurOwn) else set()
         files |= {CORE / "timed_calls.h", *TIMED, *HERE.glob("*.[ch]")}
         texts = [path.read_bytes() for path in sorted(files)]
@@ -168,7 +201,12 @@ class OurOwn(Embedded):
         """Bytes of the state of a problem of d variables."""
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        options = (f"-I{CORE}", f"-DMEMORY_BYTES={self.memory(shape.d)}", f"-DCORE_VARIABLES={shape.d}", "-ffp-contract=off",
-                   "-fno-math-errno", "-fno-trapping-math")
+        options = (
+            f"-I{CORE}",
+            f"-DMEMORY_BYTES={self.memory(shape.d)}",
+            f"-DCORE_VARIABLES={shape.d}",
+            "-ffp-contract=off",
+            "-fno-math-errno",
+            "-fno-trapping-math",
+        )
         return Sources(tuple(CORE / f"{name}.c" for name in self.core), options)
-

@@ -42,6 +42,9 @@ void embedded_answer(double *x) { memcpy(x, answer, sizeof answer); }
 
 void embedded_multipliers(double *z) { memcpy(z, multipliers, sizeof multipliers); }
 
-const char *embedded_status(void) { return status == 0 ? "solved" : status == 4 ? "no search direction" : "not solved"; }
+const char *embedded_status(void)
+{
+    return status == 0 ? "solved" : status == 4 ? "no search direction" : "not solved";
+}
 
 int embedded_iterations(void) { return -1; }

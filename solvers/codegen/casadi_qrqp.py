@@ -38,9 +38,12 @@ class CasadiQrqp(Embedded):
         d = shape.d
         tolerance = float(self.settings.get("tolerance", -1.0))
         tolerances = {"constr_viol_tol": tolerance, "dual_inf_tol": tolerance} if tolerance > 0.0 else {}
-        function = casadi.conic("qp", "qrqp", {"h": casadi.Sparsity.dense(d, d), "a": casadi.Sparsity.dense(0, d)},
-                                {"error_on_fail": False, "print_header": False, "print_iter": False, "print_info": False,
-                                 **tolerances})
+        function = casadi.conic(
+            "qp",
+            "qrqp",
+            {"h": casadi.Sparsity.dense(d, d), "a": casadi.Sparsity.dense(0, d)},
+            {"error_on_fail": False, "print_header": False, "print_iter": False, "print_info": False, **tolerances},
+        )
         writer = casadi.CodeGenerator("qp.c", {"with_header": True})
         writer.add(function)
         writer.generate(f"{folder}/")

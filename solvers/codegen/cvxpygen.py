@@ -2,13 +2,14 @@
 
     minimise ½ ‖S x‖² + qᵀx   subject to   lower ≤ x, x ≤ upper (where finite),   with parameters S, q, lower and upper
 
-Source: M. Schaller, G. Banjac, S. Diamond, A. Agrawal, B. Stellato, S. Boyd, "Embedded code generation with CVXPY", IEEE
-Control Systems Letters 6 (2022), pages 2653 to 2658.
+Source: M. Schaller, G. Banjac, S. Diamond, A. Agrawal, B. Stellato, S. Boyd, "Embedded code generation with CVXPY",
+IEEE Control Systems Letters 6 (2022), pages 2653 to 2658.
 
-``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming, so users hand over S with
-SᵀS = P, here the upper Cholesky factor; the solver sees d more variables S x and d more equations, and ECOS a cone. Timed:
-``update`` factorises P into S and sets the parameters; ``solve`` is ``cpg_solve``, which fills them into the solver's data,
-has the solver factorise and solves, always cold. SCS makes a new workspace for new data, for which its C allocates memory.
+``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming, so users hand over
+S with SᵀS = P, here the upper Cholesky factor; the solver sees d more variables S x and d more equations, and ECOS a
+cone. Timed: ``update`` factorises P into S and sets the parameters; ``solve`` is ``cpg_solve``, which fills them into
+the solver's data, has the solver factorise and solves, always cold. SCS makes a new workspace for new data, for which
+its C allocates memory.
 """
 
 from __future__ import annotations
@@ -33,8 +34,12 @@ from solvers.protocol import Solver
 if importlib.util.find_spec("cvxpygen") is None:
     raise ImportError("No module named 'cvxpygen'")
 
-SOLVERS = {"ecos": ("interior point", "GPL-3.0-or-later"), "osqp": ("ADMM", "Apache-2.0"), "qoco": ("interior point", "BSD-3-Clause"),
-           "scs": ("ADMM, Anderson acceleration", "MIT")}
+SOLVERS = {
+    "ecos": ("interior point", "GPL-3.0-or-later"),
+    "osqp": ("ADMM", "Apache-2.0"),
+    "qoco": ("interior point", "BSD-3-Clause"),
+    "scs": ("ADMM, Anderson acceleration", "MIT"),
+}
 """Algorithm and licence of each; cvxpygen_<solver>.c has its ways in C."""
 
 
@@ -50,11 +55,19 @@ class Cvxpygen(Embedded):
             warnings.simplefilter("ignore")  # of cvxpy and CVXPYgen about each other
             from cvxpygen import cpg  # brings cvxpy, which takes seconds to load
 
-            cpg.generate_code(_problem(shape), code_dir=str(written), solver=self.name.removeprefix("cvxpygen_").upper(), wrapper=False)
+            cpg.generate_code(
+                _problem(shape),
+                code_dir=str(written),
+                solver=self.name.removeprefix("cvxpygen_").upper(),
+                wrapper=False,
+            )
         lower, upper = ("d0" if shape.below else "none"), ("d1" if shape.below and shape.above else "d0")
-        names = [f"-DDUAL_LOWER={lower if shape.below else upper}", f"-DDUAL_UPPER={upper if shape.above else lower}",
-                 f"-DUPDATE_LOWER={'cpg_update_lower' if shape.below else 'cpg_update_q'}",
-                 f"-DUPDATE_UPPER={'cpg_update_upper' if shape.above else 'cpg_update_q'}"]
+        names = [
+            f"-DDUAL_LOWER={lower if shape.below else upper}",
+            f"-DDUAL_UPPER={upper if shape.above else lower}",
+            f"-DUPDATE_LOWER={'cpg_update_lower' if shape.below else 'cpg_update_q'}",
+            f"-DUPDATE_UPPER={'cpg_update_upper' if shape.above else 'cpg_update_q'}",
+        ]
         found = _sources(written / "c")
         return Sources(found.files, (*found.options, *names))
 
@@ -76,8 +89,20 @@ def _problem(shape: Shape) -> Any:
 def _sources(folder: Path) -> Sources:
     """The files and options of CVXPYgen's own CMake project, which fills templates in as it is configured."""
     beside = shutil.which("cmake", path=str(Path(sys.executable).parent)) or "cmake"
-    run([beside, "-S", folder, "-B", folder / "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", f"-DCMAKE_C_COMPILER={COMPILER}",
-         "-G", "Unix Makefiles"], folder)
+    run(
+        [
+            beside,
+            "-S",
+            folder,
+            "-B",
+            folder / "build",
+            "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON",
+            f"-DCMAKE_C_COMPILER={COMPILER}",
+            "-G",
+            "Unix Makefiles",
+        ],
+        folder,
+    )
     files: dict[str, None] = {}
     options: dict[str, None] = {}
     for entry in json.loads((folder / "build" / "compile_commands.json").read_text(encoding="utf-8")):
@@ -100,4 +125,8 @@ def make(name: str) -> type[Solver]:
     if solver not in SOLVERS:
         raise ImportError(f"CVXPYgen has no solver {solver!r} here")
     algorithm, licence = SOLVERS[solver]
-    return type(name, (Cvxpygen,), {"__doc__": f"{solver} behind CVXPYgen.", "name": name, "algorithm": algorithm, "licence": licence})
+    return type(
+        name,
+        (Cvxpygen,),
+        {"__doc__": f"{solver} behind CVXPYgen.", "name": name, "algorithm": algorithm, "licence": licence},
+    )

@@ -15,11 +15,17 @@ void forget(void) {}
 const char *embedded_status(void)
 {
     switch (CPG_Result.info->status) {
-    case ECOS_OPTIMAL: return "optimal";
-    case ECOS_PINF: return "primal infeasible";
-    case ECOS_DINF: return "dual infeasible";
-    case ECOS_MAXIT: return "maximum iterations reached";
-    case ECOS_OPTIMAL + ECOS_INACC_OFFSET: return "close to optimal";
-    default: return "numerical problems";
+    case ECOS_OPTIMAL:
+        return "optimal";
+    case ECOS_PINF:
+        return "primal infeasible";
+    case ECOS_DINF:
+        return "dual infeasible";
+    case ECOS_MAXIT:
+        return "maximum iterations reached";
+    case ECOS_OPTIMAL + ECOS_INACC_OFFSET:
+        return "close to optimal";
+    default:
+        return "numerical problems";
     }
 }

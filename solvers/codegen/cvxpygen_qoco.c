@@ -14,9 +14,13 @@ void forget(void) {}
 const char *embedded_status(void)
 {
     switch (CPG_Result.info->status) {
-    case QOCO_SOLVED: return "solved";
-    case QOCO_SOLVED_INACCURATE: return "solved inaccurately";
-    case QOCO_MAX_ITER: return "maximum iterations reached";
-    default: return "numerical problems";
+    case QOCO_SOLVED:
+        return "solved";
+    case QOCO_SOLVED_INACCURATE:
+        return "solved inaccurately";
+    case QOCO_MAX_ITER:
+        return "maximum iterations reached";
+    default:
+        return "numerical problems";
     }
 }

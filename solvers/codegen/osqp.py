@@ -3,8 +3,8 @@
 Source: G. Banjac, B. Stellato, N. Moehle, P. Goulart, A. Bemporad, S. Boyd, "Embedded code generation using the OSQP
 solver", IEEE Conference on Decision and Control (2017).
 
-Timed: ``update`` brings in the upper triangle of P and q, scales and factorises; ``solve`` iterates, cold from zero. The
-penalty ρ that a solve has adapted stays for the next, as the library means it. Its adaptation is counted in steps.
+Timed: ``update`` brings in the upper triangle of P and q, scales and factorises; ``solve`` iterates, cold from zero.
+The penalty ρ that a solve has adapted stays for the next, as the library means it. Its adaptation is counted in steps.
 """
 
 from __future__ import annotations
@@ -34,9 +34,20 @@ class Osqp(Embedded):
         d, rows = shape.d, list(shape.bounded)
         P = Triangle(d).matrix(np.eye(d) + 1e-3)
         solver = osqp.OSQP()
-        solver.setup(P, np.ones(d), csc_matrix(np.eye(d)[rows]), np.zeros(len(rows)), np.ones(len(rows)), verbose=False,
-                     polishing=False, adaptive_rho=1, adaptive_rho_interval=50)
+        solver.setup(
+            P,
+            np.ones(d),
+            csc_matrix(np.eye(d)[rows]),
+            np.zeros(len(rows)),
+            np.ones(len(rows)),
+            verbose=False,
+            polishing=False,
+            adaptive_rho=1,
+            adaptive_rho_interval=50,
+        )
         solver.codegen(str(folder / "osqp"), parameters="matrices")
         written = folder / "osqp"
-        return Sources((*sorted((written / "src").glob("*.c")), written / "workspace.c"),
-                       tuple(f"-I{written / part}" for part in (".", "inc/public", "inc/private")))
+        return Sources(
+            (*sorted((written / "src").glob("*.c")), written / "workspace.c"),
+            tuple(f"-I{written / part}" for part in (".", "inc/public", "inc/private")),
+        )

@@ -34,7 +34,23 @@ class Qocogen(Embedded):
         d, rows = shape.d, len(shape.below) + len(shape.above)
         G = csc_matrix(np.vstack([-np.eye(d)[list(shape.below)], np.eye(d)[list(shape.above)]]))
         with contextlib.redirect_stdout(io.StringIO()):
-            qocogen.generate_solver(d, rows, 0, csc_matrix(np.triu(np.eye(d) + 1e-3)), np.ones(d), None, None, G, np.ones(rows), rows, 0,
-                                    None, output_dir=str(folder), name="qoco")
+            qocogen.generate_solver(
+                d,
+                rows,
+                0,
+                csc_matrix(np.triu(np.eye(d) + 1e-3)),
+                np.ones(d),
+                None,
+                None,
+                G,
+                np.ones(rows),
+                rows,
+                0,
+                None,
+                output_dir=str(folder),
+                name="qoco",
+            )
         written = folder / "qoco"
-        return Sources(tuple(path for path in sorted(written.glob("*.c")) if path.name != "runtest.c"), (f"-I{written}",))
+        return Sources(
+            tuple(path for path in sorted(written.glob("*.c")) if path.name != "runtest.c"), (f"-I{written}",)
+        )

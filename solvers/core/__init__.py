@@ -1,7 +1,8 @@
 """The solvers' arithmetic in C99, and the extension module through which Python calls it.
 
-The headers of this folder say what each function does, README.md how the whole is built and extended. ``face`` is the extension
-module for the best instruction set that this processor has; PIEZOBENCH_ISA=v2 (v3, v4) asks for another, for tests and figures.
+The headers of this folder say what each function does, README.md how the whole is built and extended. ``face`` is the
+extension module for the best instruction set that this processor has; PIEZOBENCH_ISA=v2 (v3, v4) asks for another, for
+tests and figures.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from solvers.core.compile_core import digest, instruction_sets, library
 
 (OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED) = range(9)
 REASONS = {
-    UNBOUNDED: "the problem is unbounded below: q points down a direction in which P has no curvature above its rounding, and no bound stops",
+    UNBOUNDED: "the problem is unbounded below: q points down a direction in which P has no curvature above its "
+    "rounding, and no bound stops",
     INDEFINITE: "P is indefinite beyond rounding, so the problem is not convex",
     ENDLESS: "no active set met the optimality conditions within the limit of linear systems",
     NOT_FINITE: "P, q and a starting point must be finite and bounds must not be NaN",
@@ -45,7 +47,8 @@ def load(package: Path, level: int | None = None) -> ModuleType:
     Raises
     ------
     ImportError
-        It is not built, it is built from other sources than those beside it, or PIEZOBENCH_ISA asks for what is not here.
+        It is not built, it is built from other sources than those beside it, or PIEZOBENCH_ISA asks for what is not
+        here.
     """
     best = instruction_sets()[0]
     module = _open(package, best)
@@ -54,10 +57,14 @@ def load(package: Path, level: int | None = None) -> ModuleType:
     if best != "native":
         asked = os.environ.get("PIEZOBENCH_ISA") or f"v{level}"
         if asked not in instruction_sets() or level < int(asked[1:]):
-            raise ImportError(f"the instruction set {asked} is not one of {', '.join(instruction_sets())} that this processor has")
+            raise ImportError(
+                f"the instruction set {asked} is not one of {', '.join(instruction_sets())} that this processor has"
+            )
         module = module if asked == best else _open(package, asked)
     if module.sources != digest(package):
-        raise ImportError(f"the C sources in {package.name}/core have changed since their library was built: run make core")
+        raise ImportError(
+            f"the C sources in {package.name}/core have changed since their library was built: run make core"
+        )
     return module
 
 
@@ -80,10 +87,11 @@ def padded(size: int) -> int:
 
 
 def block(size: int) -> NDArray[np.uint8]:
-    """So many zero bytes from a cache line on: the memory of a state, whose bytes are all there is to save and restore."""
+    """So many zero bytes from a cache line on: the memory of a state, whose bytes are all there is to save and
+    restore."""
     raw = np.zeros(size + 64, dtype=np.uint8)
     skip = -raw.ctypes.data % 64
-    return raw[skip:skip + size]
+    return raw[skip : skip + size]
 
 
 face: Any = load(Path(__file__).parents[1])

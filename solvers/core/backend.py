@@ -1,4 +1,5 @@
-"""The PEP 517 backend: setuptools with the C cores, and with the package ziglang where the machine has no C compiler."""
+"""The PEP 517 backend: setuptools with the C cores, and with the package ziglang where the machine has no C
+compiler."""
 
 from __future__ import annotations
 

@@ -2,17 +2,19 @@
  *
  *     P_FF x_F = -(q_F + P_FA x_A).
  *
- * It is the minimiser iff lb <= x_F <= ub and the gradient g = q + P x holds every bound: g >= 0 at a lower, g <= 0 at an upper one. Each
- * round exchanges all variables that break this (Judice & Pires, Computers & Operations Research 21 (1994) 587). The system is solved
- * for the step from the x of the round before, so that a round on the same sides is one of iterative refinement. Programs that are solved
- * side by side differ in F and share every instruction: what a program leaves out takes part with zeros (factor.h).
+ * It is the minimiser iff lb <= x_F <= ub and the gradient g = q + P x holds every bound: g >= 0 at a lower, g <= 0 at
+ * an upper one. Each round exchanges all variables that break this (Judice & Pires, Computers & Operations Research 21
+ * (1994) 587). The system is solved for the step from the x of the round before, so that a round on the same sides is
+ * one of iterative refinement. Programs that are solved side by side differ in F and share every instruction: what a
+ * program leaves out takes part with zeros (factor.h).
  *
- * A first guess is what one sweep of coordinate descent leaves free. On programs of this project it halves the rounds that "all free"
- * takes (at d = 18 from 6.5 to 3.6, at d = 60 from 15 to 7), for less than the price of one.
+ * A first guess is what one sweep of coordinate descent leaves free. On programs of this project it halves the rounds
+ * that "all free" takes (at d = 18 from 6.5 to 3.6, at d = 60 from 15 to 7), for less than the price of one.
  *
- * Tolerances are in the variables z = x / S with S P S of unit diagonal up to a factor of two: the rounding of S g is about d eps max(|z|, |S q|).
- * A multiplier within it counts as zero, which keeps ties from cycling; a bound has no tolerance. A program is solved when no condition is
- * broken and S g_F is rounding. Pivoting may cycle, and has no safe pivots where P is near singular: such a program is left unsolved.
+ * Tolerances are in the variables z = x / S with S P S of unit diagonal up to a factor of two: the rounding of S g is
+ * about d eps max(|z|, |S q|). A multiplier within it counts as zero, which keeps ties from cycling; a bound has no
+ * tolerance. A program is solved when no condition is broken and S g_F is rounding. Pivoting may cycle, and has no safe
+ * pivots where P is near singular: such a program is left unsolved.
  */
 #include "block_pivoting.h"
 
@@ -182,7 +184,8 @@ num N(pivoting_exchange)(const Pivoting *s, num *residual)
     vec8 exchanged = zeros(), left = zeros(), finite = zeros();
     for (int i = 0; i < VECTORS(s->d); ++i) {
         const vec8 side = vector(s->side, i), x = vector(s->x, i), g = mul(vector(s->scale, i), vector(s->g, i));
-        const vec8 lb = vector(s->lb, i), ub = vector(s->ub, i), one = splat(1), held = mul(side, side), sum = add(x, g);
+        const vec8 lb = vector(s->lb, i), ub = vector(s->ub, i), one = splat(1), held = mul(side, side),
+                   sum = add(x, g);
         const vec8 outside = where_less(x, lb, splat(-1), where_less(ub, x, one, zeros()));
         const vec8 kept = where_less(tolerance, mul(side, g), where_less(lb, ub, zeros(), side), side);
         const vec8 next = where_less(zeros(), held, kept, outside), change = sub(next, side);

@@ -1,7 +1,7 @@
 /* Block principal pivoting for   minimise 1/2 x'Px + q'x   over   lb <= x <= ub,   of one program or of eight at once.
  *
- * P is the upper triangle, by rows, of a matrix of order d + 1, as the Gram matrix of rows (xi, x) is one; what stands in its last column
- * is not read and is written over.
+ * P is the upper triangle, by rows, of a matrix of order d + 1, as the Gram matrix of rows (xi, x) is one; what stands
+ * in its last column is not read and is written over.
  */
 #ifndef CORE_BLOCK_PIVOTING_H
 #define CORE_BLOCK_PIVOTING_H
@@ -24,7 +24,7 @@ typedef struct {
     num *scale;        /* d: about P_jj^(-1/2), a power of two */
     num *free, *step;  /* d: of a linear system, 1 where a variable is free, and what it solves for */
     Factor factor;
-    num *whole;        /* P by rows, of a single program */
+    num *whole; /* P by rows, of a single program */
 } Pivoting;
 
 CORE_INLINE int64_t pivoting_bytes(int d)
@@ -54,15 +54,19 @@ CORE_INLINE Pivoting pivoting_at(Room *room, int d)
 
 /* Take the data; 1 where the diagonal is positive and finite. To be called again where a lane has another program. */
 CORE_API num N(pivoting_prepare)(const Pivoting *s);
-/* Of the programs in `which`, guess the sides by coordinate descent, one step a variable, from the point of the box next to 0. */
+/* Of the programs in `which`, guess the sides by coordinate descent, one step a variable, from the point of the box
+ * next to 0. */
 CORE_API void N(pivoting_guess)(const Pivoting *s, num which);
-/* Bring every variable to its side, with the gradient; the bounds are finite where a side says that a variable is at one. */
+/* Bring every variable to its side, with the gradient; the bounds are finite where a side says that a variable is at
+ * one. */
 CORE_API void N(pivoting_place)(const Pivoting *s);
-/* Bring what is free to its minimiser from there; 1 where every pivot is more than the share `least` of the diagonal of P. */
+/* Bring what is free to its minimiser from there; 1 where every pivot is more than the share `least` of the diagonal of
+ * P. */
 CORE_API num N(pivoting_newton)(const Pivoting *s, real least);
 /* What rounding may leave of an entry of S g that is zero. */
 CORE_API num N(pivoting_rounding)(const Pivoting *s);
-/* Exchange the sides that break a condition: how many, and in `residual` the largest |g_F| by the rounding of g, infinite where x or g is. */
+/* Exchange the sides that break a condition: how many, and in `residual` the largest |g_F| by the rounding of g,
+ * infinite where x or g is. */
 CORE_API num N(pivoting_exchange)(const Pivoting *s, num *residual);
 /* Both; 1 where x is the minimiser. Programs in `broken` have another system to solve; one in neither has no answer. */
 CORE_API num N(pivoting_round)(const Pivoting *s, num *broken);

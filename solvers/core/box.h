@@ -1,12 +1,14 @@
 /* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
  *
- * New data are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). What is not safely positive definite, finite and
- * symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter rules (box_fallback.h,
- * box_pivoting.c, box_dual.c), which decides. Which path a cold problem takes follows from its data alone, so the answer does too.
+ * New data are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). What is not safely positive definite,
+ * finite and symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter
+ * rules (box_fallback.h, box_pivoting.c, box_dual.c), which decides. Which path a cold problem takes follows from its
+ * data alone, so the answer does too.
  *
- * The variables are scaled, x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2): that is exact, so lb, ub and the
- * answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling within a factor of two of unit diagonal
- * is within a factor of two (and d) of the best condition number a diagonal can give (van der Sluis, Numer. Math. 14 (1969) 14).
+ * The variables are scaled, x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2): that is exact, so
+ * lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling within a
+ * factor of two of unit diagonal is within a factor of two (and d) of the best condition number a diagonal can give
+ * (van der Sluis, Numer. Math. 14 (1969) 14).
  */
 #ifndef CORE_BOX_H
 #define CORE_BOX_H
@@ -21,13 +23,15 @@ enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* where a variable is; one whose boun
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
-    int32_t inverted, factorised, singular; /* which of M and the program of the fallback are there; whether that has the proximal term */
-    int32_t cap;                            /* exchanges after which a solve ends with CAPPED; 0 for none */
+    int32_t inverted, factorised,
+        singular; /* which of M and the program of the fallback are there; whether that has the proximal term */
+    int32_t cap;  /* exchanges after which a solve ends with CAPPED; 0 for none */
     int32_t exchanges, systems, dual_steps, proximal_steps; /* what the last solve took */
-    int32_t fallbacks;                      /* solves left to the factorisation */
+    int32_t fallbacks;                                      /* solves left to the factorisation */
 } BoxHead;
 
-/* Names for the parts of the state; vectors have ld numbers, zero from d on. First what a solve by exchanges touches. */
+/* Names for the parts of the state; vectors have ld numbers, zero from d on. First what a solve by exchanges touches.
+ */
 typedef struct {
     BoxHead *head;
     int d, ld;
@@ -36,13 +40,13 @@ typedef struct {
     real *x, *g;                                   /* z and its gradient q + P z */
     real *r, *below, *above, *at, *is_free, *unit; /* see box_exchange.c */
     real *diagonal, *weight, *gain, *masked, *step, *inverse_diagonal, *inverse_weight, *zero;
-    real *factor, *share;                          /* 2 ld numbers, one an exchange */
-    real *one;                                     /* 2 ld zeros but for a one in the middle: unit vectors by where one begins to read */
-    real *skew, *sign;                             /* see box_inverse.c */
-    real *pivots;                                  /* 2 rows */
+    real *factor, *share; /* 2 ld numbers, one an exchange */
+    real *one;            /* 2 ld zeros but for a one in the middle: unit vectors by where one begins to read */
+    real *skew, *sign;    /* see box_inverse.c */
+    real *pivots;         /* 2 rows */
     int32_t *side;
-    real *P, *M, *U;                               /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
-    void *fallback;                                /* see box_fallback.h; it takes the place of U */
+    real *P, *M, *U; /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
+    void *fallback;  /* see box_fallback.h; it takes the place of U */
 } Box;
 
 CORE_API int64_t box_bytes(int d);
@@ -65,7 +69,8 @@ CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb
 CORE_API int box_solve_factorised(Box *s, int warm);
 
 /* What the files of this solver ask of each other. */
-#define BOX_LARGE ((real)1e7) /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
+#define BOX_LARGE                                                                                                      \
+    ((real)1e7) /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
 CORE_API int box_invert(Box *s, const real *P);
 CORE_API int box_exchange_all(Box *s, int warm);
 CORE_API int box_factorise_copy(Box *s);

@@ -9,7 +9,8 @@ static int even(int d) { return (d + 1) / 2 * 2; }
 int64_t box_bytes(int d)
 {
     const int64_t ld = padded(d), each = (int64_t)sizeof(real), columns = 2 * ld * ld * each;
-    return HEAD_BYTES + ld * (BOX_VECTORS + 2 * even(d)) * each + 8 * ld + (columns > fallback_bytes(d) ? columns : fallback_bytes(d));
+    return HEAD_BYTES + ld * (BOX_VECTORS + 2 * even(d)) * each + 8 * ld
+           + (columns > fallback_bytes(d) ? columns : fallback_bytes(d));
 }
 
 Box box_at(void *memory)
@@ -164,7 +165,8 @@ int box_take_hessian(Box *s, const real *P)
     return copy_checked(s, P);
 }
 
-/* Put the symmetric part of the copy of P into the program of the fallback; NaN where it is not finite, else the largest difference. */
+/* Put the symmetric part of the copy of P into the program of the fallback; NaN where it is not finite, else the
+ * largest difference. */
 static real symmetric_part(const Box *s, const Pivoting *p)
 {
     const int d = s->d, ld = s->ld;
@@ -227,8 +229,8 @@ int box_factorise_copy(Box *s)
     prepare(p);
     s->head->singular = 0;
     s->head->factorised = 1;
-    /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the right-hand side is
-     * irregular, so that this is about 1/lambda_min. */
+    /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the
+     * right-hand side is irregular, so that this is about 1/lambda_min. */
     for (int j = 0; j < s->d; ++j) {
         irregular += (real)0.618033988749895;
         irregular -= irregular >= 1 ? 1 : 0;

@@ -1,10 +1,10 @@
 /* The dual active set method for bounds, finite where block pivoting cycles.
  *
- * Goldfarb & Idnani (Math. Programming 27 (1983) 1) keep every multiplier right and mend one violated bound at a time. For a box
- * their step needs no Schur complement: between the candidate (x, u) of the set A and the candidate (x', g') of A and j every
- * quantity is linear, so u + t (g' - u), t in [0, 1], is the path. If a multiplier reaches zero at t < 1, its bound is let go there
- * and the path bends; t = 1 is j at its bound and the other multipliers right. The dual objective strictly rises with each bound
- * pushed home (at most |A| bends come before), so no set returns.
+ * Goldfarb & Idnani (Math. Programming 27 (1983) 1) keep every multiplier right and mend one violated bound at a time.
+ * For a box their step needs no Schur complement: between the candidate (x, u) of the set A and the candidate (x', g')
+ * of A and j every quantity is linear, so u + t (g' - u), t in [0, 1], is the path. If a multiplier reaches zero at t <
+ * 1, its bound is let go there and the path bends; t = 1 is j at its bound and the other multipliers right. The dual
+ * objective strictly rises with each bound pushed home (at most |A| bends come before), so no set returns.
  */
 #include "box_fallback.h"
 
@@ -56,7 +56,8 @@ static int most_violated(const Pivoting *p)
     int chosen = -1;
     real worst = 0;
     for (int j = 0; j < p->d; ++j) {
-        const real under = p->lb[j] - p->x[j], over_it = p->x[j] - p->ub[j], violation = under > over_it ? under : over_it;
+        const real under = p->lb[j] - p->x[j], over_it = p->x[j] - p->ub[j],
+                   violation = under > over_it ? under : over_it;
         if (p->side[j] == FREE && violation > worst) {
             chosen = j;
             worst = violation;

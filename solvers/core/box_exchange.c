@@ -1,22 +1,24 @@
 /* The exact minimiser over a box by exchanges on P^-1, for a P that is safely positive definite.
  *
- * With F free and A at a bound, M is P swept on F (box_inverse.c) and r holds -x_F and the gradient g_A. Freeing or holding
- * variable j, with p = M_jj and c = -g_j/p or -(bound - x_j)/p, is
+ * With F free and A at a bound, M is P swept on F (box_inverse.c) and r holds -x_F and the gradient g_A. Freeing or
+ * holding variable j, with p = M_jj and c = -g_j/p or -(bound - x_j)/p, is
  *
  *     r <- r + M_j c  off j,    M <- M - M_j M_j' / p  off row and column j,    M_jj <- -1/p.
  *
- * The exchange that gains most, violation^2/|M_jj|, comes first; from "all free" the number of exchanges is then seldom more than
- * the number of bounds that hold at the optimum. M is not rewritten: column j is made when it is needed, from M = -P^-1 and the
- * columns U of the exchanges before. To that end a variable at a bound is measured in units of its pivot, in which its row stays as
- * it was: M_t = M - sum u u'/p with u_j = 0 (u_j = p - unit where j is freed again), but for the entries M_jj at bounds, which
- * stand in a vector of their own.
+ * The exchange that gains most, violation^2/|M_jj|, comes first; from "all free" the number of exchanges is then seldom
+ * more than the number of bounds that hold at the optimum. M is not rewritten: column j is made when it is needed, from
+ * M = -P^-1 and the columns U of the exchanges before. To that end a variable at a bound is measured in units of its
+ * pivot, in which its row stays as it was: M_t = M - sum u u'/p with u_j = 0 (u_j = p - unit where j is freed again),
+ * but for the entries M_jj at bounds, which stand in a vector of their own.
  *
- * Whether x is the minimiser is judged after a step of iterative refinement, x_F <- x_F - P_FF^-1 g_F, by g = q + P x itself. The
- * conditions hold to rounding: |g_F| <= (d + 4) eps s/2 and a multiplier not beyond 4 d eps s on its wrong side, with s = max(|q|, |x|),
- * and no bound broken by so much that the exchange would gain more than (eps s)^2, which keeps ties from going back and forth; the
- * answer itself is inside its bounds to the last bit. Where a few steps do not bring that about, box_pivoting.c takes over.
+ * Whether x is the minimiser is judged after a step of iterative refinement, x_F <- x_F - P_FF^-1 g_F, by g = q + P x
+ * itself. The conditions hold to rounding: |g_F| <= (d + 4) eps s/2 and a multiplier not beyond 4 d eps s on its wrong
+ * side, with s = max(|q|, |x|), and no bound broken by so much that the exchange would gain more than (eps s)^2, which
+ * keeps ties from going back and forth; the answer itself is inside its bounds to the last bit. Where a few steps do
+ * not bring that about, box_pivoting.c takes over.
  *
- * Source: R. W. Cottle, "The principal pivoting method of quadratic programming", in Mathematics of the Decision Sciences, AMS, 1968.
+ * Source: R. W. Cottle, "The principal pivoting method of quadratic programming", in Mathematics of the Decision
+ * Sciences, AMS, 1968.
  */
 #include "box.h"
 
@@ -75,9 +77,11 @@ CORE_INLINE vec8 finish_block(const Box *s, const Exchange *e, vec8 u, int b)
 {
     const int lane = e->j - b;
     const vec8 r = with_lane(plus_product(load(s->r + b), u, splat(e->c)), lane, e->r);
-    const vec8 diagonal = with_lane(less_product(load(s->diagonal + b), mul(u, splat(e->inverse)), u), lane, e->diagonal);
+    const vec8 diagonal =
+        with_lane(less_product(load(s->diagonal + b), mul(u, splat(e->inverse)), u), lane, e->diagonal);
     const vec8 weight = over(splat(1), magnitude(diagonal));
-    const vec8 below = with_lane(load(s->below + b), lane, e->below), above = with_lane(load(s->above + b), lane, e->above);
+    const vec8 below = with_lane(load(s->below + b), lane, e->below),
+               above = with_lane(load(s->above + b), lane, e->above);
     store(s->r + b, r);
     store(s->diagonal + b, diagonal);
     store(s->weight + b, weight);
@@ -87,7 +91,8 @@ CORE_INLINE vec8 finish_block(const Box *s, const Exchange *e, vec8 u, int b)
     return note_gain(s, b, r, below, above, weight);
 }
 
-/* Up to three blocks of column j of the present M, and what follows from it; their gains, of which the largest counts. */
+/* Up to three blocks of column j of the present M, and what follows from it; their gains, of which the largest counts.
+ */
 CORE_INLINE vec8 exchange_blocks(const Box *s, const Exchange *e, int b, int blocks)
 {
     const size_t ld = (size_t)s->ld;
@@ -163,7 +168,8 @@ static real exchange(const Box *s, int j, int side, int count)
     return largest8(most);
 }
 
-/* Refine x, renew r from it and g = q + P x; whether g_F is zero to rounding, the largest gain and, in `negligible`, what is none. */
+/* Refine x, renew r from it and g = q + P x; whether g_F is zero to rounding, the largest gain and, in `negligible`,
+ * what is none. */
 static int refine(const Box *s, int count, real *top, real *negligible)
 {
     const int d = s->d, ld = s->ld;
@@ -213,7 +219,7 @@ static int refine(const Box *s, int count, real *top, real *negligible)
     *top = largest8(most);
     *negligible = rounding * rounding;
     return largest8(residual) <= (real)(d + 4) * rounding / 2 && MAGNITUDE(sum8(total)) < REAL_INFINITY
-        && (x_size <= BOX_LARGE * q_size || x_size == 0);
+           && (x_size <= BOX_LARGE * q_size || x_size == 0);
 }
 
 static void write_answer(const Box *s)

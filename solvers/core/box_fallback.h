@@ -1,4 +1,5 @@
-/* What the exchanges on the inverse leave: the program in the variables z as one of block_pivoting.h, with a factor of P_FF for each system.
+/* What the exchanges on the inverse leave: the program in the variables z as one of block_pivoting.h, with a factor of
+ * P_FF for each system.
  *
  * It stands where the exchanges keep their columns, so it is made anew after them.
  */

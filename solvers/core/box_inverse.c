@@ -8,15 +8,16 @@
  *
  *     M_NN <- M_NN - M_NK H M_KN,    M_KN <- H M_KN,    M_KK <- -H.
  *
- * On every variable, M = -P^-1. P is positive definite iff every H on the way is, and 1/lambda_min(P) <= trace P^-1, which a
- * triangular factor does not show; a P that is not safely inside both is left to box_data.c. Two pivots a pass halve the loads and
- * stores of M and share one division, whose wait is filled by the last rows of the pass before: the rows of the next pair come first.
+ * On every variable, M = -P^-1. P is positive definite iff every H on the way is, and 1/lambda_min(P) <= trace P^-1,
+ * which a triangular factor does not show; a P that is not safely inside both is left to box_data.c. Two pivots a pass
+ * halve the loads and stores of M and share one division, whose wait is filled by the last rows of the pass before: the
+ * rows of the next pair come first.
  *
- * Symmetry is seen in one number: sum K_ij P_ij, with K irregular and K' = -K, is zero to rounding where P is symmetric.
- * K_ij = sign_i sign_j skew(j - i) takes two vectors.
+ * Symmetry is seen in one number: sum K_ij P_ij, with K irregular and K' = -K, is zero to rounding where P is
+ * symmetric. K_ij = sign_i sign_j skew(j - i) takes two vectors.
  *
- * Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H. Goodnight, "A
- * tutorial on the SWEEP operator", American Statistician 33 (1979) 149.
+ * Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H.
+ * Goodnight, "A tutorial on the SWEEP operator", American Statistician 33 (1979) 149.
  */
 #include "box.h"
 
@@ -59,12 +60,14 @@ static real copy_scaled(Box *s, const real *P)
 
 /* Up to three blocks of columns in a sweep of the rows from `source` to M on the variables K = k, k + 1.
  *
- * With M_KK - I in place of M_KK, H M_K: is I - H in the columns K, and these need no care: M_iK - M_iK (I - H) = M_iK H. */
-CORE_INLINE void pass(const Box *s, const real *source, const real *pivots, int k, int rows, int column, int blocks, real h0, real h1,
-                      real h2)
+ * With M_KK - I in place of M_KK, H M_K: is I - H in the columns K, and these need no care: M_iK - M_iK (I - H) = M_iK
+ * H. */
+CORE_INLINE void pass(const Box *s, const real *source, const real *pivots, int k, int rows, int column, int blocks,
+                      real h0, real h1, real h2)
 {
     const int ld = s->ld;
-    const real *const one = s->one + ld - k + column, *const x_row = pivots + column, *const y_row = pivots + ld + column;
+    const real *const one = s->one + ld - k + column, *const x_row = pivots + column,
+                      *const y_row = pivots + ld + column;
     real *const target = s->M;
     vec8 u[3], v[3];
     for (int b = 0; b < blocks; ++b) {
@@ -123,7 +126,8 @@ static int sweep_all(Box *s)
     return positive;
 }
 
-/* Take P, its scale, a scaled copy and M; 0 where P is not finite, not symmetric to rounding or not safely positive definite. */
+/* Take P, its scale, a scaled copy and M; 0 where P is not finite, not symmetric to rounding or not safely positive
+ * definite. */
 int box_invert(Box *s, const real *P)
 {
     const int d = s->d, ld = s->ld;

@@ -1,14 +1,15 @@
 /* The exact minimiser over a box by block pivoting, for data that exchanges on the inverse do not bring home.
  *
- * The rounds are those of block_pivoting.c, cold from its guess, and the last of them refine the answer. They may cycle, so where the
- * number of broken conditions has not reached a new low for PATIENCE rounds, box_dual.c ends the search (Kim & Park, SIAM J. Sci.
- * Comput. 33 (2011) 3261).
+ * The rounds are those of block_pivoting.c, cold from its guess, and the last of them refine the answer. They may
+ * cycle, so where the number of broken conditions has not reached a new low for PATIENCE rounds, box_dual.c ends the
+ * search (Kim & Park, SIAM J. Sci. Comput. 33 (2011) 3261).
  *
  * Singular P. Where a pivot of P or its smallest eigenvalue is below about 16 d eps, the problem solved has the term
- * delta |z - c|^2 / 2 more, in the scaled variables z (delta = BOX_PROXIMAL), and c moves to its answer until the term is below the
- * rounding of g (proximal point, Rockafellar, SIAM J. Control Optim. 14 (1976) 877). c starts at 0, or at the warm start: along
- * directions that P does not see, x stays where it was. P that has a pivot <= 0 even so is refused as indefinite; an x that walks on
- * at constant pace is taken to the next bound in its way, and where there is none the problem is unbounded.
+ * delta |z - c|^2 / 2 more, in the scaled variables z (delta = BOX_PROXIMAL), and c moves to its answer until the term
+ * is below the rounding of g (proximal point, Rockafellar, SIAM J. Control Optim. 14 (1976) 877). c starts at 0, or at
+ * the warm start: along directions that P does not see, x stays where it was. P that has a pivot <= 0 even so is
+ * refused as indefinite; an x that walks on at constant pace is taken to the next bound in its way, and where there is
+ * none the problem is unbounded.
  */
 #include "box_fallback.h"
 
@@ -20,8 +21,9 @@ enum { PATIENCE = 5 }; /* 2 to 10 rounds take as many systems on average, 5 has 
 #define SPLITTER 134217729.0
 #endif
 
-/* g = q + P x to about twice the precision, then rounded once (Ogita, Rump & Oishi, SIAM J. Sci. Comput. 26 (2005) 1955). What
- * rounding takes from a product is found from the halves of its factors (Dekker, Numer. Math. 18 (1971) 224). */
+/* g = q + P x to about twice the precision, then rounded once (Ogita, Rump & Oishi, SIAM J. Sci. Comput. 26 (2005)
+ * 1955). What rounding takes from a product is found from the halves of its factors (Dekker, Numer. Math. 18 (1971)
+ * 224). */
 static void gradient_compensated(const Pivoting *p)
 {
     const vec8 splitter = splat(SPLITTER);
@@ -151,7 +153,8 @@ static int proximal_point(const Fallback *f, const real *q)
     return status;
 }
 
-/* The data, and where to begin: warm at the answer and its sides, cold at a guess, which makes the answer a function of the data alone. */
+/* The data, and where to begin: warm at the answer and its sides, cold at a guess, which makes the answer a function of
+ * the data alone. */
 static void begin(const Fallback *f, const Box *s, int warm)
 {
     const Pivoting *const p = &f->program;
@@ -164,7 +167,8 @@ static void begin(const Fallback *f, const Box *s, int warm)
         pivoting_guess(p, 1);
     }
     for (int j = 0; j < s->d; ++j) {
-        const real lo = s->lo[j], hi = s->hi[j], x = s->answer[j] / s->scale[j], side = warm ? (real)s->side[j] : p->side[j];
+        const real lo = s->lo[j], hi = s->hi[j], x = s->answer[j] / s->scale[j],
+                   side = warm ? (real)s->side[j] : p->side[j];
         const int held = (side < 0 && lo > -REAL_INFINITY) || (side > 0 && hi < REAL_INFINITY);
         p->x[j] = warm && MAGNITUDE(x) < REAL_INFINITY ? x : 0;
         p->side[j] = lo == hi ? LOWER : held ? side : FREE;

@@ -20,6 +20,7 @@ int64_t monotonic_ns(void)
     LARGE_INTEGER now, frequency;
     QueryPerformanceCounter(&now);
     QueryPerformanceFrequency(&frequency);
-    return now.QuadPart / frequency.QuadPart * 1000000000 + now.QuadPart % frequency.QuadPart * 1000000000 / frequency.QuadPart;
+    return now.QuadPart / frequency.QuadPart * 1000000000
+           + now.QuadPart % frequency.QuadPart * 1000000000 / frequency.QuadPart;
 }
 #endif

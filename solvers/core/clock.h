@@ -1,4 +1,5 @@
-/* The monotonic clock, for figures that hold no call from Python. One reading costs some 20 ns and is part of the figure. */
+/* The monotonic clock, for figures that hold no call from Python. One reading costs some 20 ns and is part of the
+ * figure. */
 #ifndef CORE_CLOCK_H
 #define CORE_CLOCK_H
 

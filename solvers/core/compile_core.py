@@ -1,7 +1,8 @@
-"""Compiles the C cores into extension modules, one for each instruction set; ``python solvers/core/compile_core.py`` does it in place.
+"""Compiles the C cores into extension modules, one for each instruction set; ``python solvers/core/compile_core.py``
+does it in place.
 
-It needs a C compiler that knows gcc's vector types (gcc, clang or the package ziglang) and neither Python.h nor any package,
-since it runs before the project is installed.
+It needs a C compiler that knows gcc's vector types (gcc, clang or the package ziglang) and neither Python.h nor any
+package, since it runs before the project is installed.
 """
 
 from __future__ import annotations
@@ -26,7 +27,15 @@ BESIDE = {"solvers": ("kernel",), "piezo_model": ("plants", "stage")}
 ROOT = Path(__file__).resolve().parents[2]
 ZIGLANG = "ziglang==0.17.1"
 """What a machine without a C compiler is given."""
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
+FLAGS = (
+    "-std=c99",
+    "-O3",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fPIC",
+    "-fvisibility=hidden",
+)
 """No -ffast-math and no fused products: the bits of an answer depend on the sources alone."""
 SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 PROBE = """typedef double four __attribute__((vector_size(32)));
@@ -42,7 +51,8 @@ class NoCompiler(RuntimeError):
 
 
 def instruction_sets() -> tuple[str, ...]:
-    """What is built on this kind of machine: levels of x86-64, or the one that every 64-bit processor of another kind has."""
+    """What is built on this kind of machine: levels of x86-64, or the one that every 64-bit processor of another kind
+    has."""
     return ("v2", "v3", "v4") if platform.machine().lower() in ("x86_64", "amd64") else ("native",)
 
 
@@ -54,7 +64,7 @@ def library(package: Path, instructions: str) -> Path:
 
 def folders(package: Path) -> list[Path]:
     """The folders of C that a package is built from: its own, and those of the packages below it."""
-    cores = [package.parent / name / "core" for name in CORES[:CORES.index(package.name) + 1]]
+    cores = [package.parent / name / "core" for name in CORES[: CORES.index(package.name) + 1]]
     return cores + [package / name for name in BESIDE.get(package.name, ())]
 
 
@@ -107,7 +117,8 @@ def build(package: Path, target: Path, *, debug: bool = False) -> list[Path]:
 
 
 def _compile(package: Path, target: Path, command: list[str], instructions: str, debug: bool) -> Path:
-    """All sources in one call of the compiler but ``module.c``, which says what the processor has and must run on all."""
+    """All sources in one call of the compiler but ``module.c``, which says what the processor has and must run on
+    all."""
     made = target / library(package, instructions).name
     zig = "ziglang" in command
     name = instructions.replace("v", "x86_64_v" if zig else "x86-64-v")
@@ -119,11 +130,19 @@ def _compile(package: Path, target: Path, command: list[str], instructions: str,
     words = {"CORE_SOURCES": digest(package), "CORE_COMPILER": _version(command), "CORE_INSTRUCTIONS": instructions}
     with tempfile.TemporaryDirectory() as scratch:
         objects = []
-        for i, (file, options) in enumerate([(own, [f'-D{key}="{value}"' for key, value in words.items()]),
-                                             *((other, machine) for other in others)]):
+        for i, (file, options) in enumerate(
+            [(own, [f'-D{key}="{value}"' for key, value in words.items()]), *((other, machine) for other in others)]
+        ):
             objects.append(Path(scratch, f"{i}.o"))
             _run([*command, *flags, *options, "-c", str(file), "-o", str(objects[-1])])
-        link = ["-shared", *(SANITIZERS if debug else ()), *map(str, objects), "-o", str(Path(scratch, made.name)), *_libraries()]
+        link = [
+            "-shared",
+            *(SANITIZERS if debug else ()),
+            *map(str, objects),
+            "-o",
+            str(Path(scratch, made.name)),
+            *_libraries(),
+        ]
         _run([*command, *link])
         shutil.copyfile(Path(scratch, made.name), made.with_suffix(".new"))
     made.with_suffix(".new").replace(made)  # in one step: another process may have the old one open

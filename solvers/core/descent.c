@@ -1,10 +1,11 @@
-/* The projected difference equation w(k+1) = Proj(w(k) - eta (P w(k) + q)) for a box, and the data of every gradient method.
+/* The projected difference equation w(k+1) = Proj(w(k) - eta (P w(k) + q)) for a box, and the data of every gradient
+ * method.
  *
- * It is the paper's discretisation of a projected dynamical system (equation (7)), the gradient projection method of Goldstein
- * (Bull. Amer. Math. Soc. 70 (1964) 709) and Levitin & Polyak (USSR Comput. Math. 6 (1966) 1). Why 0 < eta < 2/lambda_max(P): the
- * projection does not lengthen differences, and I - eta P shrinks them iff every |1 - eta lambda| < 1; on a free direction with
- * eta lambda > 2 the error grows by |1 - eta lambda| each step. Near the answer the slowest free direction shrinks by
- * 1 - eta lambda_min(P_FF), which is why condition 1e8 needs 1e8 steps.
+ * It is the paper's discretisation of a projected dynamical system (equation (7)), the gradient projection method of
+ * Goldstein (Bull. Amer. Math. Soc. 70 (1964) 709) and Levitin & Polyak (USSR Comput. Math. 6 (1966) 1). Why 0 < eta <
+ * 2/lambda_max(P): the projection does not lengthen differences, and I - eta P shrinks them iff every |1 - eta lambda|
+ * < 1; on a free direction with eta lambda > 2 the error grows by |1 - eta lambda| each step. Near the answer the
+ * slowest free direction shrinks by 1 - eta lambda_min(P_FF), which is why condition 1e8 needs 1e8 steps.
  *
  * P is kept by columns, multiplied by -eta: one step at d = 18 is 54 products and sums of eight numbers and a clip.
  */
@@ -17,10 +18,7 @@ enum { VECTORS = 12, LOOK_EVERY = 16 };
 #define INDEFINITE_SHARE ((real)1e-9) /* of the largest eigenvalue, what rounding may leave below zero */
 #define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
-int64_t descent_bytes(int d)
-{
-    return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real);
-}
+int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real); }
 
 Descent descent_at(void *memory)
 {
@@ -171,8 +169,8 @@ void descent_answer(Descent *s)
     }
 }
 
-/* Where tolerance >= 0, it ends at a step, of every sixteenth, whose projected gradient, (w(k) - w(k+1))/eta, is no longer than that
- * times |q| (2-norms). */
+/* Where tolerance >= 0, it ends at a step, of every sixteenth, whose projected gradient, (w(k) - w(k+1))/eta, is no
+ * longer than that times |q| (2-norms). */
 int64_t projected_steps(Descent *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;

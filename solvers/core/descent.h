@@ -1,7 +1,7 @@
 /* Projected gradient steps on   minimise 1/2 x'Px + q'x   subject to   lb <= x <= ub,   plain and accelerated.
  *
- * The steps are taken in the variables w = x / D, with D_j = P_jj^(-1/2) or 1, so that a box stays a box. One rule gives every
- * step its size: eta = 2 ratio / lambda_max(D P D), where 1 for `ratio` is the limit of stability.
+ * The steps are taken in the variables w = x / D, with D_j = P_jj^(-1/2) or 1, so that a box stays a box. One rule
+ * gives every step its size: eta = 2 ratio / lambda_max(D P D), where 1 for `ratio` is the limit of stability.
  */
 #ifndef CORE_DESCENT_H
 #define CORE_DESCENT_H
@@ -22,20 +22,22 @@ typedef struct {
 
 typedef struct {
     DescentHead *head;
-    int d, ld; /* number of variables, and rounded up to a multiple of eight */
-    real *w, *next;      /* where it stands, and the point to project; both by D */
-    real *shift, *carry; /* -eta D q, and w (or the point with momentum) plus that */
+    int d, ld;                      /* number of variables, and rounded up to a multiple of eight */
+    real *w, *next;                 /* where it stands, and the point to project; both by D */
+    real *shift, *carry;            /* -eta D q, and w (or the point with momentum) plus that */
     real *lower, *upper, *momentum; /* bounds by D; w with its momentum, of the accelerated steps */
     real *D, *lb, *ub, *q, *answer; /* in the variables x */
-    real *columns;       /* of -eta D P D, d of ld numbers */
-    real *copy;          /* of D P D, room for the eigenvalue */
+    real *columns;                  /* of -eta D P D, d of ld numbers */
+    real *copy;                     /* of D P D, room for the eigenvalue */
 } Descent;
 
 CORE_API int64_t descent_bytes(int d);
 CORE_API Descent descent_at(void *memory);
-/* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q = 0. */
+/* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q =
+ * 0. */
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
-/* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
+/* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or
+ * INDEFINITE. */
 CORE_API int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), of 0 for NULL. */
 CORE_API void descent_start(Descent *s, const real *x);

@@ -1,12 +1,14 @@
-/* The largest eigenvalue of a symmetric matrix: Householder reflections make it tridiagonal, bisection on Sturm counts does the rest.
+/* The largest eigenvalue of a symmetric matrix: Householder reflections make it tridiagonal, bisection on Sturm counts
+ * does the rest.
  *
- * A reflection H = I - u u'/h with u = row i of A left of the diagonal, its last entry lengthened by s = -sign |u|, gives
- * A <- A - w u' - u w', w = p - (u'p / 2h) u, p = A u / h. With T tridiagonal, diagonal a and beside it b, the pivots of T - x I,
+ * A reflection H = I - u u'/h with u = row i of A left of the diagonal, its last entry lengthened by s = -sign |u|,
+ * gives A <- A - w u' - u w', w = p - (u'p / 2h) u, p = A u / h. With T tridiagonal, diagonal a and beside it b, the
+ * pivots of T - x I,
  *
  *     t_1 = a_1 - x,    t_i = a_i - x - b_i^2 / t_(i-1),
  *
- * have as many negatives among them as T has eigenvalues below x. Bisection from Gershgorin's bound halves the interval until its
- * ends are neighbours: the same bits everywhere, and no iteration that may not converge.
+ * have as many negatives among them as T has eigenvalues below x. Bisection from Gershgorin's bound halves the interval
+ * until its ends are neighbours: the same bits everywhere, and no iteration that may not converge.
  *
  * Sources: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., sections 8.3.1 and 8.4.1.
  */

@@ -31,8 +31,8 @@ long long take_integer(Arguments *a, long long least, long long most)
     }
     if (value < least || value > most) {
         a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %zd must be from %lld to %lld, not %lld", a->signature, a->next, least, most,
-                     value);
+        PyErr_Format(PyExc_ValueError, "%s: argument %zd must be from %lld to %lld, not %lld", a->signature, a->next,
+                     least, most, value);
         return 0;
     }
     return value;
@@ -51,7 +51,8 @@ double take_number(Arguments *a)
     return value;
 }
 
-/* The buffer of the next argument; NULL where there is none or it holds something else than `types` of `itemsize` bytes. */
+/* The buffer of the next argument; NULL where there is none or it holds something else than `types` of `itemsize`
+ * bytes. */
 static const Py_buffer *take_buffer(Arguments *a, int flags, const char *types, Py_ssize_t itemsize)
 {
     Py_buffer *view = &a->views[a->arrays];
@@ -63,7 +64,8 @@ static const Py_buffer *take_buffer(Arguments *a, int flags, const char *types, 
         return NULL;
     }
     ++a->arrays;
-    if (view->format == NULL || strchr(types, view->format[0]) == NULL || view->format[1] != '\0' || view->itemsize != itemsize) {
+    if (view->format == NULL || strchr(types, view->format[0]) == NULL || view->format[1] != '\0'
+        || view->itemsize != itemsize) {
         a->failed = 1;
         PyErr_Format(PyExc_TypeError, "%s: argument %zd holds numbers of type %s, not %s", a->signature, a->next,
                      view->format ? view->format : "B", types);
@@ -72,7 +74,8 @@ static const Py_buffer *take_buffer(Arguments *a, int flags, const char *types, 
     return view;
 }
 
-static void *take_numbers(Arguments *a, int flags, const char *types, size_t itemsize, Py_ssize_t rows, Py_ssize_t columns)
+static void *take_numbers(Arguments *a, int flags, const char *types, size_t itemsize, Py_ssize_t rows,
+                          Py_ssize_t columns)
 {
     const Py_buffer *view = take_buffer(a, flags, types, (Py_ssize_t)itemsize);
     const int dimensions = rows == VECTOR ? 1 : 2;
@@ -82,7 +85,8 @@ static void *take_numbers(Arguments *a, int flags, const char *types, size_t ite
     if (view->ndim != dimensions || (columns != ANY_LENGTH && view->shape[dimensions - 1] != columns)
         || (rows >= 0 && view->shape[0] != rows)) {
         a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %zd has not the shape that the others ask for", a->signature, a->next);
+        PyErr_Format(PyExc_ValueError, "%s: argument %zd has not the shape that the others ask for", a->signature,
+                     a->next);
         return NULL;
     }
     return view->buf;
@@ -103,7 +107,10 @@ int64_t *take_integers(Arguments *a, Py_ssize_t length)
     return take_numbers(a, PyBUF_WRITABLE, "lq", sizeof(int64_t), VECTOR, length);
 }
 
-int *take_ints(Arguments *a, Py_ssize_t length) { return take_numbers(a, PyBUF_WRITABLE, "i", sizeof(int), VECTOR, length); }
+int *take_ints(Arguments *a, Py_ssize_t length)
+{
+    return take_numbers(a, PyBUF_WRITABLE, "i", sizeof(int), VECTOR, length);
+}
 
 const double *take_optional(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
 {
@@ -126,8 +133,8 @@ void need_bytes(Arguments *a, int array, int64_t bytes)
 {
     if (!a->failed && a->views[array].len < bytes) {
         a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: the state has room for %zd bytes and needs %lld", a->signature, a->views[array].len,
-                     (long long)bytes);
+        PyErr_Format(PyExc_ValueError, "%s: the state has room for %zd bytes and needs %lld", a->signature,
+                     a->views[array].len, (long long)bytes);
     }
 }
 
@@ -139,10 +146,11 @@ void *take_state(Arguments *a, int32_t kind)
         return NULL;
     }
     head = view->buf;
-    if (((uintptr_t)view->buf & 7) != 0 || view->len < (Py_ssize_t)sizeof *head 
+    if (((uintptr_t)view->buf & 7) != 0 || view->len < (Py_ssize_t)sizeof *head
         || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
         a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %zd is not the state that this function wants", a->signature, a->next);
+        PyErr_Format(PyExc_ValueError, "%s: argument %zd is not the state that this function wants", a->signature,
+                     a->next);
         return NULL;
     }
     return view->buf;

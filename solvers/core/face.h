@@ -1,8 +1,9 @@
 /* A function that Python calls and its arguments: taken in order, checked, and given back together.
  *
- * The first argument that does not fit sets Python's error; the takers after it do nothing and return NULL or 0, so that one
- * look at `good(&a)` suffices. Arrays come through the buffer protocol and nothing else: contiguous in C order, of the type that
- * the function wants, with the shape that it wants. README.md in this folder says how to add a function.
+ * The first argument that does not fit sets Python's error; the takers after it do nothing and return NULL or 0, so
+ * that one look at `good(&a)` suffices. Arrays come through the buffer protocol and nothing else: contiguous in C
+ * order, of the type that the function wants, with the shape that it wants. README.md in this folder says how to add a
+ * function.
  */
 #ifndef CORE_FACE_H
 #define CORE_FACE_H
@@ -26,18 +27,18 @@ typedef struct {
     int64_t bytes;
 } StateHead;
 
-/* A header lists the functions of a package as FACES(F), each as F(name, how many arguments it takes, their names, what help() says
- * of it); a face_*.c has their bodies, FACE(name) { ... }, and module.c the table. */
+/* A header lists the functions of a package as FACES(F), each as F(name, how many arguments it takes, their names, what
+ * help() says of it); a face_*.c has their bodies, FACE(name) { ... }, and module.c the table. */
 #define FACE(name) PyObject *face_##name(Arguments *a)
 #define DECLARE_FACE(name, wanted, arguments, text) FACE(name);
 
 /* take_name(a): the argument as a state of this kind, as name_at makes it; all zero for an error. */
-#define TAKE_STATE(name, type, kind) \
-    static type take_##name(Arguments *a) \
-    { \
-        static const type none; \
-        void *const memory = take_state(a, kind); \
-        return memory != NULL ? name##_at(memory) : none; \
+#define TAKE_STATE(name, type, kind)                                                                                   \
+    static type take_##name(Arguments *a)                                                                              \
+    {                                                                                                                  \
+        static const type none;                                                                                        \
+        void *const memory = take_state(a, kind);                                                                      \
+        return memory != NULL ? name##_at(memory) : none;                                                              \
     }
 
 void take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count, Py_ssize_t wanted);
@@ -46,7 +47,8 @@ int good(const Arguments *a);
 /* The next argument. */
 long long take_integer(Arguments *a, long long least, long long most);
 double take_number(Arguments *a);
-/* A float64 array (rows, columns), (columns,) where rows is VECTOR, any number of either where it is ANY_LENGTH; NULL for an error. */
+/* A float64 array (rows, columns), (columns,) where rows is VECTOR, any number of either where it is ANY_LENGTH; NULL
+ * for an error. */
 const double *take_array(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
 double *take_output(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
 /* The same, or NULL without an error where the argument is None. */

@@ -14,7 +14,8 @@ FACE(box_bytes)
     return finish_integer(a, good(a) ? box_bytes(d) : 0);
 }
 
-/* Where the vectors that Python looks at begin, in numbers from the start of the state, and in 32-bit numbers what the head counts. */
+/* Where the vectors that Python looks at begin, in numbers from the start of the state, and in 32-bit numbers what the
+ * head counts. */
 FACE(box_places)
 {
     Box s = take_box(a);
@@ -22,10 +23,11 @@ FACE(box_places)
         return finish(a, NULL);
     }
     const real *const first = (const real *)(const void *)s.head;
-    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}", "answer", s.answer - first, "raw_q", s.raw_q - first,
-                                    "scale", s.scale - first, "P", s.P - first, "x", s.x - first, "g", s.g - first, "inverted",
-                                    &s.head->inverted - (int32_t *)s.head, "singular", &s.head->singular - (int32_t *)s.head, "cap", &s.head->cap - (int32_t *)s.head, "counts",
-                                    &s.head->exchanges - (int32_t *)s.head));
+    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}", "answer", s.answer - first, "raw_q",
+                                   s.raw_q - first, "scale", s.scale - first, "P", s.P - first, "x", s.x - first, "g",
+                                   s.g - first, "inverted", &s.head->inverted - (int32_t *)s.head, "singular",
+                                   &s.head->singular - (int32_t *)s.head, "cap", &s.head->cap - (int32_t *)s.head,
+                                   "counts", &s.head->exchanges - (int32_t *)s.head));
 }
 
 FACE(box_setup)
@@ -77,7 +79,8 @@ static PyObject *solve_by(int (*method)(Box *s, int warm), Arguments *a)
 FACE(box_solve) { return solve_by(box_solve, a); }
 FACE(box_solve_factorised) { return solve_by(box_solve_factorised, a); }
 
-/* After a solve by the factorisation: put the variables to the given sides, and let the dual method find the way back. */
+/* After a solve by the factorisation: put the variables to the given sides, and let the dual method find the way back.
+ */
 FACE(box_dual_from)
 {
     Box s = take_box(a);

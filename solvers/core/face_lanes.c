@@ -1,7 +1,8 @@
-/* Many box programs of one size as Python calls them, one after the other (box.h) or eight at a time (block_pivoting.h).
+/* Many box programs of one size as Python calls them, one after the other (box.h) or eight at a time
+ * (block_pivoting.h).
  *
- * A lane whose program is done takes the next one. Cold that is faster than one after the other up to about d = 18, and slower at
- * d = 60, where a factor for each lane no longer fits into the first-level cache.
+ * A lane whose program is done takes the next one. Cold that is faster than one after the other up to about d = 18, and
+ * slower at d = 60, where a factor for each lane no longer fits into the first-level cache.
  */
 #define CORE_TILE
 #include "block_pivoting.h"
@@ -59,7 +60,8 @@ typedef struct {
 static void solve_one(Batch *many, Box *single, int b)
 {
     const size_t vector = (size_t)b * (size_t)many->d;
-    many->statuses[b] = box_solve_anew(single, many->P + vector * (size_t)many->d, many->q + vector, many->lb + vector, many->ub + vector);
+    many->statuses[b] = box_solve_anew(single, many->P + vector * (size_t)many->d, many->q + vector, many->lb + vector,
+                                       many->ub + vector);
     memcpy(many->x + vector, single->answer, (size_t)many->d * sizeof(double));
     ++many->alone;
 }
@@ -111,8 +113,8 @@ static void solve_in_lanes(Batch *many, const Pivoting *s, Box *single, int firs
     } while (busy > 0 || next < last);
 }
 
-/* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were solved alone. In lanes a
- * P is taken for symmetric and bounds for lb < ub. */
+/* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were solved
+ * alone. In lanes a P is taken for symmetric and bounds for lb < ub. */
 FACE(box_many)
 {
     const double *const P = take_array(a, ANY_LENGTH, ANY_LENGTH);

@@ -11,7 +11,8 @@ FACE(swept_bytes)
     return finish_integer(a, good(a) ? swept_bytes(d) : 0);
 }
 
-/* Where the parts that Python looks at begin, in numbers from the start of the state, and in 32-bit numbers what the head counts. */
+/* Where the parts that Python looks at begin, in numbers from the start of the state, and in 32-bit numbers what the
+ * head counts. */
 FACE(swept_places)
 {
     Swept s = take_swept(a);
@@ -19,12 +20,13 @@ FACE(swept_places)
         return finish(a, NULL);
     }
     const real *const first = (const real *)(const void *)s.head;
-    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}", "answer", s.answer - first, "origin",
-                                    s.origin - first, "sign", s.sign - first, "free", s.free - first, "centre", s.centre - first,
-                                    "rho", s.rho - first, "M", s.M - first, "G", s.G - first, "row_weight",
-                                    (const real *)&s.head->row_weight - first, "cap", &s.head->cap - (int32_t *)s.head, "counts",
-                                    (int32_t *)&s.head->exchanges - (int32_t *)s.head, "since_refresh",
-                                    &s.head->since_refresh - (int32_t *)s.head));
+    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}", "answer", s.answer - first,
+                                   "origin", s.origin - first, "sign", s.sign - first, "free", s.free - first, "centre",
+                                   s.centre - first, "rho", s.rho - first, "M", s.M - first, "G", s.G - first,
+                                   "row_weight", (const real *)&s.head->row_weight - first, "cap",
+                                   &s.head->cap - (int32_t *)s.head, "counts",
+                                   (int32_t *)&s.head->exchanges - (int32_t *)s.head, "since_refresh",
+                                   &s.head->since_refresh - (int32_t *)s.head));
 }
 
 FACE(swept_setup)

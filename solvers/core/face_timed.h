@@ -35,8 +35,8 @@ static inline PyObject *finish_timed(Arguments *a, const TimedSolver *solver)
     return finish(a, Py_BuildValue("(in)", status, (Py_ssize_t)made));
 }
 
-/* Take them, and absorb rows (xi, x) into P and q, with a call after each; timed is all but the row. A solve starts where the solver
- * stands, or from `last` (d), which becomes its answer, where that is not NULL. The last status. */
+/* Take them, and absorb rows (xi, x) into P and q, with a call after each; timed is all but the row. A solve starts
+ * where the solver stands, or from `last` (d), which becomes its answer, where that is not NULL. The last status. */
 static inline PyObject *finish_followed(Arguments *a, const TimedSolver *solver, double *last)
 {
     const int d = solver->d;

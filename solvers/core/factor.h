@@ -1,13 +1,14 @@
-/* P_FF = L D L' of one symmetric matrix or of eight, without the rows and columns of the variables that are not free, and L^-1 of a
- * right-hand side, which is one column more.
+/* P_FF = L D L' of one symmetric matrix or of eight, without the rows and columns of the variables that are not free,
+ * and L^-1 of a right-hand side, which is one column more.
  *
  * With U = D L' by rows, and i and k < i free, row i is
  *
  *     U_i = P_i - sum of L_ik U_k,    L_ik = U_ki / D_k,    D_i = U_ii.
  *
- * Rows and columns keep their places. A row that one program leaves out and that of another lane needs has 1/D_i = 0, and so takes part in
- * nothing; what stands in the column of a variable that is not free, or before the diagonal, is read by nobody. Every entry is updated
- * in the order of the rows above it, and there is no sum across lanes, so that a program has the same answer alone and in a lane.
+ * Rows and columns keep their places. A row that one program leaves out and that of another lane needs has 1/D_i = 0,
+ * and so takes part in nothing; what stands in the column of a variable that is not free, or before the diagonal, is
+ * read by nobody. Every entry is updated in the order of the rows above it, and there is no sum across lanes, so that a
+ * program has the same answer alone and in a lane.
  *
  * Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., sections 4.1 and 4.2.
  */
@@ -26,7 +27,10 @@ typedef struct {
     int32_t *rows; /* d: those that are free in some program, ascending */
 } Factor;
 
-CORE_INLINE int64_t factor_bytes(int d) { return (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 2 * NUMS(d)) + 8 * padded(d); }
+CORE_INLINE int64_t factor_bytes(int d)
+{
+    return (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 2 * NUMS(d)) + 8 * padded(d);
+}
 CORE_INLINE Factor factor_at(Room *room, int d)
 {
     Factor f;
@@ -58,8 +62,8 @@ CORE_INLINE void strip_of_row(Factor f, const num *P, int place, int j, int vect
     }
 }
 
-/* Factorise with the first `count` rows of the list, with the right-hand side in column d of P; 1 where every pivot D_i is more than the
- * share `least` of P_ii. */
+/* Factorise with the first `count` rows of the list, with the right-hand side in column d of P; 1 where every pivot D_i
+ * is more than the share `least` of P_ii. */
 CORE_INLINE num factorise(const Factor *factor, const num *P, const num *free, int count, real least)
 {
     const Factor f = *factor;
@@ -76,13 +80,27 @@ CORE_INLINE num factorise(const Factor *factor, const num *P, const num *free, i
             strip_of_row(f, P, place, j, STRIP);
         }
         switch (vectors - j) { /* a constant keeps them in registers */
-        case 7: strip_of_row(f, P, place, j, 7); break;
-        case 6: strip_of_row(f, P, place, j, 6); break;
-        case 5: strip_of_row(f, P, place, j, 5); break;
-        case 4: strip_of_row(f, P, place, j, 4); break;
-        case 3: strip_of_row(f, P, place, j, 3); break;
-        case 2: strip_of_row(f, P, place, j, 2); break;
-        case 1: strip_of_row(f, P, place, j, 1); break;
+        case 7:
+            strip_of_row(f, P, place, j, 7);
+            break;
+        case 6:
+            strip_of_row(f, P, place, j, 6);
+            break;
+        case 5:
+            strip_of_row(f, P, place, j, 5);
+            break;
+        case 4:
+            strip_of_row(f, P, place, j, 4);
+            break;
+        case 3:
+            strip_of_row(f, P, place, j, 3);
+            break;
+        case 2:
+            strip_of_row(f, P, place, j, 2);
+            break;
+        case 1:
+            strip_of_row(f, P, place, j, 1);
+            break;
         }
         pivot = choose(free[i], f.U[row + i], constant(1));
         safe = if_less(times(constant(least), both(free[i], P[row + i])), pivot, safe, constant(0));

@@ -1,12 +1,13 @@
-/* The extension module solvers.core._core. This file is compiled without the instructions of an instruction set, so that it can say
- * what the processor has before anything else of the library runs. */
+/* The extension module solvers.core._core. This file is compiled without the instructions of an instruction set, so
+ * that it can say what the processor has before anything else of the library runs. */
 #include "face_solvers.h"
 #include "module.h"
 
 #if defined(__x86_64__) || defined(_M_X64)
 #include <cpuid.h>
 
-/* 2, 3 or 4: the level of the x86-64 psABI that processor and operating system offer; 1 where they do not offer level 2. */
+/* 2, 3 or 4: the level of the x86-64 psABI that processor and operating system offer; 1 where they do not offer
+ * level 2. */
 static int processor_level(void)
 {
     unsigned a, b, c, d, basic, extended = 0, low, high;
@@ -32,12 +33,19 @@ FACE(processor_level) { return finish_integer(a, processor_level()); }
 
 FACES(ENTER_FACE)
 static PyMethodDef methods[] = {
-    FACES(METHOD)
-    {NULL, NULL, 0, NULL},
+    FACES(METHOD){NULL, NULL, 0, NULL},
 };
 
 static PyModuleDef definition = {
-    {{1, NULL}, NULL, 0, NULL}, "_core", "Solvers in C; see the headers in solvers/core.", -1, methods, NULL, NULL, NULL, NULL,
+    {{1, NULL}, NULL, 0, NULL},
+    "_core",
+    "Solvers in C; see the headers in solvers/core.",
+    -1,
+    methods,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
 };
 
 PyObject *PyInit__core(void) { return make_module(&definition); }

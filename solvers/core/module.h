@@ -7,15 +7,15 @@
 
 #include "face.h"
 
-#define ENTER_FACE(name, wanted, arguments, text) \
-    static PyObject *enter_##name(PyObject *module, PyObject *const *given, Py_ssize_t count) \
-    { \
-        Arguments a; \
-        (void)module; \
-        take_arguments(&a, #name "(" arguments ")", given, count, wanted); \
-        return face_##name(&a); \
+#define ENTER_FACE(name, wanted, arguments, text)                                                                      \
+    static PyObject *enter_##name(PyObject *module, PyObject *const *given, Py_ssize_t count)                          \
+    {                                                                                                                  \
+        Arguments a;                                                                                                   \
+        (void)module;                                                                                                  \
+        take_arguments(&a, #name "(" arguments ")", given, count, wanted);                                             \
+        return face_##name(&a);                                                                                        \
     }
-#define METHOD(name, wanted, arguments, text) \
+#define METHOD(name, wanted, arguments, text)                                                                          \
     {#name, (PyCFunction)(void (*)(void))enter_##name, METH_FASTCALL, #name "(" arguments "): " text},
 
 PY_EXPORT PyObject *PyInit__core(void);

@@ -1,8 +1,8 @@
 /* `num`: one number of each actuator or program, a real; with CORE_TILE eight of them, one a lane.
  *
- * The same text is compiled for both widths and does the same operations in the same order, so that a lane equals the single to the last
- * bit. What there are many of (operators, zones, unknowns) is in vec8s in both: eight of them of one actuator, or one of eight actuators.
- * Conditions are nums too, 1 or 0.
+ * The same text is compiled for both widths and does the same operations in the same order, so that a lane equals the
+ * single to the last bit. What there are many of (operators, zones, unknowns) is in vec8s in both: eight of them of one
+ * actuator, or one of eight actuators. Conditions are nums too, 1 or 0.
  */
 #ifndef CORE_NUM_H
 #define CORE_NUM_H
@@ -11,13 +11,15 @@
 
 #ifdef CORE_TILE
 typedef vec8 num;
-typedef struct { vec8 l[LANES]; } Sum;
+typedef struct {
+    vec8 l[LANES];
+} Sum;
 enum { WIDTH = LANES };
 #define N(name) tile_##name
-#define VECTORS(count) (count)               /* vec8s that so many entries take */
-#define NUMS(count) (count)                  /* nums to make room for */
-#define PARAMETER(p, i) splat((p)[i])        /* vector i of a parameter that all actuators share */
-#define SPREAD(a) (a)                        /* a num beside a vector */
+#define VECTORS(count) (count)        /* vec8s that so many entries take */
+#define NUMS(count) (count)           /* nums to make room for */
+#define PARAMETER(p, i) splat((p)[i]) /* vector i of a parameter that all actuators share */
+#define SPREAD(a) (a)                 /* a num beside a vector */
 CORE_INLINE Sum no_sum(void)
 {
     const Sum s = {{zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros()}};
@@ -133,8 +135,8 @@ CORE_INLINE void copy_where(num which, num *to, const num *from, int count)
     }
 }
 
-/* The upper triangle of a symmetric matrix by rows: where row i would have its column 0, and the nums of the whole. The rows of a single
- * one are whole vectors and begin at column 0; those of a tile begin at the diagonal. */
+/* The upper triangle of a symmetric matrix by rows: where row i would have its column 0, and the nums of the whole. The
+ * rows of a single one are whole vectors and begin at column 0; those of a tile begin at the diagonal. */
 CORE_INLINE int symmetric_row(int order, int i) { return WIDTH == 1 ? i * NUMS(order) : i * (2 * order - i - 1) / 2; }
 CORE_INLINE int symmetric_nums(int order) { return WIDTH == 1 ? order * NUMS(order) : order * (order + 1) / 2; }
 /* The vector of a row that its diagonal is in. */

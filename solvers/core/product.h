@@ -7,7 +7,8 @@
 /* Blocks of eight rows that stay in registers while the columns pass by. */
 enum { PRODUCT_BLOCKS = PARTS == 1 ? 3 : PARTS == 2 ? 2 : 1 };
 
-/* Rows b ... b + 8 blocks - 1 of the product: even and odd columns are summed apart, so that no sum waits for the one before. */
+/* Rows b ... b + 8 blocks - 1 of the product: even and odd columns are summed apart, so that no sum waits for the one
+ * before. */
 CORE_INLINE void affine_blocks(const real *columns, int ld, int d, const real *x, const real *c, real *out, int blocks)
 {
     vec8 even0 = load(c), even1 = blocks > 1 ? load(c + 8) : zeros(), even2 = blocks > 2 ? load(c + 16) : zeros();

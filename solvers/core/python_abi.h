@@ -1,7 +1,7 @@
 /* What the faces use of Python's stable ABI of version 3.11, declared here so that they build without Python.h.
  *
- * A test compiles these lines after the real Python.h, where a declaration that differs is an error, and compares the layout of
- * the structs and the values of the constants.
+ * A test compiles these lines after the real Python.h, where a declaration that differs is an error, and compares the
+ * layout of the structs and the values of the constants.
  */
 #ifndef CORE_PYTHON_ABI_H
 #define CORE_PYTHON_ABI_H
@@ -43,7 +43,10 @@ typedef struct {
 
 struct PyModuleDef {
     struct {
-        struct { Py_ssize_t ob_refcnt; void *ob_type; } ob_base;
+        struct {
+            Py_ssize_t ob_refcnt;
+            void *ob_type;
+        } ob_base;
         PyObject *(*m_init)(void);
         Py_ssize_t m_index;
         PyObject *m_copy;

@@ -1,7 +1,8 @@
-/* One block of memory divided into vectors and matrices, the same way every time: a state is its bytes and has no pointers.
+/* One block of memory divided into vectors and matrices, the same way every time: a state is its bytes and has no
+ * pointers.
  *
- * A struct of the core is a set of names for the parts of such a block. It is made on the stack by the functions that end in _at,
- * which do a few additions, none where d is a constant.
+ * A struct of the core is a set of names for the parts of such a block. It is made on the stack by the functions that
+ * end in _at, which do a few additions, none where d is a constant.
  */
 #ifndef CORE_ROOM_H
 #define CORE_ROOM_H
@@ -10,7 +11,9 @@
 
 enum { HEAD_BYTES = 128 }; /* what a state begins with; vectors are on cache lines where the state is */
 
-typedef struct { char *at; } Room;
+typedef struct {
+    char *at;
+} Room;
 
 CORE_INLINE Room after_head(void *memory)
 {

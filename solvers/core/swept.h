@@ -1,19 +1,22 @@
 /* The optimum of a box problem whose data grow by one row at a time.
  *
- *     minimise 1/2 sum_k w_k (z'xi_k + x_k)^2  subject to  0 <= z <= width,      Gram G = sum_k w_k (xi_k, x_k)(xi_k, x_k)'
+ *     minimise 1/2 sum_k w_k (z'xi_k + x_k)^2  subject to  0 <= z <= width,      Gram G = sum_k w_k (xi_k, x_k)(xi_k,
+ * x_k)'
  *
  * With F the free and A the other variables (x among them, it is never freed), the matrix swept on F is
  *
  *     M_FF = -G_FF^-1,    M_FA = G_FF^-1 G_FA,    M_AA = G_AA - G_AF G_FF^-1 G_FA,
  *
- * symmetric, and its last row is the answer: M_xF = -z_F and M_xA is the gradient at A. So z is optimal iff that row is <= 0 (and
- * >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound, where there is one.
+ * symmetric, and its last row is the answer: M_xF = -z_F and M_xA is the gradient at A. So z is optimal iff that row is
+ * <= 0 (and
+ * >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound, where there
+ * is one.
  *
- * swept_gram.c sweeps, swept_exchange.c sweeps until z is optimal, swept_refresh.c makes M anew, swept_renewal.c does so a little at
- * each row, and swept_rows.c takes the rows.
+ * swept_gram.c sweeps, swept_exchange.c sweeps until z is optimal, swept_refresh.c makes M anew, swept_renewal.c does
+ * so a little at each row, and swept_rows.c takes the rows.
  *
- * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle, "Principal pivoting
- * method of quadratic programming", 1968.
+ * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle,
+ * "Principal pivoting method of quadratic programming", 1968.
  */
 #ifndef CORE_SWEPT_H
 #define CORE_SWEPT_H
@@ -21,15 +24,18 @@
 #include "box.h"
 
 enum { SWEPT_KIND = 0x53575031 };
-/* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end inside swept_rows.c or in swept_recover. */
+/* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end inside swept_rows.c or in
+ * swept_recover. */
 enum { SINGULAR = 101, CYCLING = 102 };
 enum { SWEPT_REFRESH = 256 }; /* rows after which M is made anew */
-#define FLOOR ((real)1e-11) /* of rho_j/G_jj where G_FF is singular */
-#define SPENT 1e5 /* what `surprise` begins with there: the inverse has few digits to lose */
+#define FLOOR ((real)1e-11)   /* of rho_j/G_jj where G_FF is singular */
+#define SPENT 1e5             /* what `surprise` begins with there: the inverse has few digits to lose */
 
 #ifdef CORE_FLOAT
 #define NO_BOUND 1e15F /* bounds from here on are none */
-#define LARGEST_ENTRY 1e15F /* size from which a number of a row is refused, since sums of squares have to be finite */
+#define LARGEST_ENTRY                                                                                                  \
+    1e15F /* size from which a number of a row is refused, since sums of squares have to be finite                     \
+           */
 #else
 #define NO_BOUND 1e100
 #define LARGEST_ENTRY 1e100
@@ -39,14 +45,14 @@ typedef struct {
     int32_t kind, d;
     int64_t bytes;
     int32_t free_count, since_refresh;
-    int32_t cap; /* exchanges of one row after which it ends with CAPPED; 0 for none */
+    int32_t cap;                                /* exchanges of one row after which it ends with CAPPED; 0 for none */
     uint32_t exchanges, refreshes, cold_starts; /* so far; after years they begin again at 0 */
-    double forgetting, root_growth; /* lambda, and lambda^(-1/2) */
-    double row_weight, root_weight; /* of a new row, and the root of what the coming row enters with */
-    double proximal;                /* share of the diagonal that the proximal term has */
-    double surprise;                /* the product of sigma since M was made anew */
-    double next_surprise;           /* the same of the matrix being made */
-    int32_t renewing, next_count;   /* whether one is being made, and on how many variables it is swept */
+    double forgetting, root_growth;             /* lambda, and lambda^(-1/2) */
+    double row_weight, root_weight;             /* of a new row, and the root of what the coming row enters with */
+    double proximal;                            /* share of the diagonal that the proximal term has */
+    double surprise;                            /* the product of sigma since M was made anew */
+    double next_surprise;                       /* the same of the matrix being made */
+    int32_t renewing, next_count;               /* whether one is being made, and on how many variables it is swept */
 } SweptHead;
 
 /* Vectors have ld numbers, d + 1 rounded up to whole blocks of eight. */
@@ -54,7 +60,8 @@ typedef struct {
     SweptHead *head;
     int d, ld;
     real *answer, *origin, *sign, *width, *lb, *ub; /* v and what takes z to it; NO_BOUND for no other bound */
-    real *side; /* the sign with which the last row of M must not be negative: -1 free, +1 at the bound, 0 unbounded or fixed */
+    real *side; /* the sign with which the last row of M must not be negative: -1 free, +1 at the bound, 0 unbounded or
+                   fixed */
     real *free; /* 1 at F and 0 at A */
     real *row;  /* the weighted row */
     real *centre, *rho; /* of the proximal term */
@@ -63,19 +70,20 @@ typedef struct {
     real *M, *G;        /* ld rows each; a row adds to G from the diagonal blocks on only */
     real *next_M, *next_free, *next_rho, *next_centre; /* of the matrix being made */
     int32_t *next_list;
-    real *P, *q;        /* room for the data of a cold start */
+    real *P, *q; /* room for the data of a cold start */
     Box cold;
 } Swept;
 
 CORE_API int64_t swept_bytes(int d);
 CORE_API Swept swept_at(void *memory);
 /* Make a block of swept_bytes(d) bytes a state with the bounds lb, ub (d); swept_begin comes next. */
-CORE_API int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal);
-/* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum that the cold solver finds, from the present answer
- * where `warm`. OK or a status of box_take and box_solve, and then nothing has changed. */
+CORE_API int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight,
+                         double proximal);
+/* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum that the cold solver finds, from the
+ * present answer where `warm`. OK or a status of box_take and box_solve, and then nothing has changed. */
 CORE_API int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm);
-/* Take one row (xi, x) of d + 1 numbers and restore optimality; OK or CAPPED, or SINGULAR or CYCLING where only swept_recover helps; the
- * row is in G then. NOT_FINITE, and nothing changed, for a row that cannot be taken. */
+/* Take one row (xi, x) of d + 1 numbers and restore optimality; OK or CAPPED, or SINGULAR or CYCLING where only
+ * swept_recover helps; the row is in G then. NOT_FINITE, and nothing changed, for a row that cannot be taken. */
 CORE_API int swept_take(Swept *s, const real *row);
 /* Begin anew from the data that G holds. */
 CORE_API int swept_recover(Swept *s);
@@ -100,10 +108,11 @@ CORE_API void swept_unswept(Swept *s, real floor);
 CORE_API real swept_refine(Swept *s);
 CORE_API int swept_tolerable(const Swept *s, real gain);
 CORE_API int swept_refresh(Swept *s);
-/* u = xi_A - M[:, F] xi_F and M <- M + u u'/sigma for the weighted row xi; 0 where M is left as it was for its sigma. */
+/* u = xi_A - M[:, F] xi_F and M <- M + u u'/sigma for the weighted row xi; 0 where M is left as it was for its sigma.
+ */
 CORE_API int swept_move(Swept *s);
-/* The parts that one row has in making the matrix anew: before it, 0 where only swept_refresh helps; and once M and G have it, `exchanged`
- * where the free variables have changed. */
+/* The parts that one row has in making the matrix anew: before it, 0 where only swept_refresh helps; and once M and G
+ * have it, `exchanged` where the free variables have changed. */
 CORE_API int swept_use_renewed(Swept *s);
 CORE_API void swept_renew(Swept *s, int exchanged);
 

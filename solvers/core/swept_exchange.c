@@ -1,17 +1,17 @@
 /* Exchanges between free variables and bounds until a box problem with a swept Gram matrix (swept.h) is at its optimum.
  *
- * A variable whose entry of the last row of M has the wrong sign is exchanged, the one with the largest e^2/|M_jj| first, e being what
- * is wrong: half of that is what leaving the bound gains, or what keeping it costs. The rule ends the search early but not for certain:
- * it may cycle, and after LIMIT + d exchanges the caller is told so. With a cap it stops there: M is right for the variables that
- * are free then, the answer is clipped, and the next row goes on.
+ * A variable whose entry of the last row of M has the wrong sign is exchanged, the one with the largest e^2/|M_jj|
+ * first, e being what is wrong: half of that is what leaving the bound gains, or what keeping it costs. The rule ends
+ * the search early but not for certain: it may cycle, and after LIMIT + d exchanges the caller is told so. With a cap
+ * it stops there: M is right for the variables that are free then, the answer is clipped, and the next row goes on.
  *
  * Source: R. W. Cottle, "Principal pivoting method of quadratic programming", 1968.
  */
 #include "swept.h"
 
 enum { LIMIT = 20 }; /* a row of a stream takes none or one */
-/* Share of the optimal cost below which what an exchange would gain is left alone, and with a free variable, which is clipped then,
- * what clipping it costs. */
+/* Share of the optimal cost below which what an exchange would gain is left alone, and with a free variable, which is
+ * clipped then, what clipping it costs. */
 #define NEGLIGIBLE ((real)1e-15)
 
 /* Whether any entry of the last row of M has the wrong sign. */
@@ -27,7 +27,8 @@ int swept_violated(const Swept *s)
     return sum8(worst) < 0;
 }
 
-/* Measure the free variable j from its other bound, z_j <- width - z_j: xi_j changes sign, and x becomes x + width xi_j. */
+/* Measure the free variable j from its other bound, z_j <- width - z_j: xi_j changes sign, and x becomes x + width
+ * xi_j. */
 static void reflect(Swept *s, int j)
 {
     const int d = s->d;

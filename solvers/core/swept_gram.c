@@ -1,4 +1,5 @@
-/* The Gram matrix of data swept on the free variables of a box problem (swept.h), and what moves it by a matrix of low rank.
+/* The Gram matrix of data swept on the free variables of a box problem (swept.h), and what moves it by a matrix of low
+ * rank.
  *
  * Freeing or fixing variable j is one sweep, with p = M_jj,
  *
@@ -52,7 +53,8 @@ Swept swept_at(void *memory)
     return s;
 }
 
-int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight, double proximal)
+int swept_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight,
+                double proximal)
 {
     const int64_t bytes = swept_bytes(d), cold = room_bytes(cold_at(d));
     Swept s;
@@ -145,7 +147,8 @@ static void follow(const Swept *s, int i, int j, const real *u, real inverse)
     row[j] = entry * MAGNITUDE(inverse);
 }
 
-/* Whether variable j, not swept so far, has a pivot above its rounding; it is what of G_jj the variables in F do not explain. */
+/* Whether variable j, not swept so far, has a pivot above its rounding; it is what of G_jj the variables in F do not
+ * explain. */
 int swept_definite(const Swept *s, int j)
 {
     const real all_of_it = row_of(s, s->G, j)[j] + s->rho[j];
@@ -164,8 +167,9 @@ void swept_sweep(Swept *s, int j)
 
 /* Sweep M, not swept so far, on all of F; 0 where G_FF is not positive definite to rounding.
  *
- * Four at a time, M <- M - sum w w' with w the row of a pivot over its root: M is then read and written a quarter as often. The four
- * rows follow each other sweep by sweep; the others, whose columns of the same numbers are these rows, only above the diagonal. */
+ * Four at a time, M <- M - sum w w' with w the row of a pivot over its root: M is then read and written a quarter as
+ * often. The four rows follow each other sweep by sweep; the others, whose columns of the same numbers are these rows,
+ * only above the diagonal. */
 int swept_sweep_free(Swept *s)
 {
     const int d = s->d, ld = s->ld, count = s->head->free_count;

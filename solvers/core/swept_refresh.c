@@ -1,7 +1,7 @@
 /* The swept Gram matrix (swept.h) made anew: on the set of free variables as it is, or from a cold exact solve.
  *
- * Rounding errors of M grow with the rows added to it (swept_rows.c says when they are not let grow further). G, to which rows are
- * added and nothing else, has errors of its last bits only. So M is swept afresh from
+ * Rounding errors of M grow with the rows added to it (swept_rows.c says when they are not let grow further). G, to
+ * which rows are added and nothing else, has errors of its last bits only. So M is swept afresh from
  *
  *     G + diag(rho),    rho_j (z_j - c_j)^2/2 the proximal term about c, the z of now,
  *
@@ -9,27 +9,28 @@
  *
  *     m_A <- g_A,    m <- m - sum over j in F of g_j M[j, :],    g = q + (G + diag rho) z - diag(rho) c.
  *
- * What the data do not determine thus stays where it is. rho_j is `proximal` times G_jj, at most the mean diagonal of G, and that where
- * G_jj = 0: a variable on a large scale must not hold those on a small one. Where G_FF is singular to rounding even so, or the
- * exchanges afterwards do not end, M is made anew with rho_j at least FLOOR G_jj.
+ * What the data do not determine thus stays where it is. rho_j is `proximal` times G_jj, at most the mean diagonal of
+ * G, and that where G_jj = 0: a variable on a large scale must not hold those on a small one. Where G_FF is singular to
+ * rounding even so, or the exchanges afterwards do not end, M is made anew with rho_j at least FLOOR G_jj.
  *
- * If the exchanges do not end even so, swept_recover hands P and q, read back from G, to the cold exact solver (which knows when a
- * problem is unbounded) and M is swept on its active set; so every start begins too. There a step of refinement is taken back where
- * it leaves a larger error than the cold answer has: the inverse of what is all but singular has no digit to refine with. What
- * is left as an error is a problem that has no minimum: unbounded, or P indefinite.
+ * If the exchanges do not end even so, swept_recover hands P and q, read back from G, to the cold exact solver (which
+ * knows when a problem is unbounded) and M is swept on its active set; so every start begins too. There a step of
+ * refinement is taken back where it leaves a larger error than the cold answer has: the inverse of what is all but
+ * singular has no digit to refine with. What is left as an error is a problem that has no minimum: unbounded, or P
+ * indefinite.
  *
- * Sources: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, chapter 12 (iterative refinement); R. T. Rockafellar,
- * SIAM J. Control Optim. 14 (1976) 877 (proximal point).
+ * Sources: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, chapter 12 (iterative refinement); R. T.
+ * Rockafellar, SIAM J. Control Optim. 14 (1976) 877 (proximal point).
  */
 #include "swept.h"
 
-/* Refinement ends where a step gains less than SETTLED times the one before, or RESOLVED times the cost; G_FF counts as singular where
- * that is still more than TOLERATED times the cost, or 1e-4 of what z = 0 costs. */
+/* Refinement ends where a step gains less than SETTLED times the one before, or RESOLVED times the cost; G_FF counts as
+ * singular where that is still more than TOLERATED times the cost, or 1e-4 of what z = 0 costs. */
 #define SETTLED ((real)1e-3)
 #define RESOLVED ((real)1e-24)
 #define TOLERATED ((real)1e-14)
 #ifdef CORE_FLOAT
-#define UNSEEN 1e-30F    /* rho_j where the data say nothing on variable j, whatever their scale */
+#define UNSEEN 1e-30F /* rho_j where the data say nothing on variable j, whatever their scale */
 #else
 #define UNSEEN 1e-200
 #endif
@@ -88,7 +89,8 @@ static int factorise(Swept *s, real floor)
     return OK;
 }
 
-/* g = q + (G + diag rho) z - diag(rho) c, of which the blocks of G from the diagonal on are read, each for its transpose, too. */
+/* g = q + (G + diag rho) z - diag(rho) c, of which the blocks of G from the diagonal on are read, each for its
+ * transpose, too. */
 static void residual(Swept *s)
 {
     const real *const last = last_row(s);
@@ -276,7 +278,8 @@ real swept_error(Swept *s)
 {
     const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
     real worst = 0;
-    for (int j = 0; j < s->d; ++j) { /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
+    for (int j = 0; j < s->d;
+         ++j) { /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
         const real z = -s->free[j] * last[j], up = z < 0 && (s->side[j] != 0 || s->width[j] < NO_BOUND) ? 0 : z;
         s->u[j] = up > s->width[j] ? s->width[j] : up;
     }
@@ -289,7 +292,8 @@ real swept_error(Swept *s)
             g += term;
             size += MAGNITUDE(term);
         }
-        wrong = s->width[i] == 0 || (z == 0 && s->side[i] != 0 && g > 0) || (z == s->width[i] && g < 0) ? g - g : MAGNITUDE(g);
+        wrong = s->width[i] == 0 || (z == 0 && s->side[i] != 0 && g > 0) || (z == s->width[i] && g < 0) ? g - g
+                                                                                                        : MAGNITUDE(g);
         worst = wrong <= worst * size ? worst : wrong / size; /* NaN is wrong */
     }
     return worst;

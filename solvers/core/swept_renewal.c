@@ -1,10 +1,11 @@
 /* The swept Gram matrix made anew a little at each row, so that no row takes much longer than another.
  *
- * A copy of G + diag(rho) is swept on PIVOTS free variables a row. Each row that comes in the meantime changes it by the same matrix of
- * rank one as M, with the variables that it is swept on so far in the place of F (swept_rows.c); where the free variables change, so
- * does what is left to sweep. When it is swept on F it takes the place of M before the next row, and the answer, z and the gradient,
- * is refined from where it was, mostly by one step. A pivot that is no good begins the copy again with rho_j at least FLOOR G_jj. A
- * variable that changes to its other bound changes the sign of its row of G, and the copy is begun again, too.
+ * A copy of G + diag(rho) is swept on PIVOTS free variables a row. Each row that comes in the meantime changes it by
+ * the same matrix of rank one as M, with the variables that it is swept on so far in the place of F (swept_rows.c);
+ * where the free variables change, so does what is left to sweep. When it is swept on F it takes the place of M before
+ * the next row, and the answer, z and the gradient, is refined from where it was, mostly by one step. A pivot that is
+ * no good begins the copy again with rho_j at least FLOOR G_jj. A variable that changes to its other bound changes the
+ * sign of its row of G, and the copy is begun again, too.
  */
 #include "swept.h"
 
@@ -46,7 +47,7 @@ static void begin(Swept *s, int renewing)
 static int due(const Swept *s)
 {
     return s->head->since_refresh + (s->head->free_count + 1) / PIVOTS + 2 >= SWEPT_REFRESH
-        || (s->head->surprise > EARLY && s->head->surprise < SPENT);
+           || (s->head->surprise > EARLY && s->head->surprise < SPENT);
 }
 
 void swept_renew(Swept *s, int exchanged)

@@ -1,18 +1,20 @@
-/* The optimum of a box problem after every row (swept.h): the row in, the swept matrix moved by rank one, the optimum out.
+/* The optimum of a box problem after every row (swept.h): the row in, the swept matrix moved by rank one, the optimum
+ * out.
  *
  * One more row xi changes G by xi xi', and M by a matrix of rank one as well (Sherman-Morrison on each block):
  *
  *     u = xi_A - M[:, F] xi_F,    sigma = 1 + xi_F'u_F,    M <- M + u u' / sigma.
  *
- * So a sample costs 2 (d + 1)^2 multiplications and no square root or division but one, a change of the active set half of that, and
- * the exact optimum is there after every sample. Forgetting is in the weights: row k enters with lambda^(-k/2); the clock k is put
- * back where the weights have grown to RESCALED^2.
+ * So a sample costs 2 (d + 1)^2 multiplications and no square root or division but one, a change of the active set half
+ * of that, and the exact optimum is there after every sample. Forgetting is in the weights: row k enters with
+ * lambda^(-k/2); the clock k is put back where the weights have grown to RESCALED^2.
  *
- * Refresh rule. M is made anew a little at each row (swept_renewal.c) so that no M is in use for much longer than SWEPT_REFRESH rows;
- * at once (swept_refresh.c) at the row that would bring the product of the sigma since then, det G_FF after over before, to
- * MOST_SURPRISE. A row that says what the data left open has a large sigma, and adding it to M cancels log10 sigma digits of the
- * entries; so between two refreshes M loses six digits and 2 SWEPT_REFRESH roundings at most, and the cost errs to second order in
- * that. A sigma below one, which takes a lost positive definiteness, and exchanges that do not end are answered at once, too.
+ * Refresh rule. M is made anew a little at each row (swept_renewal.c) so that no M is in use for much longer than
+ * SWEPT_REFRESH rows; at once (swept_refresh.c) at the row that would bring the product of the sigma since then, det
+ * G_FF after over before, to MOST_SURPRISE. A row that says what the data left open has a large sigma, and adding it to
+ * M cancels log10 sigma digits of the entries; so between two refreshes M loses six digits and 2 SWEPT_REFRESH
+ * roundings at most, and the cost errs to second order in that. A sigma below one, which takes a lost positive
+ * definiteness, and exchanges that do not end are answered at once, too.
  *
  * Source: L. Ljung, System Identification, 1999, chapter 11 (recursive least squares).
  */
@@ -64,7 +66,8 @@ static void add_row(Swept *s)
     }
 }
 
-/* Divide all weights by RESCALED^2, a power of two, so that nothing is rounded: G shrinks, and with it M_AA, but M_FF grows. */
+/* Divide all weights by RESCALED^2, a power of two, so that nothing is rounded: G shrinks, and with it M_AA, but M_FF
+ * grows. */
 static void rescale(Swept *s)
 {
     const vec8 shrink = splat(1 / (RESCALED * RESCALED));

@@ -1,8 +1,9 @@
 /* Eight numbers at a time, with the same bits on every instruction set and compiler.
  *
- * A vec8 is eight lanes in as many registers as the machine needs: one of AVX-512, two of AVX, four of SSE2 or NEON, or eight
- * plain numbers where the compiler has no vector types. Every function works lane by lane with one rounding an operation; no
- * product is fused with a sum (compile with -ffp-contract=off). The only sum across lanes is sum8, halves onto halves:
+ * A vec8 is eight lanes in as many registers as the machine needs: one of AVX-512, two of AVX, four of SSE2 or NEON, or
+ * eight plain numbers where the compiler has no vector types. Every function works lane by lane with one rounding an
+ * operation; no product is fused with a sum (compile with -ffp-contract=off). The only sum across lanes is sum8, halves
+ * onto halves:
  *
  *     ((l0 + l4) + (l2 + l6)) + ((l1 + l5) + (l3 + l7)).
  *
@@ -82,36 +83,72 @@ typedef whole part_bits __attribute__((vector_size(PART_BYTES)));
 #endif
 enum { PART_LANES = LANES / PARTS };
 
-/* Members by name and not an array, so that compilers keep them in registers. ALL(f) is f of each part and its number. */
+/* Members by name and not an array, so that compilers keep them in registers. ALL(f) is f of each part and its number.
+ */
 #if PARTS == 1
-typedef struct { part p0; } vec8;
+typedef struct {
+    part p0;
+} vec8;
 #define ALL(f) {f(p0, 0)}
 #define SPLAT(s) {s, s, s, s, s, s, s, s}
 #define COUNT(i) {i, (i) + 1, (i) + 2, (i) + 3, (i) + 4, (i) + 5, (i) + 6, (i) + 7}
 #elif PARTS == 2
-typedef struct { part p0, p1; } vec8;
+typedef struct {
+    part p0, p1;
+} vec8;
 #define ALL(f) {f(p0, 0), f(p1, 1)}
 #define SPLAT(s) {s, s, s, s}
 #define COUNT(i) {i, (i) + 1, (i) + 2, (i) + 3}
 #elif PARTS == 4
-typedef struct { part p0, p1, p2, p3; } vec8;
+typedef struct {
+    part p0, p1, p2, p3;
+} vec8;
 #define ALL(f) {f(p0, 0), f(p1, 1), f(p2, 2), f(p3, 3)}
 #define SPLAT(s) {s, s}
 #define COUNT(i) {i, (i) + 1}
 #else
-typedef struct { part p0, p1, p2, p3, p4, p5, p6, p7; } vec8;
+typedef struct {
+    part p0, p1, p2, p3, p4, p5, p6, p7;
+} vec8;
 #define ALL(f) {f(p0, 0), f(p1, 1), f(p2, 2), f(p3, 3), f(p4, 4), f(p5, 5), f(p6, 6), f(p7, 7)}
 #define SPLAT(s) s
 #define COUNT(i) i
 #endif
 
-CORE_INLINE part load_part(const real *p) { part r; memcpy(&r, p, sizeof r); return r; }
+CORE_INLINE part load_part(const real *p)
+{
+    part r;
+    memcpy(&r, p, sizeof r);
+    return r;
+}
 CORE_INLINE void store_part(real *p, part a) { memcpy(p, &a, sizeof a); }
-CORE_INLINE part splat_part(real s) { const part r = SPLAT(s); return r; }
-CORE_INLINE part_bits splat_bits(whole s) { const part_bits r = SPLAT(s); return r; }
-CORE_INLINE part_bits numbers_from(whole i) { const part_bits r = COUNT(i); return r; }
-CORE_INLINE part_bits bits_of(part a) { part_bits r; memcpy(&r, &a, sizeof r); return r; }
-CORE_INLINE part part_of(part_bits a) { part r; memcpy(&r, &a, sizeof r); return r; }
+CORE_INLINE part splat_part(real s)
+{
+    const part r = SPLAT(s);
+    return r;
+}
+CORE_INLINE part_bits splat_bits(whole s)
+{
+    const part_bits r = SPLAT(s);
+    return r;
+}
+CORE_INLINE part_bits numbers_from(whole i)
+{
+    const part_bits r = COUNT(i);
+    return r;
+}
+CORE_INLINE part_bits bits_of(part a)
+{
+    part_bits r;
+    memcpy(&r, &a, sizeof r);
+    return r;
+}
+CORE_INLINE part part_of(part_bits a)
+{
+    part r;
+    memcpy(&r, &a, sizeof r);
+    return r;
+}
 
 #if PARTS == 8
 #define CHOOSE(condition, a, b) ((condition) ? (a) : (b))
@@ -153,35 +190,76 @@ CORE_INLINE part root_scale_part(part v)
 }
 
 #define ONE_OF(p, i) load_part(source + (i) * PART_LANES)
-CORE_INLINE vec8 load(const real *source) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 load(const real *source)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) every
-CORE_INLINE vec8 splat(real s) { const part every = splat_part(s); const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 splat(real s)
+{
+    const part every = splat_part(s);
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) a.p + b.p
-CORE_INLINE vec8 add(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 add(vec8 a, vec8 b)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) a.p - b.p
-CORE_INLINE vec8 sub(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 sub(vec8 a, vec8 b)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
-#define ONE_OF(p, i) a.p * b.p
-CORE_INLINE vec8 mul(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+#define ONE_OF(p, i) a.p *b.p
+CORE_INLINE vec8 mul(vec8 a, vec8 b)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) a.p / b.p
-CORE_INLINE vec8 over(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 over(vec8 a, vec8 b)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) larger_part(a.p, b.p)
-CORE_INLINE vec8 larger(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 larger(vec8 a, vec8 b)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) smaller_part(a.p, b.p)
-CORE_INLINE vec8 smaller(vec8 a, vec8 b) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 smaller(vec8 a, vec8 b)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) CHOOSE(a.p < b.p, x.p, y.p)
 /* Lane by lane x where a < b, else y; y where either is NaN. */
-CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 #define ONE_OF(p, i) root_scale_part(a.p)
-CORE_INLINE vec8 root_scale(vec8 a) { const vec8 r = ALL(ONE_OF); return r; }
+CORE_INLINE vec8 root_scale(vec8 a)
+{
+    const vec8 r = ALL(ONE_OF);
+    return r;
+}
 #undef ONE_OF
 /* a with `number` in lane `place`, as it was where there is no such lane. */
 #define ONE_OF(p, i) CHOOSE(numbers_from((i) * PART_LANES) == at, number_everywhere, a.p)
@@ -195,7 +273,11 @@ CORE_INLINE vec8 with_lane(vec8 a, int place, real number)
 #undef ONE_OF
 
 #define ONE_OF(p, i) (store_part(target + (i) * PART_LANES, a.p), 0)
-CORE_INLINE void store(real *target, vec8 a) { const int done[PARTS] = ALL(ONE_OF); (void)done; }
+CORE_INLINE void store(real *target, vec8 a)
+{
+    const int done[PARTS] = ALL(ONE_OF);
+    (void)done;
+}
 #undef ONE_OF
 
 /* The first `count` (1 to 8) numbers and zeros in the other lanes, whose memory is not read. */
@@ -222,20 +304,20 @@ CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return smaller(larger(a,
 
 /* Two numbers left of eight: l0, l2, l4, l6 under `onto` in the first, the odd ones in the second. */
 #if PARTS == 1 && !defined(CORE_FLOAT)
-#define FOLD(onto4, onto2, onto_part)                                                                      \
-    const __m256d half = onto4(_mm512_castpd512_pd256((__m512d)a.p0), _mm512_extractf64x4_pd((__m512d)a.p0, 1)); \
+#define FOLD(onto4, onto2, onto_part)                                                                                  \
+    const __m256d half = onto4(_mm512_castpd512_pd256((__m512d)a.p0), _mm512_extractf64x4_pd((__m512d)a.p0, 1));       \
     const __m128d two = onto2(_mm256_castpd256_pd128(half), _mm256_extractf128_pd(half, 1));
 #elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
-#define FOLD(onto4, onto2, onto_part)                                     \
-    const __m256d half = onto4((__m256d)a.p0, (__m256d)a.p1);             \
+#define FOLD(onto4, onto2, onto_part)                                                                                  \
+    const __m256d half = onto4((__m256d)a.p0, (__m256d)a.p1);                                                          \
     const __m128d two = onto2(_mm256_castpd256_pd128(half), _mm256_extractf128_pd(half, 1));
 #elif PARTS == 4
 #define FOLD(onto4, onto2, onto_part) const part two = onto_part(onto_part(a.p0, a.p2), onto_part(a.p1, a.p3));
 #else
-#define FOLD(onto4, onto2, onto_part)                                     \
-    real l[LANES];                                                        \
-    store(l, a);                                                          \
-    const real two[2] = {onto_part(onto_part(l[0], l[4]), onto_part(l[2], l[6])), \
+#define FOLD(onto4, onto2, onto_part)                                                                                  \
+    real l[LANES];                                                                                                     \
+    store(l, a);                                                                                                       \
+    const real two[2] = {onto_part(onto_part(l[0], l[4]), onto_part(l[2], l[6])),                                      \
                          onto_part(onto_part(l[1], l[5]), onto_part(l[3], l[7]))};
 #endif
 
@@ -276,8 +358,8 @@ CORE_INLINE int first_equal8(vec8 a, real number)
 #endif
 }
 
-/* Have so much memory on its way to the first-level cache, where the compiler knows how; what is computed stays the same. A function that
- * does nothing else has to be inline, or gcc takes a call of it for one without effect. */
+/* Have so much memory on its way to the first-level cache, where the compiler knows how; what is computed stays the
+ * same. A function that does nothing else has to be inline, or gcc takes a call of it for one without effect. */
 CORE_INLINE void fetch(const void *memory, int64_t bytes)
 {
 #if defined(__GNUC__)

@@ -47,8 +47,9 @@ class BoxMinimiser(LibrarySolver):
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         # On an empty box some libraries raise and some return a corner; here all say the same.
-        self.outcome = Outcome(self.program.no_answer(), False, "infeasible: lb > ub") if self.empty \
-            else self.minimise(warm_start)
+        self.outcome = (
+            Outcome(self.program.no_answer(), False, "infeasible: lb > ub") if self.empty else self.minimise(warm_start)
+        )
         return self.outcome.x if self.outcome.found else self.program.no_answer()
 
     def solution(self) -> Solution:

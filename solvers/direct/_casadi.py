@@ -46,15 +46,23 @@ class Conic(LibrarySolver):
         shapes = {"h": casadi.Sparsity.dense(p.d, p.d), "a": casadi.Sparsity.dense(m, p.d)}
         # qpOASES greets on standard output whenever one is made, whatever its print level.
         with contextlib.redirect_stdout(io.StringIO()):
-            self._function = casadi.conic("qp", self.plugin, shapes,
-                                          {"error_on_fail": False, **self.options(p.d, m)})
+            self._function = casadi.conic("qp", self.plugin, shapes, {"error_on_fail": False, **self.options(p.d, m)})
             self._buffer: Any
             self._buffer, self._call = self._function.buffer()
         # The buffer keeps addresses and no references, and reads columns first. The start is given too: HPIPM's plugin
         # reads it through a null pointer otherwise.
-        self._held = {"h": p.P.reshape(-1), "g": p.q, "a": R.ravel(order="F"), "lba": p.l[p.general],
-                      "uba": p.u[p.general], "lbx": p.l[p.bounds], "ubx": p.u[p.bounds],
-                      "x0": np.zeros(p.d), "lam_x0": np.zeros(p.d), "lam_a0": np.zeros(m)}
+        self._held = {
+            "h": p.P.reshape(-1),
+            "g": p.q,
+            "a": R.ravel(order="F"),
+            "lba": p.l[p.general],
+            "uba": p.u[p.general],
+            "lbx": p.l[p.bounds],
+            "ubx": p.u[p.bounds],
+            "x0": np.zeros(p.d),
+            "lam_x0": np.zeros(p.d),
+            "lam_a0": np.zeros(m),
+        }
         for key, array in self._held.items():
             if array.size:
                 self._buffer.set_arg(self._function.index_in(key), array.data)
@@ -72,6 +80,11 @@ class Conic(LibrarySolver):
 
     def solution(self) -> Solution:
         stats, seconds = self._stats, self._stats.get("t_wall_solver")
-        return self.program.solution(self._x, self._w, bool(stats["success"]),
-                                     status=f"{stats['unified_return_status']}: {stats['return_status']}",
-                                     reported_us=1e6 * seconds if seconds else None, iterations=stats["iter_count"])
+        return self.program.solution(
+            self._x,
+            self._w,
+            bool(stats["success"]),
+            status=f"{stats['unified_return_status']}: {stats['return_status']}",
+            reported_us=1e6 * seconds if seconds else None,
+            iterations=stats["iter_count"],
+        )

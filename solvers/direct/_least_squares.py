@@ -31,7 +31,6 @@ def cholesky(P: Matrix, name: str) -> Matrix:
 class LeastSquares(BoxMinimiser):
     """A solver of minimise ‖Lᵀx − right‖ with bounds."""
 
-
     def setup(self, problem: Problem) -> None:
         super().setup(problem)
         self.L = cholesky(self.program.P, self.name)
@@ -80,6 +79,7 @@ class LsqLinear(LeastSquares):
             raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
 
     def minimise(self, start: Vector | None) -> Outcome:
-        result = lsq_linear(self.L.T, self.right(self.program.q), (self.lb, self.ub), method=self.method,
-                            **self.settings)
+        result = lsq_linear(
+            self.L.T, self.right(self.program.q), (self.lb, self.ub), method=self.method, **self.settings
+        )
         return Outcome(result.x, bool(result.success), str(result.message), int(result.nit))

@@ -22,7 +22,12 @@ class CasadiQrqp(Conic):
     """``casadi.conic`` with the plugin qrqp."""
 
     name = "casadi_qrqp"
-    library = Backend("primal-dual active set", "LGPL-3.0-or-later", "casadi",
-                      {"constr_viol_tol": share, "dual_inf_tol": share}, (8, 12))
+    library = Backend(
+        "primal-dual active set",
+        "LGPL-3.0-or-later",
+        "casadi",
+        {"constr_viol_tol": share, "dual_inf_tol": share},
+        (8, 12),
+    )
     plugin = "qrqp"
     quiet = MappingProxyType({"print_header": False, "print_iter": False, "print_info": False})

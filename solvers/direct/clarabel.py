@@ -39,8 +39,9 @@ class Clarabel(LibrarySolver):
         settings = clarabel.DefaultSettings()
         self.choose(settings, verbose=False, presolve_enable=False)
         cones = [clarabel.ZeroConeT(rows.equal), clarabel.NonnegativeConeT(rows.unequal)]
-        self._solver = clarabel.DefaultSolver(self._triangle.matrix(p.P), p.q, csc_matrix(rows.R), rows.r, cones,
-                                              settings)
+        self._solver = clarabel.DefaultSolver(
+            self._triangle.matrix(p.P), p.q, csc_matrix(rows.R), rows.r, cones, settings
+        )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program
@@ -61,5 +62,11 @@ class Clarabel(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         a = self._answer
-        return self.program.solution(np.array(a.x), self._rows.spread(np.array(a.z)), self._found, status=str(a.status),
-                                     reported_us=1e6 * a.solve_time, iterations=a.iterations)
+        return self.program.solution(
+            np.array(a.x),
+            self._rows.spread(np.array(a.z)),
+            self._found,
+            status=str(a.status),
+            reported_us=1e6 * a.solve_time,
+            iterations=a.iterations,
+        )

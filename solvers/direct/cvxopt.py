@@ -51,5 +51,6 @@ class Cvxopt(LibrarySolver):
         r = self._result
         x, y, z = (np.array(r[key]).ravel() for key in "xyz")
         w = self._rows.spread(np.concatenate([y, z])) if self._found else y
-        return self.program.solution(x, w, self._found, status=r["status"], reported_us=None,
-                                     iterations=r.get("iterations"))
+        return self.program.solution(
+            x, w, self._found, status=r["status"], reported_us=None, iterations=r.get("iterations")
+        )

@@ -50,7 +50,9 @@ class Daqp(LibrarySolver):
     def refuse(self, flag: int) -> None:
         """Raise :class:`Unsupported` where the library refuses the data."""
         if flag < 0:
-            raise Unsupported(f"daqp refuses the data with exit flag {flag}: P is not positive semidefinite, or bounds cross")
+            raise Unsupported(
+                f"daqp refuses the data with exit flag {flag}: P is not positive semidefinite, or bounds cross"
+            )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program
@@ -71,11 +73,18 @@ class Daqp(LibrarySolver):
         return self._x if self._flag > 0 else p.no_answer()
 
     def solution(self) -> Solution:  # noqa: D102
-        return self.program.solution(self._x, self._info["lam"], self._flag > 0, status=f"exit flag {self._flag}",
-                                     reported_us=1e6 * self._info["solve_time"], iterations=self._info["iterations"])
+        return self.program.solution(
+            self._x,
+            self._info["lam"],
+            self._flag > 0,
+            status=f"exit flag {self._flag}",
+            reported_us=1e6 * self._info["solve_time"],
+            iterations=self._info["iterations"],
+        )
 
 
 def senses(program: Program) -> Sense:
-    """The library's sense of each row before a solve, shape (d + p + m,): whether it is an equality, or bounds nothing."""
+    """The library's sense of each row before a solve, shape (d + p + m,): whether it is an equality, or bounds
+    nothing."""
     free = np.isinf(program.l) & np.isinf(program.u)
     return np.where(program.l == program.u, EQUAL, np.where(free, IGNORED, 0)).astype(np.intc)

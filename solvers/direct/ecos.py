@@ -55,8 +55,9 @@ class Ecos(LibrarySolver):
             self._fill()
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
-        self._result = ecos.solve(self._cost, self._sparse, self._h, self._dims, *self._equalities, verbose=False,
-                                  **self.settings)
+        self._result = ecos.solve(
+            self._cost, self._sparse, self._h, self._dims, *self._equalities, verbose=False, **self.settings
+        )
         self._found = self._result["info"]["exitFlag"] == 0
         x: Vector = self._result["x"][:-1]
         return x if self._found else self.program.no_answer()
@@ -64,5 +65,11 @@ class Ecos(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r, info = self._result, self._result["info"]
         w = self._rows.spread(np.concatenate([r["y"], r["z"][: self._rows.unequal]]))
-        return self.program.solution(r["x"][:-1], w, self._found, status=info["infostring"],
-                                     reported_us=1e6 * info["timing"]["tsolve"], iterations=info["iter"])
+        return self.program.solution(
+            r["x"][:-1],
+            w,
+            self._found,
+            status=info["infostring"],
+            reported_us=1e6 * info["timing"]["tsolve"],
+            iterations=info["iter"],
+        )

@@ -9,8 +9,8 @@ Timed: ``setup`` passes the model; ``update`` passes the triangle of P and q; ``
 since the quadratic solver takes no starting point, and makes an array of the library's answer.
 
 The regularisation δ, 1e-7 by default, is never taken back and moves the answer: the rungs lower it, and none sets it to
-0, with which the library can hang. Some answers are then still off by 1e-4 under the status optimal, and some solves end
-in "Solve error", the library's own check of its answer. ``time_limit`` is ours, seconds for each solve: the
+0, with which the library can hang. Some answers are then still off by 1e-4 under the status optimal, and some solves
+end in "Solve error", the library's own check of its answer. ``time_limit`` is ours, seconds for each solve: the
 library's own counts over all solves from the making of its object.
 """
 
@@ -61,8 +61,17 @@ class Highspy(LibrarySolver):
 
     def _pass_hessian(self) -> None:
         t = self._triangle
-        self._demand(self._highs.passHessian(self.program.d, t.indices.size, highspy.HessianFormat.kTriangular.value,
-                                             t.indptr, t.indices, t.values(self.program.P)), "take P")
+        self._demand(
+            self._highs.passHessian(
+                self.program.d,
+                t.indices.size,
+                highspy.HessianFormat.kTriangular.value,
+                t.indptr,
+                t.indices,
+                t.values(self.program.P),
+            ),
+            "take P",
+        )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         self.program.take(P, q)
@@ -81,16 +90,22 @@ class Highspy(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         answer = self._highs.getSolution()
         p = self.program
-        rows, columns = np.array(answer.row_dual)[:p.u.size - p.d], np.array(answer.col_dual)
+        rows, columns = np.array(answer.row_dual)[: p.u.size - p.d], np.array(answer.col_dual)
         status = self._highs.modelStatusToString(self._highs.getModelStatus())
         w = -np.concatenate([columns, rows]) if self._found else np.zeros(p.l.size)
-        return p.solution(np.array(answer.col_value), w, self._found, status=status,
-                          reported_us=1e6 * (self._highs.getRunTime() - self._begin_s),
-                          iterations=self._highs.getInfo().qp_iteration_count)
+        return p.solution(
+            np.array(answer.col_value),
+            w,
+            self._found,
+            status=status,
+            reported_us=1e6 * (self._highs.getRunTime() - self._begin_s),
+            iterations=self._highs.getInfo().qp_iteration_count,
+        )
 
 
 def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:
-    """Rows l ≤ R x ≤ u as R, l, u; without any a row of zeros between −∞ and ∞, since the quadratic solver ends in "Solve error" otherwise."""
+    """Rows l ≤ R x ≤ u as R, l, u; without any a row of zeros between −∞ and ∞, since the quadratic solver ends in
+    "Solve error" otherwise."""
     if p.u.size > p.d:
         return csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
     return csc_matrix((1, p.d)), np.array([-np.inf]), np.array([np.inf])

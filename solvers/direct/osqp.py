@@ -10,8 +10,8 @@ again; ``solve`` iterates. A cold solve starts from zero, a warm one from ``warm
 solve; the penalty ρ that a solve has adapted stays for the next, as the library means it.
 
 The adaptation of ρ is counted in steps and not in seconds, so that a run can be repeated. Polishing, which solves the
-equations of the rows that seem active, is off, as in the library, but for the last rungs: after a loose or warm solve on
-badly scaled data it takes the wrong rows and spoils the answer.
+equations of the rows that seem active, is off, as in the library, but for the last rungs: after a loose or warm solve
+on badly scaled data it takes the wrong rows and spoils the answer.
 """
 
 from __future__ import annotations
@@ -43,8 +43,14 @@ class Osqp(LibrarySolver):
         refuse_crossing(p, self.name)
         self._zero = np.zeros(p.d), np.zeros(self._rows.l.size)
         self._solver = osqp.OSQP()
-        self._solver.setup(self._triangle.matrix(p.P), p.q.copy(), csc_matrix(self._rows.R), self._rows.l, self._rows.u,
-                           **{"verbose": False, **self.settings})
+        self._solver.setup(
+            self._triangle.matrix(p.P),
+            p.q.copy(),
+            csc_matrix(self._rows.R),
+            self._rows.l,
+            self._rows.u,
+            **{"verbose": False, **self.settings},
+        )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         p = self.program
@@ -66,11 +72,19 @@ class Osqp(LibrarySolver):
         return x if self._found else self.program.no_answer()
 
     def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._result.info.status_val in (osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
-                                                     osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
+        limit_met = self._result.info.status_val in (
+            osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
+            osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
+        )
         return np.array(self._result.x) if limit_met else None
 
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
-        return self.program.solution(r.x, self._rows.spread(r.y), self._found, status=r.info.status,
-                                     reported_us=1e6 * r.info.solve_time, iterations=r.info.iter)
+        return self.program.solution(
+            r.x,
+            self._rows.spread(r.y),
+            self._found,
+            status=r.info.status,
+            reported_us=1e6 * r.info.solve_time,
+            iterations=r.info.iter,
+        )

@@ -57,5 +57,6 @@ class Piqp(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r = self._solver.result
         w = np.concatenate([r.z_bu - r.z_bl, r.y, r.z_u])
-        return self.program.solution(r.x, w, self._found, status=self._status.name,
-                                     reported_us=1e6 * r.info.solve_time, iterations=r.info.iter)
+        return self.program.solution(
+            r.x, w, self._found, status=self._status.name, reported_us=1e6 * r.info.solve_time, iterations=r.info.iter
+        )

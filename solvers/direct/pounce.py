@@ -28,12 +28,19 @@ class Pounce(LibrarySolver):
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
-        self._constraints = {"A": p.R[p.equalities], "b": p.u[p.equalities], "G": p.R[p.inequalities],
-                             "h": p.u[p.inequalities], "lb": p.l[p.bounds], "ub": p.u[p.bounds]}
+        self._constraints = {
+            "A": p.R[p.equalities],
+            "b": p.u[p.equalities],
+            "G": p.R[p.inequalities],
+            "h": p.u[p.inequalities],
+            "lb": p.l[p.bounds],
+            "ub": p.u[p.bounds],
+        }
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
-        self._result = pounce.solve_qp(self.program.P, self.program.q, **self._constraints, check_psd=False,
-                                       **self.settings)
+        self._result = pounce.solve_qp(
+            self.program.P, self.program.q, **self._constraints, check_psd=False, **self.settings
+        )
         self._found = self._result.status == "optimal"
         x: Vector = self._result.x
         return x if self._found else self.program.no_answer()
@@ -41,5 +48,6 @@ class Pounce(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
         w = np.concatenate([np.subtract(r.z_ub, r.z_lb), r.y, r.z])
-        return self.program.solution(np.asarray(r.x), w, self._found, status=r.status, reported_us=None,
-                                     iterations=r.iters)
+        return self.program.solution(
+            np.asarray(r.x), w, self._found, status=r.status, reported_us=None, iterations=r.iters
+        )

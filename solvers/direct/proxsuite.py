@@ -77,5 +77,11 @@ class Proxsuite(LibrarySolver):
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return self.program.solution(results.x, self._rows.spread(w), self._found, status=info.status.name,
-                                     reported_us=info.solve_time, iterations=info.iter)
+        return self.program.solution(
+            results.x,
+            self._rows.spread(w),
+            self._found,
+            status=info.status.name,
+            reported_us=info.solve_time,
+            iterations=info.iter,
+        )

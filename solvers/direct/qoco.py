@@ -4,9 +4,10 @@
 
 Source: G. Chari, B. Açıkmeşe, "QOCO: a quadratic objective conic optimizer with custom solver generation", 2025.
 
-One tolerance bounds the gap, the residual of the gradient and that of the rows, though the last is in the unit of x and the others
-are in those of the cost; asked for as little as the gap, rounding never lets the rows have it. So with our settings it is 1e-9 and the
-cost is given in units of ``cost_unit``, the power of two of which 1e-9 is what the rung asks of the gap; that rounds nothing.
+One tolerance bounds the gap, the residual of the gradient and that of the rows, though the last is in the unit of x and
+the others are in those of the cost; asked for as little as the gap, rounding never lets the rows have it. So with our
+settings it is 1e-9 and the cost is given in units of ``cost_unit``, the power of two of which 1e-9 is what the rung
+asks of the gap; that rounds nothing.
 
 Timed: ``setup`` allocates and orders; ``update`` hands over the upper triangle of P and q; ``solve`` iterates and
 copies the results out of the library's memory. There is no warm start, and no test of infeasibility either: the library
@@ -40,8 +41,11 @@ class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
     name = "qoco"
-    library = replace(known.QOCO, tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
-                      rungs=(4, 6, 8, 10, 12, 13, 14, 15))
+    library = replace(
+        known.QOCO,
+        tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
+        rungs=(4, 6, 8, 10, 12, 13, 14, 15),
+    )
     iteration_setting = "max_iters"
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
@@ -53,7 +57,21 @@ class Qoco(LibrarySolver):
         A, G = (csc_matrix(R) if len(R) else None for R in (rows.R[:n], rows.R[n:]))
         settings = dict(self.settings)
         self._unit = unit = settings.pop("cost_unit", 1.0)
-        self._solver.setup(p.d, m, n, self._triangle.matrix(p.P) / unit, p.q / unit, A, rows.r[:n], G, rows.r[n:], m, 0, None, **settings)
+        self._solver.setup(
+            p.d,
+            m,
+            n,
+            self._triangle.matrix(p.P) / unit,
+            p.q / unit,
+            A,
+            rows.r[:n],
+            G,
+            rows.r[n:],
+            m,
+            0,
+            None,
+            **settings,
+        )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         self.program.take(P, q)
@@ -74,5 +92,6 @@ class Qoco(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
         w = self._rows.spread(self._unit * np.concatenate([r.y, r.z]))
-        return self.program.solution(r.x, w, r.status == "QOCO_SOLVED", status=r.status,
-                                     reported_us=1e6 * r.solve_time_sec, iterations=r.iters)
+        return self.program.solution(
+            r.x, w, r.status == "QOCO_SOLVED", status=r.status, reported_us=1e6 * r.solve_time_sec, iterations=r.iters
+        )

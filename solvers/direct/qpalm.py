@@ -65,5 +65,11 @@ class Qpalm(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         s, info = self._solver.solution, self._solver.info
-        return self.program.solution(s.x, self._rows.spread(s.y), self._found, status=info.status,
-                                     reported_us=1e6 * info.solve_time, iterations=info.iter)
+        return self.program.solution(
+            s.x,
+            self._rows.spread(s.y),
+            self._found,
+            status=info.status,
+            reported_us=1e6 * info.solve_time,
+            iterations=info.iter,
+        )

@@ -5,9 +5,9 @@
 Source: K. Tracy, Z. Manchester, "On the differentiability of the primal-dual interior-point method", 2024.
 
 Timed: ``setup`` compiles for the shapes; ``solve`` copies P and q to JAX, iterates, and copies x back. There is no warm
-start. Importing this file switches JAX to 64 bits in the whole process. The library's explicit method, its default, keeps
-slacks and multipliers above 1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier; its implicit one,
-which our settings take, has no such floor.
+start. Importing this file switches JAX to 64 bits in the whole process. The library's explicit method, its default,
+keeps slacks and multipliers above 1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier; its
+implicit one, which our settings take, has no such floor.
 """
 
 from __future__ import annotations
@@ -49,5 +49,11 @@ class Qpax(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         x, _, z, y = (np.asarray(part) for part in self._result[:4])
         w = self._rows.spread(np.concatenate([y, z]))
-        return self.program.solution(x, w, self._found, status="converged" if self._found else "not converged",
-                                     reported_us=None, iterations=int(self._result[5]))
+        return self.program.solution(
+            x,
+            w,
+            self._found,
+            status="converged" if self._found else "not converged",
+            reported_us=None,
+            iterations=int(self._result[5]),
+        )

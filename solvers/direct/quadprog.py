@@ -58,7 +58,8 @@ class Quadprog(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         p = self.program
         if not self._found:
-            return p.solution(p.no_answer(), np.zeros(p.l.size), False, status=self._status, reported_us=None,
-                              iterations=None)
+            return p.solution(
+                p.no_answer(), np.zeros(p.l.size), False, status=self._status, reported_us=None, iterations=None
+            )
         w = self._rows.spread(self._lagrangian if self._rows.r.size else np.zeros(0))
         return p.solution(self._x, w, True, status=self._status, reported_us=None, iterations=self._iterations)

@@ -8,8 +8,8 @@ Journal on Scientific Computing 16 (1995), pages 1190 to 1208.
 Timed: ``solve`` is everything, the cost being called from Python at every step. ``gtol`` bounds the largest component
 of the projected gradient and ``ftol`` the relative decrease of the cost; with our settings the second is 0, so that the
 gradient alone decides, and 30 corrections are kept in place of 10, without which ill-conditioned P take ten times the
-steps. With them the method is started anew, without its corrections, where rounding spoils a line search or a step leaves
-the cost as it is, for it may then be anywhere; where that is so RESTARTS times the answer counts as not found.
+steps. With them the method is started anew, without its corrections, where rounding spoils a line search or a step
+leaves the cost as it is, for it may then be anywhere; where that is so RESTARTS times the answer counts as not found.
 """
 
 from __future__ import annotations
@@ -31,15 +31,27 @@ class ScipyLbfgsb(BoxMinimiser):
     """scipy.optimize.minimize(method="L-BFGS-B")."""
 
     name = "scipy_lbfgsb"
-    library = Backend("quasi-Newton", "BSD-3-Clause", "scipy", {"gtol": absolute}, (4, 5, 6, 7, 8, 9),
-                      more={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000})
+    library = Backend(
+        "quasi-Newton",
+        "BSD-3-Clause",
+        "scipy",
+        {"gtol": absolute},
+        (4, 5, 6, 7, 8, 9),
+        more={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000},
+    )
     warm_startable = True
 
     def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
         point, iterations = inside(start, self.lb, self.ub), 0
         for _ in range(1 + RESTARTS):
             result = minimize(  # type: ignore[call-overload]
-                partial(cost, self.program), point, jac=True, method="L-BFGS-B", bounds=Bounds(self.lb, self.ub), options=self.settings)
+                partial(cost, self.program),
+                point,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=Bounds(self.lb, self.ub),
+                options=self.settings,
+            )
             point, iterations = result.x, iterations + int(result.nit)
             stuck = bool(self.settings) and any(word in result.message for word in STUCK)
             if not stuck:

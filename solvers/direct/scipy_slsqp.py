@@ -27,22 +27,39 @@ class ScipySlsqp(LibrarySolver):
     """scipy.optimize.minimize(method="SLSQP")."""
 
     name = "scipy_slsqp"
-    library = Backend("sequential least squares", "BSD-3-Clause", "scipy", {"ftol": absolute}, (4, 6, 8, 10, 12, 14, 16),
-                      more={"maxiter": 10_000})
+    library = Backend(
+        "sequential least squares",
+        "BSD-3-Clause",
+        "scipy",
+        {"ftol": absolute},
+        (4, 6, 8, 10, 12, 14, 16),
+        more={"maxiter": 10_000},
+    )
     warm_startable = True
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
         refuse_crossing(p, self.name)
-        self._rows = [{"type": kind, "fun": lambda x, R=R, r=r: R @ x - r, "jac": lambda x, R=R: R}
-                      for kind, R, r in (("eq", p.R[p.equalities], p.u[p.equalities]),
-                                         ("ineq", -p.R[p.inequalities], -p.u[p.inequalities])) if r.size]
+        self._rows = [
+            {"type": kind, "fun": lambda x, R=R, r=r: R @ x - r, "jac": lambda x, R=R: R}
+            for kind, R, r in (
+                ("eq", p.R[p.equalities], p.u[p.equalities]),
+                ("ineq", -p.R[p.inequalities], -p.u[p.inequalities]),
+            )
+            if r.size
+        ]
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         lb, ub = self.program.l[self.program.bounds], self.program.u[self.program.bounds]
         self._result = minimize(  # type: ignore[call-overload]
-            partial(cost, self.program), inside(warm_start, lb, ub), jac=True, method="SLSQP", bounds=Bounds(lb, ub),
-            constraints=self._rows, options=self.settings)
+            partial(cost, self.program),
+            inside(warm_start, lb, ub),
+            jac=True,
+            method="SLSQP",
+            bounds=Bounds(lb, ub),
+            constraints=self._rows,
+            options=self.settings,
+        )
         x: Vector = self._result.x
         return x if self._result.success else self.program.no_answer()
 

@@ -22,8 +22,14 @@ class ScipyTrf(LsqLinear):
     """scipy.optimize.lsq_linear(method="trf")."""
 
     name = "scipy_trf"
-    library = Backend("trust region reflective", "BSD-3-Clause", "scipy", {"tol": share}, (4, 6, 8, 10, 12, 14, 15),
-                      more={"max_iter": 10_000})
+    library = Backend(
+        "trust region reflective",
+        "BSD-3-Clause",
+        "scipy",
+        {"tol": share},
+        (4, 6, 8, 10, 12, 14, 15),
+        more={"max_iter": 10_000},
+    )
     method = "trf"
 
     def solution(self) -> Solution:  # noqa: D102

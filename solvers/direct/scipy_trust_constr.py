@@ -33,9 +33,14 @@ class ScipyTrustConstr(LibrarySolver):
     """scipy.optimize.minimize(method="trust-constr")."""
 
     name = "scipy_trust_constr"
-    library = Backend("interior point", "BSD-3-Clause", "scipy",
-                      {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": share, "barrier_tol": absolute}, (4, 6, 8, 10, 12),
-                      more={"maxiter": 10_000})
+    library = Backend(
+        "interior point",
+        "BSD-3-Clause",
+        "scipy",
+        {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": share, "barrier_tol": absolute},
+        (4, 6, 8, 10, 12),
+        more={"maxiter": 10_000},
+    )
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
@@ -47,8 +52,15 @@ class ScipyTrustConstr(LibrarySolver):
         p = self.program
         lb, ub = p.l[p.bounds], p.u[p.bounds]
         self._result = r = minimize(  # type: ignore[call-overload]
-            partial(cost, p), inside(None, lb, ub), jac=True, hess=lambda x: p.P, method="trust-constr",
-            bounds=Bounds(lb, ub), constraints=self._rows, options=self.settings)
+            partial(cost, p),
+            inside(None, lb, ub),
+            jac=True,
+            hess=lambda x: p.P,
+            method="trust-constr",
+            bounds=Bounds(lb, ub),
+            constraints=self._rows,
+            options=self.settings,
+        )
         self._found = r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8)
         x: Vector = r.x
         return x if self._found else p.no_answer()
@@ -56,5 +68,11 @@ class ScipyTrustConstr(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
         w = np.concatenate([r.v[-1], *r.v[:-1]])
-        return self.program.solution(r.x, w, self._found, status=f"{r.status}: {r.message}",
-                                     reported_us=1e6 * r.execution_time, iterations=int(r.nit))
+        return self.program.solution(
+            r.x,
+            w,
+            self._found,
+            status=f"{r.status}: {r.message}",
+            reported_us=1e6 * r.execution_time,
+            iterations=int(r.nit),
+        )

@@ -45,8 +45,11 @@ class Scs(LibrarySolver):
 
     def _build(self) -> None:
         p = self.program
-        self._solver = scs.SCS({"P": self._triangle.matrix(p.P), "c": p.q, **self._constraints}, self._cone,
-                               **{"verbose": False, "linear_solver": "qdldl", **self.settings})
+        self._solver = scs.SCS(
+            {"P": self._triangle.matrix(p.P), "c": p.q, **self._constraints},
+            self._cone,
+            **{"verbose": False, "linear_solver": "qdldl", **self.settings},
+        )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
         self.program.take(P, q)
@@ -73,6 +76,7 @@ class Scs(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         r, info = self._result, self._result["info"]
-        w = self._rows.spread(r["y"][:self._rows.r.size])
-        return self.program.solution(r["x"], w, self._found, status=info["status"],
-                                     reported_us=1e3 * info["solve_time"], iterations=info["iter"])
+        w = self._rows.spread(r["y"][: self._rows.r.size])
+        return self.program.solution(
+            r["x"], w, self._found, status=info["status"], reported_us=1e3 * info["solve_time"], iterations=info["iter"]
+        )

@@ -4,7 +4,8 @@
 
 Source: J. Sousa-Pinto, the package sip_python.
 
-At its tightest rung it is as exact as it can be asked for: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding ends its steps.
+At its tightest rung it is as exact as it can be asked for: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding ends
+its steps.
 
 Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
 which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm
@@ -29,9 +30,13 @@ class Sip(LibrarySolver):
     """The library's ``Solver``; the settings are those of its termination."""
 
     name = "sip"
-    library = Backend("interior point", "MIT", "sip_python",
-                      {"max_complementarity_gap": absolute, "max_constraint_violation": unscaled, "max_dual_residual": unscaled},
-                      (4, 6, 8, 10, 12, 13, 14, 14.5))
+    library = Backend(
+        "interior point",
+        "MIT",
+        "sip_python",
+        {"max_complementarity_gap": absolute, "max_constraint_violation": unscaled, "max_dual_residual": unscaled},
+        (4, 6, 8, 10, 12, 13, 14, 14.5),
+    )
 
     def setup(self, problem: Problem) -> None:  # noqa: D102
         self.program = p = Program(problem)
@@ -41,9 +46,18 @@ class Sip(LibrarySolver):
         self._jacobians = A, G = csr_matrix(rows.R[:n]), csr_matrix(rows.R[n:])
         order, kkt, factor = sip.get_kkt_perm_inv_and_nnzs(csc_matrix(np.ones((p.d, p.d))), A, G, False)
         self._sizes, self._linear, self._options = sip.ProblemDimensions(), sip.QDLDLSettings(), sip.Settings()
-        for size, value in {"x_dim": p.d, "s_dim": m, "y_dim": n, "jacobian_c_nnz": A.nnz, "jacobian_g_nnz": G.nnz,
-                            "upper_hessian_lagrangian_nnz": p.d * (p.d + 1) // 2, "kkt_nnz": kkt, "kkt_L_nnz": factor,
-                            "is_jacobian_c_transposed": True, "is_jacobian_g_transposed": True}.items():
+        for size, value in {
+            "x_dim": p.d,
+            "s_dim": m,
+            "y_dim": n,
+            "jacobian_c_nnz": A.nnz,
+            "jacobian_g_nnz": G.nnz,
+            "upper_hessian_lagrangian_nnz": p.d * (p.d + 1) // 2,
+            "kkt_nnz": kkt,
+            "kkt_L_nnz": factor,
+            "is_jacobian_c_transposed": True,
+            "is_jacobian_g_transposed": True,
+        }.items():
             setattr(self._sizes, size, value)
         self._linear.permute_kkt_system, self._linear.kkt_pinv = True, order
         for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
@@ -66,8 +80,14 @@ class Sip(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         w = self._rows.spread(np.concatenate([self._point.y, self._point.z]))
-        return self.program.solution(np.array(self._point.x), w, self._found, status=self._said.exit_status.name,
-                                     reported_us=None, iterations=self._said.num_iterations)
+        return self.program.solution(
+            np.array(self._point.x),
+            w,
+            self._found,
+            status=self._said.exit_status.name,
+            reported_us=None,
+            iterations=self._said.num_iterations,
+        )
 
 
 def _model(p: Program, rows: Cones, hessian: csc_matrix, A: csr_matrix, G: csr_matrix) -> Callable:

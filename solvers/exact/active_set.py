@@ -172,8 +172,10 @@ def _drop(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list
     for r in point.slacks:
         if program.constraint(r).broken_by(-along_p[r]):
             return [*kept, r]
-    raise Unbounded("the cost falls without bound along a direction that no constraint stops, away from the "
-                    f"{program.constraint(k)}")
+    raise Unbounded(
+        "the cost falls without bound along a direction that no constraint stops, away from the "
+        f"{program.constraint(k)}"
+    )
 
 
 def nearest_feasible(program: ExactProgram, x: RationalColumn) -> RationalColumn:

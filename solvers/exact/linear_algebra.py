@@ -38,7 +38,8 @@ class NotCertified(Exception):
 
 
 class Work:
-    """What a proof may cost, in bit operations, not in seconds, so that what can be proven does not hang on a machine's load."""
+    """What a proof may cost, in bit operations, not in seconds, so that what can be proven does not hang on a machine's
+    load."""
 
     def __init__(self, limit: float) -> None:
         self._limit = self._left = limit

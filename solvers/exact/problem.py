@@ -95,10 +95,16 @@ class DoubleProblem:
         P, q = dense(problem)
         d, h, b = q.size, _right(problem.h), _right(problem.b)
         lb, ub = box(problem)
-        return cls(finite("P", P, (d, d)), finite("q", q, (d,)),
-                   finite("G", _rows(problem.G, d), (h.size, d)), _half_finite("h", h, h.shape, np.inf),
-                   finite("A", _rows(problem.A, d), (b.size, d)), finite("b", b, b.shape),
-                   _half_finite("lb", lb, (d,), -np.inf), _half_finite("ub", ub, (d,), np.inf))
+        return cls(
+            finite("P", P, (d, d)),
+            finite("q", q, (d,)),
+            finite("G", _rows(problem.G, d), (h.size, d)),
+            _half_finite("h", h, h.shape, np.inf),
+            finite("A", _rows(problem.A, d), (b.size, d)),
+            finite("b", b, b.shape),
+            _half_finite("lb", lb, (d,), -np.inf),
+            _half_finite("ub", ub, (d,), np.inf),
+        )
 
     def __eq__(self, other: object) -> bool:
         """Whether the data are the same."""
@@ -130,11 +136,13 @@ class DoubleProblem:
             present = np.flatnonzero(np.isfinite(right)).tolist()
             flat, width = integers(np.column_stack([M[present], right[present]]))[0], M.shape[1] + 1
             for i, start in zip(present, range(0, len(flat), width), strict=True):
-                *a, b = flat[start:start + width]
+                *a, b = flat[start : start + width]
                 found.append(Constraint(kind, i, fmpq(b), tuple(a)))
         for kind, bound, sign in ((Kind.LOWER, self.lb, -1), (Kind.UPPER, self.ub, 1)):
-            found += [Constraint(kind, i, sign * fmpq(*bound[i].as_integer_ratio()))
-                      for i in np.flatnonzero(np.isfinite(bound)).tolist()]
+            found += [
+                Constraint(kind, i, sign * fmpq(*bound[i].as_integer_ratio()))
+                for i in np.flatnonzero(np.isfinite(bound)).tolist()
+            ]
         return tuple(found)
 
     def exact(self, shift: float) -> tuple[ExactProgram, Rational]:
@@ -144,17 +152,19 @@ class DoubleProblem:
     def _is_plainly_definite(self) -> bool:
         """Whether a Cholesky factorisation in doubles proves P ≻ 0; where it does not, P may be so all the same.
 
-        A is P scaled by powers of two, exactly, to a diagonal in [1, 4), and t = trace(A). Where the factorisation of A − cI ends,
-        its factor is that of A − cI + E with |E| at most γ_{d+1}/(1 − γ_{d+1}) t in norm, γ_k = ku/(1 − ku), and the subtraction
-        rounds by less than 4u. So c = 4(d + 4) u t leaves A positive definite (S. M. Rump, "Verification of positive
-        definiteness", BIT 46, 2006; Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd edition, theorem 10.3).
+        A is P scaled by powers of two, exactly, to a diagonal in [1, 4), and t = trace(A). Where the factorisation of A
+        − cI ends, its factor is that of A − cI + E with |E| at most γ_{d+1}/(1 − γ_{d+1}) t in norm, γ_k = ku/(1 − ku),
+        and the subtraction rounds by less than 4u. So c = 4(d + 4) u t leaves A positive definite (S. M. Rump,
+        "Verification of positive definiteness", BIT 46, 2006; Higham, *Accuracy and Stability of Numerical Algorithms*,
+        2nd edition, theorem 10.3).
         """
         diagonal = np.diag(self.P)
         if not (self.P == self.P.T).all() or not (diagonal > 0.0).all():
             return False
         exponents = -((np.frexp(diagonal)[1] - 1) // 2)
         A = np.ldexp(self.P, exponents[:, None] + exponents)
-        if not np.array_equal(np.ldexp(A, -exponents[:, None] - exponents), self.P):  # an element was lost below the smallest double
+        # an element was lost below the smallest double
+        if not np.array_equal(np.ldexp(A, -exponents[:, None] - exponents), self.P):
             return False
         d = len(A)
         A[np.diag_indices(d)] -= 4 * (d + 4) * 2.0**-53 * float(np.trace(A))
@@ -205,7 +215,7 @@ class DoubleProblem:
             if rows.size and free.any() and np.isfinite(r).all():
                 multipliers = np.linalg.lstsq(rows[:, free].T, -r[free])[0]
                 r = r + rows.T @ multipliers
-                near = near[multipliers[self.b.size:] > 0]
+                near = near[multipliers[self.b.size :] > 0]
             step = np.where(r == 0, 0.0, r / np.maximum(np.diag(self.P), 0.0))
             lower = np.flatnonzero((x - step <= self.lb) & np.isfinite(self.lb))
             upper = np.flatnonzero((x - step >= self.ub) & np.isfinite(self.ub))

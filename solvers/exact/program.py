@@ -138,8 +138,14 @@ class ExactProgram:
     @cached_property
     def bits(self) -> int:
         """Of the longest coefficient."""
-        return max((int(entry).bit_length() for row in (*self.P, *(c.a for c in self.constraints if c.a is not None))
-                    for entry in row), default=0)
+        return max(
+            (
+                int(entry).bit_length()
+                for row in (*self.P, *(c.a for c in self.constraints if c.a is not None))
+                for entry in row
+            ),
+            default=0,
+        )
 
     def pivot_work(self, W: Sequence[int]) -> float:
         """What the system of a working set costs: elements times digits of its answer."""
@@ -176,8 +182,9 @@ class ExactProgram:
         kept = first_independent(self.P + [self.constraint(k).row(self.d) for k in order])
         return first + [order[i - self.d] for i in kept if i >= self.d + len(first)]
 
-    def kkt_solve(self, W: Sequence[int], f: RationalColumn, g: Sequence[Rational]
-                  ) -> tuple[RationalColumn, dict[int, Rational]]:
+    def kkt_solve(
+        self, W: Sequence[int], f: RationalColumn, g: Sequence[Rational]
+    ) -> tuple[RationalColumn, dict[int, Rational]]:
         """Solve P p + Cᵀu = f, C p = g; returns p (d, 1) and u by position.
 
         Bounds and pins in W fix their variables, so that only the others and the general rows enter the linear system.

@@ -1,8 +1,8 @@
 """A library in the compiled loop by its C functions.
 
-The two functions of the loop, ``update`` and ``solve``, are C in ``<name>.c`` of this folder, and Python calls them as well: they are all
-that is timed. Set-up and results are Python's, through ctypes. Arguments and structures of a library are facts of one version, so
-another version is not called.
+The two functions of the loop, ``update`` and ``solve``, are C in ``<name>.c`` of this folder, and Python calls them as
+well: they are all that is timed. Set-up and results are Python's, through ctypes. Arguments and structures of a library
+are facts of one version, so another version is not called.
 """
 
 from __future__ import annotations
@@ -59,13 +59,17 @@ def opened(distribution: str, version: str, library: Path, names: tuple[str, ...
         Another version is installed, or its library does not have them.
     """
     if (installed := importlib.metadata.version(distribution)) != version:
-        raise ImportError(f"the C interface of {distribution} is known of version {version}, and {installed} is installed")
+        raise ImportError(
+            f"the C interface of {distribution} is known of version {version}, and {installed} is installed"
+        )
     try:
         found = ctypes.CDLL(str(library))
         for name in names:
             getattr(found, name)
     except (OSError, AttributeError) as error:
-        raise ImportError(f"the library of {distribution} {version} does not offer its C functions here: {error}") from None
+        raise ImportError(
+            f"the library of {distribution} {version} does not offer its C functions here: {error}"
+        ) from None
     return found
 
 
@@ -78,7 +82,11 @@ def fields(declarations: str) -> tuple[tuple[str, Any], ...]:
     ['n', 'm', 'x']
     """
     lines = (line.split(maxsplit=1) for line in declarations.split(";") if line.strip())
-    return tuple((name.strip(" *\n"), ctypes.c_void_p if "*" in name else TYPES[kind]) for kind, names in lines for name in names.split(","))
+    return tuple(
+        (name.strip(" *\n"), ctypes.c_void_p if "*" in name else TYPES[kind])
+        for kind, names in lines
+        for name in names.split(",")
+    )
 
 
 def vector(pointer: int, size: int) -> Vector:
@@ -87,7 +95,8 @@ def vector(pointer: int, size: int) -> Vector:
 
 
 class CompiledLibrary(LibrarySolver):
-    """A library behind ``<name>.c``; a file of one sets it up, calls ``bind`` and, after each solve, reads the results."""
+    """A library behind ``<name>.c``; a file of one sets it up, calls ``bind`` and, after each solve, reads the
+    results."""
 
     lane = Lane.KERNEL
 
@@ -96,7 +105,8 @@ class CompiledLibrary(LibrarySolver):
         """Read what the library says of its last solve; whether it was found stands in ``found``."""
 
     def bind(self, *values: Any) -> None:
-        """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays, functions and pointers."""
+        """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays,
+        functions and pointers."""
         p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
         self._held = values  # whose addresses the state has
         self.state: NDArray[np.int64] = np.array([*_home(p), p.d, *map(_number, values)], dtype=np.int64)
@@ -125,11 +135,14 @@ class CompiledLibrary(LibrarySolver):
         return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows one after the other; timed are the new P and q and the solve, from the last answer found if the library takes a start."""
+        """Take rows one after the other; timed are the new P and q and the solve, from the last answer found if the
+        library takes a start."""
         p = self.program
         if self.found:
             self._last[:] = self.x
-        flag, answers, nanoseconds = follow_rows(partial(face.library_follow, self._places, self._last), p.P, p.q, rows, forgetting)
+        flag, answers, nanoseconds = follow_rows(
+            partial(face.library_follow, self._places, self._last), p.P, p.q, rows, forgetting
+        )
         self.refuse(flag)
         self._finish(answers[-1].copy())
         return answers, nanoseconds

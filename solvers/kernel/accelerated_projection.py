@@ -63,7 +63,8 @@ class AcceleratedProjection(Ours, Solver):
         Unsupported
             The problem has general rows.
         ValueError
-            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds cross.
+            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds
+            cross.
         """
         self._lb, self._ub = only_box(problem, self.name)
         self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
@@ -88,12 +89,18 @@ class AcceleratedProjection(Ours, Solver):
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
-        timings = self._method.time(face.time_accelerated, self._steps, self._tolerance, 0.5, self._scaled, P, q, warm_start, most_ns)
+        timings = self._method.time(
+            face.time_accelerated, self._steps, self._tolerance, 0.5, self._scaled, P, q, warm_start, most_ns
+        )
         last = timings[0].size - 1
         self._P[:], self._q[:] = P[last], q[last]
         return timings
 
     def solution(self) -> Solution:
         """Return the last iterate; found says whether it met the tolerance within the steps."""
-        return box_solution(Problem(self._P, self._q, lb=self._lb, ub=self._ub), self._method.answer(), self._method.met,
-                            steps=self._method.taken)
+        return box_solution(
+            Problem(self._P, self._q, lb=self._lb, ub=self._ub),
+            self._method.answer(),
+            self._method.met,
+            steps=self._method.taken,
+        )

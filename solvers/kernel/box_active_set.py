@@ -1,28 +1,32 @@
-"""Our exact solver for problems with bounds only: exchanges on a swept tableau, with block principal pivoting behind them.
+"""Our exact solver for problems with bounds only: exchanges on a swept tableau, with block principal pivoting behind
+them.
 
     minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub
 
-With F the free variables and A those at a bound, x is the minimiser iff x_F = −P_FF⁻¹ (q_F + P_FA x_A) is inside its bounds and
-g_A = q_A + P_A x has the sign that holds each bound. Sweeping P on j (Beaton; Goodnight) moves j between A and F, and swept on
-all, which costs d³ multiplications without a square root and proves P positive definite, it is −P⁻¹: the start, every variable
-free. From there the variable whose exchange lowers the dual cost most, violation²/|M_jj|, changes sides (Cottle's principal
-pivoting), each time by one column M_j of the tableau, until nothing is violated; one step of refinement with the true
-residual q + P x then makes rounding that of the data.
+With F the free variables and A those at a bound, x is the minimiser iff x_F = −P_FF⁻¹ (q_F + P_FA x_A) is inside its
+bounds and g_A = q_A + P_A x has the sign that holds each bound. Sweeping P on j (Beaton; Goodnight) moves j between A
+and F, and swept on all, which costs d³ multiplications without a square root and proves P positive definite, it is
+−P⁻¹: the start, every variable free. From there the variable whose exchange lowers the dual cost most,
+violation²/|M_jj|, changes sides (Cottle's principal pivoting), each time by one column M_j of the tableau, until
+nothing is violated; one step of refinement with the true residual q + P x then makes rounding that of the data.
 
-What is singular, nearly so, or does not end this way is left to the rounds that solve eight programs side by side, too: all violated
-variables exchanged at once (Júdice & Pires; Portugal, Júdice & Vicente) with a factor L D Lᵀ of P_FF for each round, from a guess by
-coordinate descent, and where that cycles the dual method of Goldfarb & Idnani, which cannot. Its rule for singular P
-stands in ``solvers/core/box_pivoting.c``. The exchanges come first because few variables make every factor wait for its own pivots:
-at d = 18 the rounds alone take 1.4 times as long as the exchanges with AVX2 and twice as long with AVX-512, at d = 60 about as long.
+What is singular, nearly so, or does not end this way is left to the rounds that solve eight programs side by side, too:
+all violated variables exchanged at once (Júdice & Pires; Portugal, Júdice & Vicente) with a factor L D Lᵀ of P_FF for
+each round, from a guess by coordinate descent, and where that cycles the dual method of Goldfarb & Idnani, which
+cannot. Its rule for singular P stands in ``solvers/core/box_pivoting.c``. The exchanges come first because few
+variables make every factor wait for its own pivots: at d = 18 the rounds alone take 1.4 times as long as the exchanges
+with AVX2 and twice as long with AVX-512, at d = 60 about as long.
 
-``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work arrays that
-``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and the clock round them
-were 0.7, the checked copy 0.1, the sweeps 0.4, the first point and six exchanges 0.3, the refinement and the answer 0.2.
+``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work
+arrays that ``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and
+the clock round them were 0.7, the checked copy 0.1, the sweeps 0.4, the first point and six exchanges 0.3, the
+refinement and the answer 0.2.
 
 Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H. Goodnight,
-American Statistician 33 (1979) 149; R. W. Cottle, "The principal pivoting method of quadratic programming", in Mathematics of the
-Decision Sciences, AMS, 1968; J. J. Júdice, F. M. Pires, Computers & Operations Research 21 (1994) 587; L. F. Portugal,
-J. J. Júdice, L. N. Vicente, Math. Comp. 63 (1994) 625; D. Goldfarb, A. Idnani, Math. Programming 27 (1983) 1.
+American Statistician 33 (1979) 149; R. W. Cottle, "The principal pivoting method of quadratic programming", in
+Mathematics of the Decision Sciences, AMS, 1968; J. J. Júdice, F. M. Pires, Computers & Operations Research 21 (1994)
+587; L. F. Portugal, J. J. Júdice, L. N. Vicente, Math. Comp. 63 (1994) 625; D. Goldfarb, A. Idnani, Math. Programming
+27 (1983) 1.
 """
 
 from __future__ import annotations
@@ -48,12 +52,12 @@ class BoxActiveSet(Ours, Solver):
     Settings
     --------
     warm : bool, default False
-        Whether ``solve()`` starts from the last active set, so that its time depends on what was solved before. With False it
-        starts from "all free" and the answer is a function of the data alone, to the last bit. ``solve(x)`` always
-        starts from the active set of x.
+        Whether ``solve()`` starts from the last active set, so that its time depends on what was solved before. With
+        False it starts from "all free" and the answer is a function of the data alone, to the last bit. ``solve(x)``
+        always starts from the active set of x.
     most_exchanges : int, default 0
-        Exchanges (linear systems where P is singular) after which a solve ends at a feasible point, from which a warm solve goes
-        on; 0 for none.
+        Exchanges (linear systems where P is singular) after which a solve ends at a feasible point, from which a warm
+        solve goes on; 0 for none.
 
     Examples
     --------
@@ -77,21 +81,27 @@ class BoxActiveSet(Ours, Solver):
         Unsupported
             The problem has general rows.
         ValueError
-            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds cross.
+            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds
+            cross.
         """
         self._lb, self._ub = only_box(problem, self.name)
         P, q = dense(problem)
         self._warm = bool(self.settings.get("warm", False))
         self.state = block(face.box_bytes(q.size))
         _accept(face.box_setup(self.state, self._lb, self._ub))
-        self._places, self._numbers, self._head = face.box_places(self.state), self.state.view(np.float64), self.state.view(np.int32)
+        self._places, self._numbers, self._head = (
+            face.box_places(self.state),
+            self.state.view(np.float64),
+            self.state.view(np.int32),
+        )
         self._answer = self.part("answer")
         self._head[self._places["cap"]] = int(self.settings.get("most_exchanges", 0))
         self._status = OK
         self.update(P, q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem behind."""
+        """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem
+        behind."""
         try:
             status = face.box_take(self.state, P, q)
         except (TypeError, ValueError, BufferError):  # not as C wants them, which need not be wrong
@@ -132,26 +142,34 @@ class BoxActiveSet(Ours, Solver):
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
-        self._status, answers, nanoseconds = follow_rows(partial(face.box_follow, self.state), *self._data(), rows, forgetting)
+        self._status, answers, nanoseconds = follow_rows(
+            partial(face.box_follow, self.state), *self._data(), rows, forgetting
+        )
         _accept(self._status)
         return answers, nanoseconds
 
     def solution(self) -> Solution:
         """Return the last answer.
 
-        ``extras`` count what it took: exchanges on the inverse, linear systems (refinements of it too), dual and proximal
-        steps; and, since ``setup``, the solves that were left to the factorisation. ``capped`` says that ``most_exchanges``
-        ended it before the optimum.
+        ``extras`` count what it took: exchanges on the inverse, linear systems (refinements of it too), dual and
+        proximal steps; and, since ``setup``, the solves that were left to the factorisation. ``capped`` says that
+        ``most_exchanges`` ended it before the optimum.
         """
         (P, q), first = self._data(), self._places["counts"]
-        counts = dict(zip(COUNTS, self._head[first:first + len(COUNTS)].tolist(), strict=True))
-        return box_solution(Problem(P, q, lb=self._lb, ub=self._ub), self._answer, self._status == OK, **counts,
-                            regularised=self._regularised, capped=self._status == CAPPED)
+        counts = dict(zip(COUNTS, self._head[first : first + len(COUNTS)].tolist(), strict=True))
+        return box_solution(
+            Problem(P, q, lb=self._lb, ub=self._ub),
+            self._answer,
+            self._status == OK,
+            **counts,
+            regularised=self._regularised,
+            capped=self._status == CAPPED,
+        )
 
     def part(self, name: str) -> Vector:
         """Return a view of a vector (d,) of the state by its name in box.h."""
         first = self._places[name]
-        return self._numbers[first:first + self._lb.size]
+        return self._numbers[first : first + self._lb.size]
 
     @property
     def _regularised(self) -> bool:
@@ -161,7 +179,7 @@ class BoxActiveSet(Ours, Solver):
         """P and q as they were taken; P from its scaled copy, which is exact."""
         d, first = self._lb.size, self._places["P"]
         width = -(-d // 8) * 8
-        P = self._numbers[first:first + d * width].reshape(d, width)[:, :d]
+        P = self._numbers[first : first + d * width].reshape(d, width)[:, :d]
         return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()
 
 

@@ -1,4 +1,5 @@
-/* HPIPM in the timed loop, by the interface for dense programs of the library that the package casadi 3.8.2 brings (hpipm_d_dense_qp.h). */
+/* HPIPM in the timed loop, by the interface for dense programs of the library that the package casadi 3.8.2 brings
+ * (hpipm_d_dense_qp.h). */
 #include "library.h"
 
 enum { HPIPM_SUCCESS };

@@ -2,11 +2,13 @@
 
     minimise ½ vᵀH v + gᵀv   subject to   A v = b,  lb ≤ v_i ≤ ub for i in idxb,  C v ≤ ug;   H = P, g = q
 
-The direct lane, see :mod:`solvers.direct.casadi_hpipm`, reaches the same library as a control problem of one stage. The settings have the
-names of that lane, and infinite bounds of bounded variables are numbers as there: with a mask for them this version ends the process.
+The direct lane, see :mod:`solvers.direct.casadi_hpipm`, reaches the same library as a control problem of one stage. The
+settings have the names of that lane, and infinite bounds of bounded variables are numbers as there: with a mask for
+them this version ends the process.
 
-Timed inside compiled code: ``update`` packs P and q into the library's panels; ``solve`` is ``d_dense_qp_ipm_solve``, always cold, and the
-copy of its answer. The BLASFEO below it is that of the target GENERIC, without kernels of its own for a processor.
+Timed inside compiled code: ``update`` packs P and q into the library's panels; ``solve`` is ``d_dense_qp_ipm_solve``,
+always cold, and the copy of its answer. The BLASFEO below it is that of the target GENERIC, without kernels of its own
+for a processor.
 """
 
 from __future__ import annotations
@@ -21,17 +23,47 @@ from solvers.direct._box import refuse_crossing
 from solvers.kernel._library import CompiledLibrary, folder, opened
 from solvers.rows import Program
 
-IN_LOOP = ("d_dense_qp_set_H", "d_dense_qp_set_g", "d_dense_qp_ipm_solve", "d_dense_qp_ipm_get_status", "d_dense_qp_sol_get_v")
+IN_LOOP = (
+    "d_dense_qp_set_H",
+    "d_dense_qp_set_g",
+    "d_dense_qp_ipm_solve",
+    "d_dense_qp_ipm_get_status",
+    "d_dense_qp_sol_get_v",
+)
 PARTS = ("", "_sol", "_ipm_arg", "_ipm_ws")
-HPIPM = opened("casadi", "3.8.2", folder("casadi") / "libhpipm.so", (
-    "d_dense_qp_dim_set_all", "d_dense_qp_set", "d_dense_qp_ipm_arg_set_default", "d_dense_qp_ipm_arg_set", "d_dense_qp_ipm_get_iter",
-    "d_dense_qp_sol_get", *IN_LOOP,
-    *(f"d_dense_qp{part}_{what}" for part in ("_dim", *PARTS) for what in ("strsize", "memsize", "create"))))
+HPIPM = opened(
+    "casadi",
+    "3.8.2",
+    folder("casadi") / "libhpipm.so",
+    (
+        "d_dense_qp_dim_set_all",
+        "d_dense_qp_set",
+        "d_dense_qp_ipm_arg_set_default",
+        "d_dense_qp_ipm_arg_set",
+        "d_dense_qp_ipm_get_iter",
+        "d_dense_qp_sol_get",
+        *IN_LOOP,
+        *(f"d_dense_qp{part}_{what}" for part in ("_dim", *PARTS) for what in ("strsize", "memsize", "create")),
+    ),
+)
 BALANCE = 2
-SETTINGS = {"res_g_max": "tol_stat", "res_b_max": "tol_eq", "res_d_max": "tol_ineq", "res_m_max": "tol_comp", "iter_max": "iter_max",
-            "lam_min": "lam_min", "t_min": "t_min"}
+SETTINGS = {
+    "res_g_max": "tol_stat",
+    "res_b_max": "tol_eq",
+    "res_d_max": "tol_ineq",
+    "res_m_max": "tol_comp",
+    "iter_max": "iter_max",
+    "lam_min": "lam_min",
+    "t_min": "t_min",
+}
 """The names of the direct lane, and the library's own."""
-SAID = ("success", "maximum iterations reached", "minimum step length reached", "NaN in the solution", "inconsistent equalities")
+SAID = (
+    "success",
+    "maximum iterations reached",
+    "minimum step length reached",
+    "NaN in the solution",
+    "inconsistent equalities",
+)
 
 
 class CasadiHpipm(CompiledLibrary):
@@ -61,9 +93,18 @@ class CasadiHpipm(CompiledLibrary):
             number = np.array([value], dtype=np.intc if setting == "iter_max" else np.float64)
             HPIPM.d_dense_qp_ipm_arg_set(SETTINGS[setting].encode(), address(number), address(arguments))
         self._workspace, self._answer = self._made(PARTS[3], size, arguments), answer
-        for field, array in {"H": p.P, "g": p.q, "A": A.T, "b": p.u[self._equal], "idxb": at.astype(np.intc), "C": C.T,
-                             "lg": np.full(len(C), -infinity), "ug": p.u[p.inequalities], "lb": np.maximum(low[at], -infinity),
-                             "ub": np.minimum(high[at], infinity)}.items():
+        for field, array in {
+            "H": p.P,
+            "g": p.q,
+            "A": A.T,
+            "b": p.u[self._equal],
+            "idxb": at.astype(np.intc),
+            "C": C.T,
+            "lg": np.full(len(C), -infinity),
+            "ug": p.u[p.inequalities],
+            "lb": np.maximum(low[at], -infinity),
+            "ub": np.minimum(high[at], infinity),
+        }.items():
             if array.size:
                 data = np.ascontiguousarray(array)
                 HPIPM.d_dense_qp_set(field.encode(), address(data), address(qp))

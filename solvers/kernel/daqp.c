@@ -1,4 +1,5 @@
-/* DAQP in the timed loop, by the C interface of the package daqp 0.11.0 (types.h, api.h), and the rows that a point touches. */
+/* DAQP in the timed loop, by the C interface of the package daqp 0.11.0 (types.h, api.h), and the rows that a point
+ * touches. */
 #include "library.h"
 
 #include "face_solvers.h"
@@ -44,7 +45,10 @@ static void mark_active(const Rows *r, double tolerance, const double *x, const 
         for (int64_t j = 0; i >= r->d && j < r->d; ++j) {
             value += r->R[i * r->d + j] * x[j];
         }
-        sense[i] = cold[i] != 0 ? cold[i] : value <= r->l[i] + tolerance ? AT_LOWER : value >= r->u[i] - tolerance ? AT_UPPER : 0;
+        sense[i] = cold[i] != 0                   ? cold[i]
+                   : value <= r->l[i] + tolerance ? AT_LOWER
+                   : value >= r->u[i] - tolerance ? AT_UPPER
+                                                  : 0;
     }
 }
 

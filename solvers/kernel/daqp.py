@@ -1,8 +1,9 @@
 """DAQP by its C interface: the algorithm, settings and starts of the direct lane, see :mod:`solvers.direct.daqp`.
 
-Timed inside compiled code: ``update`` is ``daqp_update_ldp`` with pointers to the new P and q, which the library reads where they are, and
-an empty active set; ``solve`` is ``daqp_solve`` and the copy of its answer, after ``daqp_update_ldp`` with the rows that ``warm_start``
-touches where there is one. The workspace is allocated once, in ``setup``.
+Timed inside compiled code: ``update`` is ``daqp_update_ldp`` with pointers to the new P and q, which the library reads
+where they are, and an empty active set; ``solve`` is ``daqp_solve`` and the copy of its answer, after
+``daqp_update_ldp`` with the rows that ``warm_start`` touches where there is one. The workspace is allocated once, in
+``setup``.
 """
 
 from __future__ import annotations
@@ -19,15 +20,27 @@ from solvers.direct import daqp as direct
 from solvers.kernel._library import CompiledLibrary, fields, opened
 from solvers.rows import Program
 
-DAQP = opened("daqp", "0.11.0", daqp.__file__, ("daqp_default_settings", "setup_daqp_main", "daqp_update_ldp", "daqp_solve",
-                                                "free_daqp_workspace", "free_daqp_ldp"))
+DAQP = opened(
+    "daqp",
+    "0.11.0",
+    daqp.__file__,
+    (
+        "daqp_default_settings",
+        "setup_daqp_main",
+        "daqp_update_ldp",
+        "daqp_solve",
+        "free_daqp_workspace",
+        "free_daqp_ldp",
+    ),
+)
 
 
 class Settings(ctypes.Structure):
     """``DAQPSettings``."""
 
     _fields_ = fields("""
-        double primal_tol, dual_tol, zero_tol, pivot_tol, progress_tol; int cycle_tol, iter_limit; double fval_bound, eps_prox, eta_prox,
+        double primal_tol, dual_tol, zero_tol, pivot_tol, progress_tol; int cycle_tol, iter_limit; double fval_bound,
+        eps_prox, eta_prox,
         rho_soft, rel_subopt, abs_subopt, sing_tol, refactor_tol, time_limit, w_soft; int eq_reduction, presolve;""")
 
 
@@ -41,9 +54,12 @@ class Workspace(ctypes.Structure):
     """``DAQPWorkspace``."""
 
     _fields_ = fields("""
-        void *qp; int n, m, ms; double *M, *dupper, *dlower, *Rinv, *v; int *sense; double *scaling, *RinvD, *x, *xold, *lam, *lam_star, *u,
-        fval, *L, *D, *xldl, *zldl; int reuse_ind, *WS, n_active, iterations, sing_ind, *prox_mask, n_prox; double soft_slack;
-        void *settings, *bnb; int outer_iter; void *hierarchy, *avi, *eq, *timer; double *Mu, *rho_ls, *rho_us, *w_ls, *w_us; int state;""")
+        void *qp; int n, m, ms; double *M, *dupper, *dlower, *Rinv, *v; int *sense; double *scaling, *RinvD, *x,
+        *xold, *lam, *lam_star, *u,
+        fval, *L, *D, *xldl, *zldl; int reuse_ind, *WS, n_active, iterations, sing_ind, *prox_mask, n_prox; double
+        soft_slack;
+        void *settings, *bnb; int outer_iter; void *hierarchy, *avi, *eq, *timer; double *Mu, *rho_ls, *rho_us, *w_ls,
+        *w_us; int state;""")
 
 
 class Result(ctypes.Structure):
@@ -68,8 +84,20 @@ class Daqp(CompiledLibrary, direct.Daqp):
         weakref.finalize(self, _release, work, settings, qp, data)
         self._answer, self._lam = np.zeros(p.d), np.zeros(p.u.size)
         self._result = result = Result(address(self._answer), address(self._lam))
-        self.bind(*map(ctypes.pointer, (qp, work, result)), DAQP.daqp_update_ldp, DAQP.daqp_solve, p.R, p.l, p.u, p.u.size, p.d, cold,
-                  cold.copy(), np.array([settings.primal_tol]), 1)
+        self.bind(
+            *map(ctypes.pointer, (qp, work, result)),
+            DAQP.daqp_update_ldp,
+            DAQP.daqp_solve,
+            p.R,
+            p.l,
+            p.u,
+            p.u.size,
+            p.d,
+            cold,
+            cold.copy(),
+            np.array([settings.primal_tol]),
+            1,
+        )
 
     def read(self) -> None:  # noqa: D102
         r = self._result

@@ -7,9 +7,10 @@ typedef struct {
     Data data;
     void *highs;
     const double *time_limit; /* of one solve, in seconds */
-    int *starts, *rows; /* of the lower triangle in compressed columns */
+    int *starts, *rows;       /* of the lower triangle in compressed columns */
     double *triangle, *column_dual, *row_value, *row_dual;
-    int (*pass_hessian)(void *highs, int d, int count, int format, const int *starts, const int *rows, const double *values);
+    int (*pass_hessian)(void *highs, int d, int count, int format, const int *starts, const int *rows,
+                        const double *values);
     int (*change_costs)(void *highs, int first, int last, const double *cost);
     int (*set_number)(void *highs, const char *option, double value);
     double (*get_run_time)(const void *highs);

@@ -1,7 +1,7 @@
 """HiGHS by its C functions: the algorithm and settings of the direct lane, see :mod:`solvers.direct.highspy`.
 
-Timed inside compiled code: ``update`` passes the triangle of P and q; ``solve`` sets the time limit, runs from the start, and copies the
-answer and its duals.
+Timed inside compiled code: ``update`` passes the triangle of P and q; ``solve`` sets the time limit, runs from the
+start, and copies the answer and its duals.
 """
 
 from __future__ import annotations
@@ -19,10 +19,29 @@ from solvers.direct import highspy as direct
 from solvers.kernel._library import CompiledLibrary, opened
 from solvers.rows import Program, Triangle
 
-IN_LOOP = ("Highs_passHessian", "Highs_changeColsCostByRange", "Highs_setDoubleOptionValue", "Highs_getRunTime", "Highs_run",
-           "Highs_getModelStatus", "Highs_getSolution")
-HIGHS = opened("highspy", "1.15.1", next(Path(highspy.__file__).parent.glob("libhighs.*"), Path("libhighs")), (
-    "Highs_create", "Highs_destroy", "Highs_passModel", "Highs_setBoolOptionValue", "Highs_setIntOptionValue", "Highs_getIntInfoValue", *IN_LOOP))
+IN_LOOP = (
+    "Highs_passHessian",
+    "Highs_changeColsCostByRange",
+    "Highs_setDoubleOptionValue",
+    "Highs_getRunTime",
+    "Highs_run",
+    "Highs_getModelStatus",
+    "Highs_getSolution",
+)
+HIGHS = opened(
+    "highspy",
+    "1.15.1",
+    next(Path(highspy.__file__).parent.glob("libhighs.*"), Path("libhighs")),
+    (
+        "Highs_create",
+        "Highs_destroy",
+        "Highs_passModel",
+        "Highs_setBoolOptionValue",
+        "Highs_setIntOptionValue",
+        "Highs_getIntInfoValue",
+        *IN_LOOP,
+    ),
+)
 HIGHS.Highs_create.restype = ctypes.c_void_p
 COLUMNWISE, MINIMISE = 1, 1
 
@@ -44,20 +63,46 @@ class Highspy(CompiledLibrary, direct.Highspy):
                 raise ValueError(f"highspy does not take the option {option} = {value!r}")
         R, low, high = direct.general_rows(p)
         columns = p.l[p.bounds], p.u[p.bounds]
-        flag = HIGHS.Highs_passModel(highs, p.d, low.size, R.nnz, 0, COLUMNWISE, 0, MINIMISE, ctypes.c_double(0.0), *map(address, (
-            p.q, *columns, low, high, R.indptr, R.indices, R.data)), None, None, None, None)
+        flag = HIGHS.Highs_passModel(
+            highs,
+            p.d,
+            low.size,
+            R.nnz,
+            0,
+            COLUMNWISE,
+            0,
+            MINIMISE,
+            ctypes.c_double(0.0),
+            *map(address, (p.q, *columns, low, high, R.indptr, R.indices, R.data)),
+            None,
+            None,
+            None,
+            None,
+        )
         self.refuse(flag)
         self._column_dual, self._row_dual = np.zeros(p.d), np.zeros(low.size)
-        self.bind(highs, limit, triangle.indptr, triangle.indices, np.empty(triangle.indices.size), self._column_dual, np.empty(low.size),
-                  self._row_dual, *(HIGHS[name] for name in IN_LOOP))
+        self.bind(
+            highs,
+            limit,
+            triangle.indptr,
+            triangle.indices,
+            np.empty(triangle.indices.size),
+            self._column_dual,
+            np.empty(low.size),
+            self._row_dual,
+            *(HIGHS[name] for name in IN_LOOP),
+        )
         self.update()
 
     def read(self) -> None:  # noqa: D102
         count = ctypes.c_int()
         HIGHS.Highs_getIntInfoValue(self._highs, b"qp_iteration_count", ctypes.byref(count))
-        self._iterations, self._status = count.value, highspy.HighsModelStatus(HIGHS.Highs_getModelStatus(self._highs)).name.removeprefix("k")
+        self._iterations, self._status = (
+            count.value,
+            highspy.HighsModelStatus(HIGHS.Highs_getModelStatus(self._highs)).name.removeprefix("k"),
+        )
 
     def solution(self) -> Solution:  # noqa: D102
         p = self.program
-        w = -np.concatenate([self._column_dual, self._row_dual[:p.u.size - p.d]])
+        w = -np.concatenate([self._column_dual, self._row_dual[: p.u.size - p.d]])
         return p.solution(self.x, w, self.found, status=self._status, reported_us=None, iterations=self._iterations)

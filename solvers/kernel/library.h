@@ -1,8 +1,9 @@
 /* Somebody's library in the timed loop.
  *
- * A C file of this folder has the two functions of the loop, `update` and `solve`, and exports them under its name; its Python
- * does the rest through ctypes: it finds the functions of the installed library, sets the problem up, fills in the state and reads the
- * results. Structures of a library are declared as far as they are used, and are facts of the version that the Python file names.
+ * A C file of this folder has the two functions of the loop, `update` and `solve`, and exports them under its name; its
+ * Python does the rest through ctypes: it finds the functions of the installed library, sets the problem up, fills in
+ * the state and reads the results. Structures of a library are declared as far as they are used, and are facts of the
+ * version that the Python file names.
  */
 #ifndef KERNEL_LIBRARY_H
 #define KERNEL_LIBRARY_H
@@ -14,8 +15,8 @@
 #include <stdint.h>
 #include <string.h>
 
-/* What every state begins with: P (d, d) and q (d) of the last update, which stay where they are, and d. Its other fields have eight
- * bytes each, too: numbers, arrays and functions of the library. */
+/* What every state begins with: P (d, d) and q (d) of the last update, which stay where they are, and d. Its other
+ * fields have eight bytes each, too: numbers, arrays and functions of the library. */
 typedef struct {
     const double *P, *q;
     int64_t d;

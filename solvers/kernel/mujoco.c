@@ -5,7 +5,8 @@ typedef struct {
     Data data;
     const double *lower, *upper;
     double *factor;
-    int (*box_qp)(double *x, double *factor, int *index, const double *H, const double *g, int n, const double *lower, const double *upper);
+    int (*box_qp)(double *x, double *factor, int *index, const double *H, const double *g, int n, const double *lower,
+                  const double *upper);
     int64_t free; /* how many variables the last answer leaves free, below 0 where there is none */
 } State;
 

@@ -1,7 +1,8 @@
-"""MuJoCo's ``mju_boxQP`` by its C interface: the algorithm and starts of the direct lane, see :mod:`solvers.direct.mujoco`.
+"""MuJoCo's ``mju_boxQP`` by its C interface: the algorithm and starts of the direct lane, see
+:mod:`solvers.direct.mujoco`.
 
-Timed inside compiled code: ``update`` hands over pointers to the new P and q, which the library reads where they are; ``solve`` is the
-library's function, from ``warm_start`` or from 0, which leaves its answer in our array.
+Timed inside compiled code: ``update`` hands over pointers to the new P and q, which the library reads where they are;
+``solve`` is the library's function, from ``warm_start`` or from 0, which leaves its answer in our array.
 """
 
 from __future__ import annotations
@@ -16,8 +17,12 @@ from solvers.direct._box import refuse_crossing
 from solvers.kernel._library import CompiledLibrary, opened
 
 VERSION = "4.0.1"
-MUJOCO = opened("mujoco-core", VERSION, next(Path(_functions.__file__).parent.glob(f"libmujoco.*{VERSION}*"), Path(f"libmujoco {VERSION}")),
-                ("mju_boxQP",))
+MUJOCO = opened(
+    "mujoco-core",
+    VERSION,
+    next(Path(_functions.__file__).parent.glob(f"libmujoco.*{VERSION}*"), Path(f"libmujoco {VERSION}")),
+    ("mju_boxQP",),
+)
 
 
 class Mujoco(CompiledLibrary, direct.Mujoco):

@@ -5,8 +5,13 @@ enum { OSQP_SOLVED = 1 };
 
 typedef struct {
     void *settings;
-    struct { const double *x; } *solution;
-    struct { char status[32]; int status_val; } *info;
+    struct {
+        const double *x;
+    } *solution;
+    struct {
+        char status[32];
+        int status_val;
+    } *info;
 } OSQPSolver;
 
 typedef struct {
@@ -14,7 +19,8 @@ typedef struct {
     double *triangle;
     OSQPSolver *solver;
     int (*update_data_vec)(OSQPSolver *solver, const double *q, const double *l, const double *u);
-    int (*update_data_mat)(OSQPSolver *solver, const double *Px, const int *Pi, int P_n, const double *Ax, const int *Ai, int A_n);
+    int (*update_data_mat)(OSQPSolver *solver, const double *Px, const int *Pi, int P_n, const double *Ax,
+                           const int *Ai, int A_n);
     int (*warm_start)(OSQPSolver *solver, const double *x, const double *y);
     void (*cold_start)(OSQPSolver *solver);
     int (*solve)(OSQPSolver *solver);

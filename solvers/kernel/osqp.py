@@ -1,7 +1,7 @@
 """OSQP by its C functions: the algorithm, settings and starts of the direct lane, see :mod:`solvers.direct.osqp`.
 
-Timed inside compiled code: ``update`` copies q and the upper triangle of P into the library, which scales and factorises; ``solve`` is
-``osqp_solve`` after a cold start or one from ``warm_start``, and the copy of its answer.
+Timed inside compiled code: ``update`` copies q and the upper triangle of P into the library, which scales and
+factorises; ``solve`` is ``osqp_solve`` after a cold start or one from ``warm_start``, and the copy of its answer.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from solvers.kernel._library import CompiledLibrary, fields, opened, vector
 from solvers.rows import Intervals, Program, Triangle
 
 IN_LOOP = ("osqp_update_data_vec", "osqp_update_data_mat", "osqp_warm_start", "osqp_cold_start", "osqp_solve")
-OSQP = opened("osqp", "1.1.3", ext_builtin.__file__, ("osqp_set_default_settings", "osqp_setup", "osqp_cleanup", *IN_LOOP))
+OSQP = opened(
+    "osqp", "1.1.3", ext_builtin.__file__, ("osqp_set_default_settings", "osqp_setup", "osqp_cleanup", *IN_LOOP)
+)
 INFINITY = 1e30
 
 
@@ -30,9 +32,12 @@ class Settings(ctypes.Structure):
     """``OSQPSettings``."""
 
     _fields_ = fields("""
-        int device, linsys_solver, allocate_solution, verbose, profiler_level, warm_starting, scaling, polishing; double rho; int rho_is_vec;
-        double sigma, alpha; int cg_max_iter, cg_tol_reduction; double cg_tol_fraction; int cg_precond, adaptive_rho, adaptive_rho_interval;
-        double adaptive_rho_fraction, adaptive_rho_tolerance; int max_iter; double eps_abs, eps_rel, eps_prim_inf, eps_dual_inf;
+        int device, linsys_solver, allocate_solution, verbose, profiler_level, warm_starting, scaling, polishing;
+        double rho; int rho_is_vec;
+        double sigma, alpha; int cg_max_iter, cg_tol_reduction; double cg_tol_fraction; int cg_precond, adaptive_rho,
+        adaptive_rho_interval;
+        double adaptive_rho_fraction, adaptive_rho_tolerance; int max_iter; double eps_abs, eps_rel, eps_prim_inf,
+        eps_dual_inf;
         int scaled_termination, check_termination, check_dualgap; double time_limit, delta; int polish_refine_iter;""")
 
 
@@ -45,15 +50,23 @@ class Matrix(ctypes.Structure):
 class Info(ctypes.Structure):
     """``OSQPInfo``."""
 
-    _fields_ = (("status", ctypes.c_char * 32), *fields("""
-        int status_val, status_polish; double obj_val, dual_obj_val, prim_res, dual_res, duality_gap; int iter, rho_updates;
-        double rho_estimate, setup_time, solve_time;"""))
+    _fields_ = (
+        ("status", ctypes.c_char * 32),
+        *fields("""
+        int status_val, status_polish; double obj_val, dual_obj_val, prim_res, dual_res, duality_gap; int iter,
+        rho_updates;
+        double rho_estimate, setup_time, solve_time;"""),
+    )
 
 
 class Solver(ctypes.Structure):
     """``OSQPSolver``, and the beginning of its ``OSQPSolution``."""
 
-    _fields_ = (("settings", ctypes.c_void_p), ("solution", ctypes.POINTER(ctypes.c_void_p * 2)), ("info", ctypes.POINTER(Info)))
+    _fields_ = (
+        ("settings", ctypes.c_void_p),
+        ("solution", ctypes.POINTER(ctypes.c_void_p * 2)),
+        ("info", ctypes.POINTER(Info)),
+    )
 
 
 def compressed(matrix: csc_matrix) -> Matrix:
@@ -74,8 +87,19 @@ class Osqp(CompiledLibrary, direct.Osqp):
         self.choose(settings, verbose=0)
         P, R = Triangle(p.d).matrix(p.P), csc_matrix(rows.R)
         low, high = np.maximum(rows.l, -INFINITY), np.minimum(rows.u, INFINITY)
-        self.refuse(-OSQP.osqp_setup(ctypes.byref(solver), ctypes.byref(compressed(P)), address(p.q), ctypes.byref(compressed(R)),
-                                     address(low), address(high), low.size, p.d, ctypes.byref(settings)))
+        self.refuse(
+            -OSQP.osqp_setup(
+                ctypes.byref(solver),
+                ctypes.byref(compressed(P)),
+                address(p.q),
+                ctypes.byref(compressed(R)),
+                address(low),
+                address(high),
+                low.size,
+                p.d,
+                ctypes.byref(settings),
+            )
+        )
         weakref.finalize(self, OSQP.osqp_cleanup, solver)
         self._library = solver.contents
         self.bind(P.data, solver, *(OSQP[name] for name in IN_LOOP))
@@ -84,5 +108,11 @@ class Osqp(CompiledLibrary, direct.Osqp):
         info = self._library.info.contents
         x, y = self._library.solution.contents
         self._found = self.found
-        self._result = SimpleNamespace(x=vector(x, self.program.d), y=vector(y, self._rows.l.size), info=SimpleNamespace(
-            **{name: getattr(info, name) for name in ("status_val", "solve_time", "iter")}, status=info.status.decode()))
+        self._result = SimpleNamespace(
+            x=vector(x, self.program.d),
+            y=vector(y, self._rows.l.size),
+            info=SimpleNamespace(
+                **{name: getattr(info, name) for name in ("status_val", "solve_time", "iter")},
+                status=info.status.decode(),
+            ),
+        )

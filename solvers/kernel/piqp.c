@@ -6,15 +6,17 @@ enum { PIQP_SOLVED = 1 };
 typedef struct {
     void *solver;
     int is_dense, n, p, m;
-    struct { const double *x; } *result;
+    struct {
+        const double *x;
+    } *result;
 } Workspace;
 
 typedef struct {
     Data data;
     Workspace *workspace;
     double *A; /* equalities, or NULL */
-    void (*update_dense)(Workspace *workspace, const double *P, const double *c, double *A, double *b, double *G, double *h_l, double *h_u,
-                         double *x_l, double *x_u);
+    void (*update_dense)(Workspace *workspace, const double *P, const double *c, double *A, double *b, double *G,
+                         double *h_l, double *h_u, double *x_l, double *x_u);
     int (*solve)(Workspace *workspace);
 } State;
 

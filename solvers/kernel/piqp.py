@@ -1,10 +1,10 @@
 """PIQP by its C functions: the algorithm and settings of the direct lane, see :mod:`solvers.direct.piqp`.
 
-The package piqp does not export them; CasADi's wheel brings them in a library of version 0.6.3, built for any x86-64 processor, while the
-direct lane has code for AVX2 and AVX-512 as well.
+The package piqp does not export them; CasADi's wheel brings them in a library of version 0.6.3, built for any x86-64
+processor, while the direct lane has code for AVX2 and AVX-512 as well.
 
-Timed inside compiled code: ``update`` hands over P and q, which the library copies and equilibrates; ``solve`` is ``piqp_solve`` and the
-copy of its answer.
+Timed inside compiled code: ``update`` hands over P and q, which the library copies and equilibrates; ``solve`` is
+``piqp_solve`` and the copy of its answer.
 """
 
 from __future__ import annotations
@@ -22,23 +22,39 @@ from solvers.kernel._library import CompiledLibrary, fields, folder, opened, vec
 from solvers.rows import Program
 
 IN_LOOP = ("piqp_update_dense", "piqp_solve")
-PIQP = opened("casadi", "3.8.2", folder("casadi") / "libpiqpc.so",
-              ("piqp_set_default_settings_dense", "piqp_setup_dense", "piqp_cleanup", *IN_LOOP))
+PIQP = opened(
+    "casadi",
+    "3.8.2",
+    folder("casadi") / "libpiqpc.so",
+    ("piqp_set_default_settings_dense", "piqp_setup_dense", "piqp_cleanup", *IN_LOOP),
+)
 MAX_ITER_REACHED = -1
-SAID = {1: "PIQP_SOLVED", MAX_ITER_REACHED: "PIQP_MAX_ITER_REACHED", -2: "PIQP_PRIMAL_INFEASIBLE", -3: "PIQP_DUAL_INFEASIBLE",
-        -8: "PIQP_NUMERICS", -9: "PIQP_UNSOLVED", -10: "PIQP_INVALID_SETTINGS"}
+SAID = {
+    1: "PIQP_SOLVED",
+    MAX_ITER_REACHED: "PIQP_MAX_ITER_REACHED",
+    -2: "PIQP_PRIMAL_INFEASIBLE",
+    -3: "PIQP_DUAL_INFEASIBLE",
+    -8: "PIQP_NUMERICS",
+    -9: "PIQP_UNSOLVED",
+    -10: "PIQP_INVALID_SETTINGS",
+}
 
 
 class Settings(ctypes.Structure):
     """``piqp_settings``."""
 
     _fields_ = fields("""
-        double rho_init, delta_init, eps_abs, eps_rel; int check_duality_gap; double eps_duality_gap_abs, eps_duality_gap_rel,
+        double rho_init, delta_init, eps_abs, eps_rel; int check_duality_gap; double eps_duality_gap_abs,
+        eps_duality_gap_rel,
         infeasibility_threshold, reg_lower_limit, reg_finetune_lower_limit; int reg_finetune_primal_update_threshold,
-        reg_finetune_dual_update_threshold, max_iter, max_factor_retires, preconditioner_scale_cost, preconditioner_reuse_on_update,
-        preconditioner_iter; double tau; int kkt_solver, iterative_refinement_always_enabled; double iterative_refinement_eps_abs,
-        iterative_refinement_eps_rel; int iterative_refinement_max_iter; double iterative_refinement_min_improvement_rate,
-        iterative_refinement_static_regularization_eps, iterative_refinement_static_regularization_rel; int verbose, compute_timings;""")
+        reg_finetune_dual_update_threshold, max_iter, max_factor_retires, preconditioner_scale_cost,
+        preconditioner_reuse_on_update,
+        preconditioner_iter; double tau; int kkt_solver, iterative_refinement_always_enabled; double
+        iterative_refinement_eps_abs,
+        iterative_refinement_eps_rel; int iterative_refinement_max_iter; double
+        iterative_refinement_min_improvement_rate,
+        iterative_refinement_static_regularization_eps, iterative_refinement_static_regularization_rel; int verbose,
+        compute_timings;""")
 
 
 class Data(ctypes.Structure):
@@ -89,5 +105,7 @@ class Piqp(CompiledLibrary):
     def solution(self) -> Solution:  # noqa: D102
         r, p = self._result, self.program
         lower, upper = vector(r.z_bl, p.d), vector(r.z_bu, p.d)
-        w = np.concatenate([upper - lower, vector(r.y, len(p.R[p.equalities])), vector(r.z_u, len(p.R[p.inequalities]))])
+        w = np.concatenate(
+            [upper - lower, vector(r.y, len(p.R[p.equalities])), vector(r.z_u, len(p.R[p.inequalities]))]
+        )
         return p.solution(self.x, w, self.found, status=SAID[r.status], reported_us=None, iterations=r.iter)

@@ -2,8 +2,9 @@
 
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    0 < η < 2/λ_max(P)
 
-minimises ½ wᵀP w + qᵀw over a box: in slope coordinates the set of the paper's (7) is one, and the projection clips. Source,
-proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 steps: one per sampling period of 125 µs for 1.9 s.
+minimises ½ wᵀP w + qᵀw over a box: in slope coordinates the set of the paper's (7) is one, and the projection clips.
+Source, proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 steps: one per sampling period
+of 125 µs for 1.9 s.
 """
 
 from __future__ import annotations
@@ -79,7 +80,11 @@ class ProjectedDifference(Ours, Solver):
         """
         self._lb, self._ub = only_box(problem, self.name)
         settings = self.settings
-        numbers = {"steps": settings["steps"], "step_ratio": settings.get("step_ratio", 0.5), "tolerance": settings.get("tolerance")}
+        numbers = {
+            "steps": settings["steps"],
+            "step_ratio": settings.get("step_ratio", 0.5),
+            "tolerance": settings.get("tolerance"),
+        }
         for name, value in numbers.items():
             if not (isinstance(value, Real) or (name == "tolerance" and value is None)):
                 raise ValueError(f"{self.name}: {name} must be a number, and it is {value!r}")
@@ -89,8 +94,10 @@ class ProjectedDifference(Ours, Solver):
         self._tolerance = -1.0 if numbers["tolerance"] is None else float(numbers["tolerance"])
         self._scaled = bool(settings.get("diagonal_scaling", False))
         if not 0 < self._ratio < (np.inf if settings.get("allow_divergence", False) else 1):
-            raise ValueError(f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
-                             f"{self._ratio}; allow_divergence=True permits more")
+            raise ValueError(
+                f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
+                f"{self._ratio}; allow_divergence=True permits more"
+            )
         self._P, self._q = dense(problem)
         self._descent = Descent(self._lb, self._ub, self.name)
         self.update(self._P, self._q)
@@ -123,13 +130,16 @@ class ProjectedDifference(Ours, Solver):
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
-        timings = self._descent.time(face.time_projected, self._steps, self._tolerance, self._ratio, self._scaled, P, q, warm_start, most_ns)
+        timings = self._descent.time(
+            face.time_projected, self._steps, self._tolerance, self._ratio, self._scaled, P, q, warm_start, most_ns
+        )
         last = timings[0].size - 1
         self._P[:], self._q[:] = P[last], q[last]
         return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but the data."""
+        """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but
+        the data."""
         if self._scaled or self._tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
         loop = partial(face.projected_follow, self._descent.state, self._ratio, self._steps)
@@ -141,5 +151,10 @@ class ProjectedDifference(Ours, Solver):
     def solution(self) -> Solution:
         """Return the last iterate; ``extras`` say steps and step size."""
         x = self.answer()
-        return box_solution(Problem(self._P, self._q, lb=self._lb, ub=self._ub), x, bool(np.isfinite(x).all()),
-                            steps=self._descent.taken, eta=self._descent.eta)
+        return box_solution(
+            Problem(self._P, self._q, lb=self._lb, ub=self._ub),
+            x,
+            bool(np.isfinite(x).all()),
+            steps=self._descent.taken,
+            eta=self._descent.eta,
+        )

@@ -6,8 +6,8 @@ typedef struct {
     double *G, *a, *lagrangian, *C, *b, *work; /* of which the function overwrites G and a */
     int *active, *iterations;
     int64_t rows, equal;
-    int (*solve)(double *G, double *a, int n, double *x, double *lagrangian, double *cost, double *C, double *b, int rows, int equal,
-                 int *active, int *active_count, int *iterations, double *work, int is_factorised);
+    int (*solve)(double *G, double *a, int n, double *x, double *lagrangian, double *cost, double *C, double *b,
+                 int rows, int equal, int *active, int *active_count, int *iterations, double *work, int is_factorised);
     int64_t flag;
 } State;
 
@@ -28,8 +28,8 @@ static int solve(void *state, const double *start, double *x)
     for (int j = 0; j < d; ++j) {
         s->a[j] = -s->data.q[j];
     }
-    s->flag = s->solve(s->G, s->a, d, x, s->lagrangian, &cost, s->C, s->b, (int)s->rows, (int)s->equal, s->active, &count, s->iterations,
-                       s->work, 0);
+    s->flag = s->solve(s->G, s->a, d, x, s->lagrangian, &cost, s->C, s->b, (int)s->rows, (int)s->equal, s->active,
+                       &count, s->iterations, s->work, 0);
     for (int j = 0; s->flag != 0 && j < d; ++j) {
         x[j] = NAN;
     }

@@ -1,7 +1,7 @@
 """quadprog by its C function: the algorithm of the direct lane, see :mod:`solvers.direct.quadprog`.
 
-Timed inside compiled code: ``update`` hands over pointers to the new P and q; ``solve`` copies both, since the library overwrites them, and
-calls its function, which leaves its answer in our array.
+Timed inside compiled code: ``update`` hands over pointers to the new P and q; ``solve`` copies both, since the library
+overwrites them, and calls its function, which leaves its answer in our array.
 """
 
 from __future__ import annotations
@@ -25,8 +25,25 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
         d, rows = self.program.d, self._rows
         least = min(d, rows.r.size)
         self._lagrangian, self._counts = np.zeros(rows.r.size), np.zeros(2, dtype=np.intc)
-        self.bind(np.empty((d, d)), np.empty(d), self._lagrangian, -rows.R, -rows.r, np.empty(2 * (d + rows.r.size) + least * (least + 5) // 2),
-                  np.empty(max(d, rows.r.size), dtype=np.intc), self._counts, rows.r.size, rows.equal, QUADPROG.qpgen2_, 0)
+        self.bind(
+            np.empty((d, d)),
+            np.empty(d),
+            self._lagrangian,
+            -rows.R,
+            -rows.r,
+            np.empty(2 * (d + rows.r.size) + least * (least + 5) // 2),
+            np.empty(max(d, rows.r.size), dtype=np.intc),
+            self._counts,
+            rows.r.size,
+            rows.equal,
+            QUADPROG.qpgen2_,
+            0,
+        )
 
     def read(self) -> None:  # noqa: D102
-        self._found, self._status, self._iterations, self._x = self.found, SAID[self.state[-1]], int(self._counts[0]), self.x
+        self._found, self._status, self._iterations, self._x = (
+            self.found,
+            SAID[self.state[-1]],
+            int(self._counts[0]),
+            self.x,
+        )

@@ -2,12 +2,13 @@
 
     P ← λ P + μ ξ ξᵀ,   q ← λ q + μ ξ x     at every row (ξ, x),   minimise ½ vᵀP v + qᵀv over lb ≤ v ≤ ub
 
-The method stands in ``solvers/core/swept.h``: the Gram matrix swept on the free variables follows each row by a matrix of rank one,
-and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
+The method stands in ``solvers/core/swept.h``: the Gram matrix swept on the free variables follows each row by a matrix
+of rank one, and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
 
-An answer is never refused where there is one. The factor is made anew by the refresh rule of ``swept_rows.c``, which bounds its
-drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew at once; where that does not
-help, the cold exact solver is asked (``swept_refresh.c``). An error is left for data that have no minimum.
+An answer is never refused where there is one. The factor is made anew by the refresh rule of ``swept_rows.c``, which
+bounds its drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew at
+once; where that does not help, the cold exact solver is asked (``swept_refresh.c``). An error is left for data that
+have no minimum.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class RecursiveActiveSet(Ours, Solver):
     weight : float, default 1 − λ, or 1 where nothing is forgotten
         μ, what a row weighs when it comes. With 1 − λ, P and q are weighted means.
     proximal : float, default 1e-10
-        Share of the diagonal of P, at most its mean, with which the answer is held where it was at the last refresh. With 0 it is
-        held only while P is singular on the free variables.
+        Share of the diagonal of P, at most its mean, with which the answer is held where it was at the last refresh.
+        With 0 it is held only while P is singular on the free variables.
     most_exchanges : int, default 0
         Exchanges of one row after which its answer is feasible and the next row goes on; 0 for none.
 
@@ -69,8 +70,8 @@ class RecursiveActiveSet(Ours, Solver):
         Unsupported
             The problem has general rows.
         ValueError
-            A setting is out of range, a number is NaN or infinite where it may not be, bounds cross, P is not symmetric or
-            indefinite, or the problem is unbounded.
+            A setting is out of range, a number is NaN or infinite where it may not be, bounds cross, P is not symmetric
+            or indefinite, or the problem is unbounded.
         """
         lb, ub = only_box(problem, self.name)
         forgetting = float(self.settings.get("forgetting", 1.0))
@@ -90,7 +91,12 @@ class RecursiveActiveSet(Ours, Solver):
         self._accept(face.swept_begin(state, P, q))
         self._lb, self._ub, self._P, self._q, self.state, self._places, self._head = lb, ub, P, q, state, places, head
         self._numbers = state.view(np.float64)
-        self._row, self._answer, self._forgetting, self._capped = np.zeros(d + 1), self.part("answer"), forgetting, False
+        self._row, self._answer, self._forgetting, self._capped = (
+            np.zeros(d + 1),
+            self.part("answer"),
+            forgetting,
+            False,
+        )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Start again from other data of the same size; data refused (ValueError, as in ``setup``) change nothing."""
@@ -102,7 +108,8 @@ class RecursiveActiveSet(Ours, Solver):
         self._P, self._q, self._capped = P, q, False
 
     def append(self, row: Vector, target: float) -> None:
-        """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)²; ValueError where one is not finite."""
+        """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)²; ValueError where one is not
+        finite."""
         if np.shape(row) != self._q.shape:
             raise ValueError(f"{self.name}: a row has {self._q.size} numbers, not shape {np.shape(row)}")
         self._row[:-1], self._row[-1] = row, target
@@ -133,7 +140,9 @@ class RecursiveActiveSet(Ours, Solver):
             raise ValueError(f"{self.name}: rows must have shape (N, {d + 1}), not {rows.shape}")
         usable = (np.abs(rows) < LARGEST).all(axis=1)
         if not usable.all():
-            raise ValueError(f"{self.name}: row {int(np.argmin(usable))} holds a number that is not finite, or above {LARGEST:g}")
+            raise ValueError(
+                f"{self.name}: row {int(np.argmin(usable))} holds a number that is not finite, or above {LARGEST:g}"
+            )
         answers, nanoseconds = np.empty((rows.shape[0], d)), np.empty(rows.shape[0], dtype=np.int64)
         status = face.swept_take_rows(self.state, rows, answers, nanoseconds)
         self._capped = status == CAPPED
@@ -147,7 +156,8 @@ class RecursiveActiveSet(Ours, Solver):
         return self.append_many(rows)
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Start anew from each P and q, which includes finding the optimum, timed as solves; there is no update apart."""
+        """Start anew from each P and q, which includes finding the optimum, timed as solves; there is no update
+        apart."""
         status, timings = time_calls(partial(face.time_swept, self.state), P, q, warm_start, most_ns)
         self._accept(status)
         last = timings[0].size - 1
@@ -155,7 +165,8 @@ class RecursiveActiveSet(Ours, Solver):
         return timings
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the minimiser (d,) of the data so far; a start is of no use to a method that is always at the optimum."""
+        """Return the minimiser (d,) of the data so far; a start is of no use to a method that is always at the
+        optimum."""
         return self._answer
 
     def problem(self) -> Problem:
@@ -164,11 +175,11 @@ class RecursiveActiveSet(Ours, Solver):
 
     def _problem_of(self, numbers: Vector) -> Problem:
         d, width = self._lb.size, self._lb.size // 8 * 8 + 8
-        row_weight, root_weight = numbers[self._places["row_weight"]:self._places["row_weight"] + 2]
+        row_weight, root_weight = numbers[self._places["row_weight"] : self._places["row_weight"] + 2]
         decay = row_weight / root_weight**2
-        G = numbers[self._places["G"]:][:width * width].reshape(width, width)[:d + 1, :d + 1]
+        G = numbers[self._places["G"] :][: width * width].reshape(width, width)[: d + 1, : d + 1]
         G = (np.triu(G) + np.triu(G, 1).T) * decay
-        rho, origin, sign, centre = (numbers[self._places[name]:][:d] for name in ("rho", "origin", "sign", "centre"))
+        rho, origin, sign, centre = (numbers[self._places[name] :][:d] for name in ("rho", "origin", "sign", "centre"))
         P = sign[:, None] * G[:d, :d] * sign + np.diag(rho * decay)
         q = sign * (G[:d, d] - rho * decay * centre)
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
@@ -176,14 +187,16 @@ class RecursiveActiveSet(Ours, Solver):
     def part(self, name: str) -> Vector:
         """Return a view of a vector (d,) of the state by its name in swept.h."""
         first = self._places[name]
-        return self._numbers[first:first + self._lb.size]
+        return self._numbers[first : first + self._lb.size]
 
     def solution(self) -> Solution:
-        """Return the answer; ``extras`` count exchanges, refreshes and cold starts, and say what is left of the optimality conditions.
+        """Return the answer; ``extras`` count exchanges, refreshes and cold starts, and say what is left of the
+        optimality conditions.
 
-        Found is what meets them to FOUND, relative to the terms of the gradient. Rounding of the rows since the last refresh may have
-        left more (the cost errs to second order in it); then a copy's factor is made anew, and the cold solver asked where that is not
-        enough. This solver itself is not changed, so that looking at it changes no answer to come.
+        Found is what meets them to FOUND, relative to the terms of the gradient. Rounding of the rows since the last
+        refresh may have left more (the cost errs to second order in it); then a copy's factor is made anew, and the
+        cold solver asked where that is not enough. This solver itself is not changed, so that looking at it changes no
+        answer to come.
         """
         state, capped = block(self.state.size), self._capped
         state[:] = self.state
@@ -191,10 +204,18 @@ class RecursiveActiveSet(Ours, Solver):
             if not capped and not face.swept_error(state) <= FOUND:
                 capped = renew(state) == CAPPED
         first, numbers = self._places["counts"], state.view(np.float64)
-        exchanges, refreshes, cold_starts = state.view(np.int32)[first:first + 3].view(np.uint32).tolist()
-        error, x = face.swept_error(state), numbers[self._places["answer"]:][:self._lb.size].copy()
-        return box_solution(self._problem_of(numbers), x, error <= FOUND, status="capped" if capped else "solved",
-                            exchanges=exchanges, refreshes=refreshes, cold_starts=cold_starts, error=error)
+        exchanges, refreshes, cold_starts = state.view(np.int32)[first : first + 3].view(np.uint32).tolist()
+        error, x = face.swept_error(state), numbers[self._places["answer"] :][: self._lb.size].copy()
+        return box_solution(
+            self._problem_of(numbers),
+            x,
+            error <= FOUND,
+            status="capped" if capped else "solved",
+            exchanges=exchanges,
+            refreshes=refreshes,
+            cold_starts=cold_starts,
+            error=error,
+        )
 
     def _accept(self, status: int) -> None:
         if status not in (OK, CAPPED):

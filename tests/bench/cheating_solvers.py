@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from textwrap import indent
 
-FILE = '''
+FILE = """
 import ctypes, gc, os, sys, threading, time
 from pathlib import Path
 import numpy as np
@@ -45,7 +45,7 @@ class Mine(Solver):
         return box_solution(self.problem, self.right(self.problem.P, self.problem.q), True)
 
 {cheat}
-'''
+"""
 
 CHEATS = {
     "honest": "",
@@ -105,7 +105,9 @@ def solve(self, warm_start=None):
     "garbage": """
 def solve(self, warm_start=None):
     self.calls += 1
-    return self.right(self.P, self.q) if self.calls == 1 else np.random.default_rng(self.calls).uniform(1.0, 2.0, self.q.size)
+    if self.calls == 1:
+            return self.right(self.P, self.q)
+        return np.random.default_rng(self.calls).uniform(1.0, 2.0, self.q.size)
 """,
     "mends_later": """
 def solve(self, warm_start=None):
@@ -182,7 +184,8 @@ def setup(self, problem):
     from bench.messages.task import Outcome
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.take(problem.P, problem.q)
-    (connection, *_) = [one for one in gc.get_objects() if isinstance(one, Connection) and not one.closed and one.writable]
+    connections = [one for one in gc.get_objects() if isinstance(one, Connection)]
+        (connection, *_) = [one for one in connections if not one.closed and one.writable]
     connection.send(Outcome(found=True, x=self.right(self.P, self.q)))
 """,
     "rewrites_times": """

@@ -33,11 +33,30 @@ class Race:
         return Measurements(self.rows, self.run.times())
 
 
-SMALL = ("--set", "paper", "--limit", 1, "--budget", 0.002, "--lane", "direct", "--solver", "daqp", "--solver", "osqp",
-         "--time-limit", 4, "--memory", 512, "--rounds", 8)
+SMALL = (
+    "--set",
+    "paper",
+    "--limit",
+    1,
+    "--budget",
+    0.002,
+    "--lane",
+    "direct",
+    "--solver",
+    "daqp",
+    "--solver",
+    "osqp",
+    "--time-limit",
+    4,
+    "--memory",
+    512,
+    "--rounds",
+    8,
+)
 THIRD = ("--solver", "clarabel")
 TASKS = 25
-"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and what each does unasked and the floor on raw data."""
+"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and what each does unasked and the floor on
+raw data."""
 
 
 def saved(run: Run, what: str) -> dict[str, np.ndarray]:
@@ -94,9 +113,25 @@ def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture(scope="session")
 def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Solvers in three lanes on two problems of two sets, and the paper's method."""
-    return raced(piezobench, tmp_path_factory.mktemp("wide"), "wide", "--limit", 2, "--set", "paper", "--set", "orders",
-                 "--lane", "kernel", "--lane", "qpsolvers", "--solver", "box_active_set",
-                 "--solver", "projected_difference")
+    return raced(
+        piezobench,
+        tmp_path_factory.mktemp("wide"),
+        "wide",
+        "--limit",
+        2,
+        "--set",
+        "paper",
+        "--set",
+        "orders",
+        "--lane",
+        "kernel",
+        "--lane",
+        "qpsolvers",
+        "--solver",
+        "box_active_set",
+        "--solver",
+        "projected_difference",
+    )
 
 
 @pytest.fixture(scope="session")
@@ -106,13 +141,28 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("cluster")
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
     with (folder / "log").open("w") as log:
+
         def start(*words: str) -> subprocess.Popen[bytes]:
             return subprocess.Popen([DASK, *words], cwd=folder, env=environment, stdout=log, stderr=log)
 
         said = folder / "scheduler.json"
-        processes = [start("scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(said))]
-        processes.append(start("worker", "--scheduler-file", str(said), "--nworkers", "2", "--nthreads", "1",
-                               "--no-dashboard", "--local-directory", str(folder)))
+        processes = [
+            start("scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(said))
+        ]
+        processes.append(
+            start(
+                "worker",
+                "--scheduler-file",
+                str(said),
+                "--nworkers",
+                "2",
+                "--nthreads",
+                "1",
+                "--no-dashboard",
+                "--local-directory",
+                str(folder),
+            )
+        )
         from distributed import Client
 
         with Client(scheduler_file=str(said), timeout="60s") as client:

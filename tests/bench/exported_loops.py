@@ -24,11 +24,13 @@ LIMITS = (5.0, 145.0)
 PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.7}
 
 
-def a_model(n: int = 5, m: int = 3, rates: tuple[float, ...] = (100.0, 1.0, 0.1), offset: bool = False,
-            seed: int = 0) -> HysteresisCreepModel:
+def a_model(
+    n: int = 5, m: int = 3, rates: tuple[float, ...] = (100.0, 1.0, 0.1), offset: bool = False, seed: int = 0
+) -> HysteresisCreepModel:
     """A model whose weights a piezo stack could have."""
-    structure = ModelStructure.equidistant(n=n, m=m, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=rates,
-                                           sample_time=SAMPLE_TIME, offset=offset)
+    structure = ModelStructure.equidistant(
+        n=n, m=m, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=rates, sample_time=SAMPLE_TIME, offset=offset
+    )
     rng, v = np.random.default_rng(seed), np.zeros(structure.d)
     H, S, K = structure.slices
     v[H], v[S] = rng.uniform(0.0, 0.5 / (n + 1), n), rng.uniform(0.8, 1.3, structure.dead_zones)
@@ -85,9 +87,9 @@ class Stage:
         y = self.model.simulate(x, self.state) + self.noise[k]
         if self.faulty:
             y[k % 9000 == 5] = np.nan
-            y[k % 25000 == 7] = 30.0                     # implausible
-            y[(k >= 30_000) & (k < 30_400)] = 3.0        # frozen
-            y[(k >= 40_000) & (k < 42_000)] += 8.0       # a plug pulled and put back
+            y[k % 25000 == 7] = 30.0  # implausible
+            y[(k >= 30_000) & (k < 30_400)] = 3.0  # frozen
+            y[(k >= 40_000) & (k < 42_000)] += 8.0  # a plug pulled and put back
             y[(k >= 46_000) & (k < 47_000)] = -np.inf
         return y
 
@@ -97,13 +99,23 @@ def learning(solver: str, size: int, faulty: bool = False, integral_gain: float 
     model = a_model()
     start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
     mode: Mode = "continuous" if solver == "recursive_active_set" else "cyclic"
-    learner = SelfLearningCompensator(start.structure, solver=solver, mode=mode, x_limits=LIMITS, model=start, samples_to_solve=1,
-                                      integral_gain=integral_gain, **PHASES)
+    learner = SelfLearningCompensator(
+        start.structure,
+        solver=solver,
+        mode=mode,
+        x_limits=LIMITS,
+        model=start,
+        samples_to_solve=1,
+        integral_gain=integral_gain,
+        **PHASES,
+    )
     y_ref, stage = references(size, seed=2), Stage(size, faulty)
     x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive
-    settings = ExportSettings(part="learning", solver=cast(Any, solver), x_limits=LIMITS, integral_gain=integral_gain, **PHASES)
+    settings = ExportSettings(
+        part="learning", solver=cast(Any, solver), x_limits=LIMITS, integral_gain=integral_gain, **PHASES
+    )
     return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
 
 

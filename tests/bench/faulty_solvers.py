@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-FILE = '''
+FILE = """
 import ctypes, os, signal, subprocess, sys, threading, time
 import numpy as np
 from qpsolvers import Problem, Solution, solve_problem
@@ -51,7 +51,7 @@ class Mine(Solver):
     def faulty_solution(self, answer): pass
 
     def faulty_{verb}: {fault}
-'''
+"""
 
 MARKUP = "a | b \\\\| `c` <script>d</script> [e](f) &amp;\\n| g |"
 FAULTS = {
@@ -78,10 +78,16 @@ FAULTS = {
     "unrepeatable": ("solve(self)", "self.x[0] += 1e-15 * self.calls"),
     "noisy": ("solve(self)", "print('noise ' * 100); os.write(2, b'noise\\n'); sys.stderr.write('noise')"),
     "prints_much": ("setup(self)", "os.write(1, bytes(10**8))"),
-    "starts_others": ("setup(self)", "self.hoard or self.hoard.extend(subprocess.Popen(['tail', '-f', __file__]) for _ in 'abc')"),
+    "starts_others": (
+        "setup(self)",
+        "self.hoard or self.hoard.extend(subprocess.Popen(['tail', '-f', __file__]) for _ in 'abc')",
+    ),
     "forks": ("solve(self)", "self.calls < 3 and os.fork()"),
     "closes_descriptors": ("solve(self)", "os.closerange(0, 1000)"),
-    "starts_threads": ("setup(self)", "self.hoard or self.hoard.extend(threading.Timer(5.0, abs, (1,)).start() for _ in 'abc')"),
+    "starts_threads": (
+        "setup(self)",
+        "self.hoard or self.hoard.extend(threading.Timer(5.0, abs, (1,)).start() for _ in 'abc')",
+    ),
     "ignores_signals": ("solve(self)", "[signal.signal(n, signal.SIG_IGN) for n in (2, 15, 29)]; time.sleep(1000)"),
     "unsupported": ("setup(self)", "raise Unsupported('takes no | scaled data')"),
 }

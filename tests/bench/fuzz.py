@@ -1,7 +1,8 @@
-"""Hypothesis strategies of hostile input and of what our own writers write, by kind; ``make fuzz`` runs them for FUZZ_SECONDS.
+"""Hypothesis strategies of hostile input and of what our own writers write, by kind; ``make fuzz`` runs them for
+FUZZ_SECONDS.
 
-A property is a strategy and a check of what it draws. A reader gives what it read or one sentence; anything else is a failure, and so is
-a round trip that is not the same to the last bit.
+A property is a strategy and a check of what it draws. A reader gives what it read or one sentence; anything else is a
+failure, and so is a round trip that is not the same to the last bit.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.writer import write_table
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"
-STRUCTURE = ModelStructure.equidistant(n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3)
+STRUCTURE = ModelStructure.equidistant(
+    n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
+)
 MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line, {"headline": "fits"})
 RUN_JSON = json.loads((REFERENCE / "run.json").read_text())
 RUN_JSON["conditions"]["parts"] = RUN_JSON["conditions"]["parts"][:1]
@@ -59,19 +62,24 @@ ANYTHING = st.text(st.characters(codec=None), max_size=60)
 
 def documents(document: Mapping[str, Any]) -> st.SearchStrategy[bytes]:
     """A file that is not even close, or one with something else at one place or at several."""
-    tokens = st.one_of(st.sampled_from(TOKENS), DOUBLES.map(repr), st.integers().map(str), st.text(max_size=20).map(json.dumps))
+    tokens = st.one_of(
+        st.sampled_from(TOKENS), DOUBLES.map(repr), st.integers().map(str), st.text(max_size=20).map(json.dumps)
+    )
     one = st.builds(lambda at, token: spoiled(document, at, token)[0], st.sampled_from(list(places(document))), tokens)
-    return st.one_of(st.sampled_from(list(WHOLE.values())), st.binary(max_size=200), one, damaged(json.dumps(document).encode()))
+    return st.one_of(
+        st.sampled_from(list(WHOLE.values())), st.binary(max_size=200), one, damaged(json.dumps(document).encode())
+    )
 
 
 def damaged(whole: bytes) -> st.SearchStrategy[bytes]:
     """Some bytes of a file are others, or its end is missing."""
+
     @st.composite
     def draw(pick: Any) -> bytes:
         data = bytearray(whole)
         for _ in range(pick(st.integers(1, 8))):
             data[pick(st.integers(0, len(data) - 1))] = pick(st.integers(0, 255))
-        return bytes(data[:pick(st.one_of(st.just(len(data)), st.integers(0, len(data))))])
+        return bytes(data[: pick(st.one_of(st.just(len(data)), st.integers(0, len(data))))])
 
     return draw()
 
@@ -113,10 +121,20 @@ def recording_text(text: str) -> None:
     refused(lambda: Recording.open(path).arrays(), path, RecordingError)
 
 
-CELLS = st.one_of(DOUBLES.map(str), st.sampled_from(("", "NaN", "1,5", "1e400", "-inf", "12:30:00.5", "0x10", '"', "=1+1", "[V]", "µm")), ANYTHING)
-TABLES = st.builds(lambda rows, sep, end: end.join(sep.join(row) for row in rows), st.lists(st.lists(CELLS, max_size=4), max_size=12),
-                   st.sampled_from((",", ";", "\t", " ")), st.sampled_from(("\n", "\r\n", "\r")))
-GOOD_CSV = "time_s,drive_V,y_um\n" + "".join(f"{i * 1e-3:.3f},{5 * math.sin(i / 9):.6f},{3 * math.sin(i / 9 - 0.1):.6f}\n" for i in range(60))
+CELLS = st.one_of(
+    DOUBLES.map(str),
+    st.sampled_from(("", "NaN", "1,5", "1e400", "-inf", "12:30:00.5", "0x10", '"', "=1+1", "[V]", "µm")),
+    ANYTHING,
+)
+TABLES = st.builds(
+    lambda rows, sep, end: end.join(sep.join(row) for row in rows),
+    st.lists(st.lists(CELLS, max_size=4), max_size=12),
+    st.sampled_from((",", ";", "\t", " ")),
+    st.sampled_from(("\n", "\r\n", "\r")),
+)
+GOOD_CSV = "time_s,drive_V,y_um\n" + "".join(
+    f"{i * 1e-3:.3f},{5 * math.sin(i / 9):.6f},{3 * math.sin(i / 9 - 0.1):.6f}\n" for i in range(60)
+)
 
 
 def recording_parquet(data: bytes) -> None:
@@ -190,14 +208,24 @@ def controller(given: tuple[Case, str, str, str, str | None]) -> None:
         if name == "piezo":
             build(Path(folder), "replay", "gcc", (*WARNINGS, *EXACT, "-O0"))
         else:
-            subprocess.run(["make", "-s", "example", f"CFLAGS={' '.join(WARNINGS)} -O0"], cwd=folder, check=True, capture_output=True)
+            subprocess.run(
+                ["make", "-s", "example", f"CFLAGS={' '.join(WARNINGS)} -O0"],
+                cwd=folder,
+                check=True,
+                capture_output=True,
+            )
         if solver is None:
             write_fmu(model, chosen, Path(folder) / "stage.fmu", 2 + len(input_unit) % 2)
 
 
-NAMES = st.one_of(st.sampled_from(("piezo", "left_axis", "core", "int", "main", "x", "sqrt", "real")),
-                  st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{2,40}", fullmatch=True), ANYTHING)
-SHOWN = st.text(st.one_of(st.sampled_from("*/\\?\"'<>&%{}"), st.characters(exclude_categories=("C", "Zl", "Zp"))), max_size=60)
+NAMES = st.one_of(
+    st.sampled_from(("piezo", "left_axis", "core", "int", "main", "x", "sqrt", "real")),
+    st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{2,40}", fullmatch=True),
+    ANYTHING,
+)
+SHOWN = st.text(
+    st.one_of(st.sampled_from("*/\\?\"'<>&%{}"), st.characters(exclude_categories=("C", "Zl", "Zp"))), max_size=60
+)
 CONTROLLERS = st.tuples(cases(), NAMES, SHOWN, SHOWN, st.sampled_from((None, *SOLVERS)))
 
 
@@ -214,9 +242,21 @@ def rows_file(change: tuple[str, list[Any]]) -> None:
     refused(lambda: Run(path.parent).rows(ONESHOT), path, RunError)
 
 
-VALUES = st.one_of(*(st.lists(values, min_size=3, max_size=3) for values in (
-    st.none(), st.booleans(), st.integers(), DOUBLES, ANYTHING, st.binary(max_size=5), st.lists(st.integers(), max_size=3),
-    st.sampled_from(("daqp", "kernel", "{}")))))
+VALUES = st.one_of(
+    *(
+        st.lists(values, min_size=3, max_size=3)
+        for values in (
+            st.none(),
+            st.booleans(),
+            st.integers(),
+            DOUBLES,
+            ANYTHING,
+            st.binary(max_size=5),
+            st.lists(st.integers(), max_size=3),
+            st.sampled_from(("daqp", "kernel", "{}")),
+        )
+    )
+)
 
 
 def text_on_every_target(text: str) -> None:
@@ -276,22 +316,50 @@ PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     "run, JSON": (documents(RUN_JSON), run_file),
     "rows, Parquet": (st.tuples(st.sampled_from(columns.schema(("task", *ONESHOT.columns)).names), VALUES), rows_file),
     "program, NPZ": (damaged(PROBLEM), problem_file),
-    "recording, text": (st.one_of(TABLES, damaged(GOOD_CSV.encode()).map(lambda data: data.decode("utf-8", "replace"))), recording_text),
+    "recording, text": (
+        st.one_of(TABLES, damaged(GOOD_CSV.encode()).map(lambda data: data.decode("utf-8", "replace"))),
+        recording_text,
+    ),
     "recording, Parquet": (damaged(parquet_bytes()), recording_parquet),
     "recording, binary": (binary_recordings(), recording_in_a_child),
     "program, QPS": (damaged(write_qps(FOLDER / "good.qps", draw()).read_bytes()), program_qps),
     "learner, JSON": (documents(saved_learner()), learner_file),
     "controller, C and FMU": (CONTROLLERS, controller),
     "text": (ANYTHING, text_on_every_target),
-    "model, there and back": (st.lists(st.floats(1e-3, 1e3), min_size=STRUCTURE.d, max_size=STRUCTURE.d), model_round_trip),
-    "structure, there and back": (st.fixed_dictionaries({
-        "creep_rates": st.lists(POSITIVE, max_size=3, unique=True).map(tuple), "sample_time": st.floats(1e-9, 1e6),
-        "x_centre": st.floats(-1e99, 1e99), "x_scale": POSITIVE, "y_centre": st.floats(-1e99, 1e99),
-        "y_scale": POSITIVE.map(lambda v: -v),
-        "offset": st.booleans(), "input_unit": st.text(max_size=30), "output_unit": st.text(max_size=30)}), structure_round_trip),
+    "model, there and back": (
+        st.lists(st.floats(1e-3, 1e3), min_size=STRUCTURE.d, max_size=STRUCTURE.d),
+        model_round_trip,
+    ),
+    "structure, there and back": (
+        st.fixed_dictionaries(
+            {
+                "creep_rates": st.lists(POSITIVE, max_size=3, unique=True).map(tuple),
+                "sample_time": st.floats(1e-9, 1e6),
+                "x_centre": st.floats(-1e99, 1e99),
+                "x_scale": POSITIVE,
+                "y_centre": st.floats(-1e99, 1e99),
+                "y_scale": POSITIVE.map(lambda v: -v),
+                "offset": st.booleans(),
+                "input_unit": st.text(max_size=30),
+                "output_unit": st.text(max_size=30),
+            }
+        ),
+        structure_round_trip,
+    ),
     "table, there and back": (st.lists(DOUBLES, min_size=1, max_size=20), table_round_trip),
-    "memory, there and back": (st.dictionaries(st.sampled_from("abcd"), st.one_of(
-        st.floats(), st.integers(-2**63, 2**63), st.text(max_size=5), st.none(), st.lists(st.floats(), max_size=3))), memory_round_trip),
+    "memory, there and back": (
+        st.dictionaries(
+            st.sampled_from("abcd"),
+            st.one_of(
+                st.floats(),
+                st.integers(-(2**63), 2**63),
+                st.text(max_size=5),
+                st.none(),
+                st.lists(st.floats(), max_size=3),
+            ),
+        ),
+        memory_round_trip,
+    ),
 }
 
 
@@ -308,14 +376,20 @@ def run(kind: str, examples: int, start: int | None = None) -> int:
 
     phases = (Phase.explicit, Phase.generate, Phase.shrink)
     examples = max(examples // 20, 1) if kind in SLOW else examples
-    chosen = settings(max_examples=examples, deadline=None, database=None, phases=phases, suppress_health_check=list(HealthCheck))
+    chosen = settings(
+        max_examples=examples, deadline=None, database=None, phases=phases, suppress_health_check=list(HealthCheck)
+    )
     test = chosen(given(strategy)(counted))
     (test if start is None else seed(start)(test))()
     return tried[kind]
 
 
 if __name__ == "__main__":
-    end, tried, turn = time.monotonic() + float(os.environ.get("FUZZ_SECONDS", "900")), Counter[str](), int(os.environ.get("FUZZ_SEED", "0"))
+    end, tried, turn = (
+        time.monotonic() + float(os.environ.get("FUZZ_SECONDS", "900")),
+        Counter[str](),
+        int(os.environ.get("FUZZ_SEED", "0")),
+    )
     while time.monotonic() < end:
         turn += 1
         for name in PROPERTIES:

@@ -11,15 +11,53 @@ import pyarrow as pa
 
 DEEP = "[" * 100_000 + "]" * 100_000
 LONG = "1" + "0" * 5000
-TOKENS = ("null", "true", "-1", "1.5", "0", "1e400", "-1e400", "1e308", "-1e308", "1e-308", "NaN", "Infinity", LONG, "1" * 400, DEEP,
-          '"text"', '""', "[]", "{}", "[[]]", '[{"a": [1]}]', '"\\ud800"', '"\\u001b[2J[red]x[/blue] */ <b>"', '"../../x"', f'"{"x" * 10_000}"')
+TOKENS = (
+    "null",
+    "true",
+    "-1",
+    "1.5",
+    "0",
+    "1e400",
+    "-1e400",
+    "1e308",
+    "-1e308",
+    "1e-308",
+    "NaN",
+    "Infinity",
+    LONG,
+    "1" * 400,
+    DEEP,
+    '"text"',
+    '""',
+    "[]",
+    "{}",
+    "[[]]",
+    '[{"a": [1]}]',
+    '"\\ud800"',
+    '"\\u001b[2J[red]x[/blue] */ <b>"',
+    '"../../x"',
+    f'"{"x" * 10_000}"',
+)
 """What may stand in a JSON file where something else belongs."""
 MOST_FIELDS = 20
 """That we give an object in a file; one with more is a table with a name a row."""
-WHOLE = {"nothing": b"", "no JSON": b"time_s,y_um\n0,1\n", "Latin-1": '{"a": "µ"}'.encode("latin-1"), "no UTF-8": b"\xff\xfe\x00",
-         "UTF-16": '{"format": "x"}'.encode("utf-16"), "half": b'{"format": "piezobench-model", "ver', "null": b"null", "a list": b"[]",
-         "a number": b"1", "deep": DEEP.encode(), "deep and open": b"[" * 100_000, "deep objects": b'{"a":' * 100_000,
-         "digits": LONG.encode(), "zeros": bytes(1000), "another format": b'{"format": "GeoJSON", "version": 1}'}
+WHOLE = {
+    "nothing": b"",
+    "no JSON": b"time_s,y_um\n0,1\n",
+    "Latin-1": '{"a": "µ"}'.encode("latin-1"),
+    "no UTF-8": b"\xff\xfe\x00",
+    "UTF-16": '{"format": "x"}'.encode("utf-16"),
+    "half": b'{"format": "piezobench-model", "ver',
+    "null": b"null",
+    "a list": b"[]",
+    "a number": b"1",
+    "deep": DEEP.encode(),
+    "deep and open": b"[" * 100_000,
+    "deep objects": b'{"a":' * 100_000,
+    "digits": LONG.encode(),
+    "zeros": bytes(1000),
+    "another format": b'{"format": "GeoJSON", "version": 1}',
+}
 """Files that are not even close, by what they are."""
 
 
@@ -27,8 +65,14 @@ def places(document: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str 
     """Where in a document something stands; of lists, and of tables with a name a row, the first element only."""
     if at:
         yield at
-    inside: Any = document.items() if isinstance(document, dict) else list(enumerate(document))[:1] if isinstance(document, list) else ()
-    for name, value in list(inside)[:1 if len(inside) > MOST_FIELDS else None]:
+    inside: Any = (
+        document.items()
+        if isinstance(document, dict)
+        else list(enumerate(document))[:1]
+        if isinstance(document, list)
+        else ()
+    )
+    for name, value in list(inside)[: 1 if len(inside) > MOST_FIELDS else None]:
         yield from places(value, (*at, name))
 
 
@@ -48,21 +92,34 @@ def spoiled_documents(document: Mapping[str, Any]) -> Iterator[tuple[str, bytes]
     yield from WHOLE.items()
     text = json.dumps(document)
     for name in document:
-        yield f"without {name}", json.dumps({other: value for other, value in document.items() if other != name}).encode()
+        yield (
+            f"without {name}",
+            json.dumps({other: value for other, value in document.items() if other != name}).encode(),
+        )
     yield "another field", (text[:-1] + ', "colour": "red"}').encode()
     for at in places(document):
         yield from zip((f"{at} = {token[:20]}" for token in TOKENS), spoiled(document, at, *TOKENS), strict=True)
 
 
 def spoiled_tables(table: pa.Table) -> Iterator[tuple[str, pa.Table]]:
-    """The table without rows, with rows twice, and with every column missing or of another type, each with what is wrong."""
+    """The table without rows, with rows twice, and with every column missing or of another type, each with what is
+    wrong."""
     yield "no rows", table.slice(0, 0)
     yield "rows twice", pa.concat_tables([table, table])
     n = table.num_rows
-    others = {"text": pa.array(["x"] * n), "whole numbers": pa.array([-7] * n), "doubles": pa.array([np.inf] * n), "nothing": pa.nulls(n),
-              "flags": pa.array([True] * n), "lists": pa.array([[1, 2]] * n), "lists of text": pa.array([["a"]] * n),
-              "bytes": pa.array([b"\xff"] * n),
-              "times": pa.array([0] * n, pa.timestamp("ns")), "markup": pa.array(["[/red]\x1b[2J|<b>\n"] * n), "negative": pa.array([-1e308] * n)}
+    others = {
+        "text": pa.array(["x"] * n),
+        "whole numbers": pa.array([-7] * n),
+        "doubles": pa.array([np.inf] * n),
+        "nothing": pa.nulls(n),
+        "flags": pa.array([True] * n),
+        "lists": pa.array([[1, 2]] * n),
+        "lists of text": pa.array([["a"]] * n),
+        "bytes": pa.array([b"\xff"] * n),
+        "times": pa.array([0] * n, pa.timestamp("ns")),
+        "markup": pa.array(["[/red]\x1b[2J|<b>\n"] * n),
+        "negative": pa.array([-1e308] * n),
+    }
     for i, name in enumerate(table.column_names):
         yield f"without {name}", table.drop_columns([name])
         for what, values in others.items():

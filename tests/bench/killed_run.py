@@ -1,8 +1,8 @@
 """Write a run in a process that is killed at its n-th step on disk, for n = 0, 1, …, and carry on in another.
 
 A step is whatever Python reports to an audit hook (open, mkdir, rename, remove, chmod, …) with a path of the run in it;
-the process kills itself just before. Called with an empty folder, this prints one JSON line for each n, the last one for
-the process that came through.
+the process kills itself just before. Called with an empty folder, this prints one JSON line for each n, the last one
+for the process that came through.
 """
 
 from __future__ import annotations
@@ -26,7 +26,16 @@ from solvers.protocol import Lane
 
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
 
-MACHINE = {"processor": "abacus", "cores": 1, "system": "", "python": "", "core": "", "versions": {}, "load_at_start": [], "warnings": []}
+MACHINE = {
+    "processor": "abacus",
+    "cores": 1,
+    "system": "",
+    "python": "",
+    "core": "",
+    "versions": {},
+    "load_at_start": [],
+    "warnings": [],
+}
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 
 
@@ -53,8 +62,18 @@ def look(folder: Path) -> None:
     """Say what a run holds."""
     run = Run(folder / "run")
     tasks = run.rows(PLAIN).task.tolist()
-    print(json.dumps({"tasks": tasks, "settings": run.settings, "visible": sorted(
-        str(path.relative_to(run.path)) for path in run.path.rglob("[!.]*") if ".tasks" not in path.parts)}), flush=True)
+    print(
+        json.dumps(
+            {
+                "tasks": tasks,
+                "settings": run.settings,
+                "visible": sorted(
+                    str(path.relative_to(run.path)) for path in run.path.rglob("[!.]*") if ".tasks" not in path.parts
+                ),
+            }
+        ),
+        flush=True,
+    )
 
 
 def die_before_step(n: int, folder: Path) -> None:

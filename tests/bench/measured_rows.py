@@ -1,4 +1,5 @@
-"""Tables of measurements by hand, in the schema of the one-shot race: a test says what matters to it, and the rest is ordinary."""
+"""Tables of measurements by hand, in the schema of the one-shot race: a test says what matters to it, and the rest is
+ordinary."""
 
 from __future__ import annotations
 
@@ -19,21 +20,40 @@ from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US
 from solvers import Tier
 
-ORDINARY: Row = {"problem_set": "paper", "problem": "p1", "d": 18, "solver": "daqp", "lane": "direct", "setting": "s0", "rung": 0,
-                 "scaling": "scaled", "start": "cold", "host": "here", "settings": "{}", "status": "ok", "cost_gap": 0.0, "violation": 0.0,
-                 "update_us": 0.0, "solve_us_p50": 1.0, "repeatable": True}
+ORDINARY: Row = {
+    "problem_set": "paper",
+    "problem": "p1",
+    "d": 18,
+    "solver": "daqp",
+    "lane": "direct",
+    "setting": "s0",
+    "rung": 0,
+    "scaling": "scaled",
+    "start": "cold",
+    "host": "here",
+    "settings": "{}",
+    "status": "ok",
+    "cost_gap": 0.0,
+    "violation": 0.0,
+    "update_us": 0.0,
+    "solve_us_p50": 1.0,
+    "repeatable": True,
+}
 
 
 def row(**known: Any) -> Row:
     """A measurement: the right answer of a library in a microsecond, but for what is known."""
     found = ONESHOT.row(**{**ORDINARY, **known})
-    of_all_repeats = [str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")]
+    of_all_repeats = [
+        str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
+    ]
     periods = (found["update_us"] + found["solve_us_p50"]) / PERIOD_US
     return {**found, "task": "-".join(of_all_repeats), "periods": periods, **known}
 
 
 def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
-    """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting that failed.
+    """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting
+    that failed.
 
     A number that is known by rung is a list.
     """
@@ -42,7 +62,18 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
         for rung, gap in enumerate(by_rung):
             here = {name: value[rung] if isinstance(value, list) else value for name, value in known.items()}
             status = "solver_failed" if np.isnan(gap) else "ok"
-            found.append(row(**{"problem": problem, "setting": f"s{rung}", "rung": rung, "cost_gap": gap, "status": status, **here}))
+            found.append(
+                row(
+                    **{
+                        "problem": problem,
+                        "setting": f"s{rung}",
+                        "rung": rung,
+                        "cost_gap": gap,
+                        "status": status,
+                        **here,
+                    }
+                )
+            )
     return found
 
 

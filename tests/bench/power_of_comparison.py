@@ -2,9 +2,10 @@
 
     python tests/bench/power_of_comparison.py [--pairs 200] [RUN_A RUN_B]
 
-In each pair nothing changed, or one solver lane by 1.2 times, slower or faster. The noise is made up, for fields from small to that of a default
-race and machines from quiet to noisy, or that of two real runs between which nothing changed. Said are the shares of pairs without a change in
-which a lane differs, of changes that are found, and of those that are missed though it was said that there is no difference.
+In each pair nothing changed, or one solver lane by 1.2 times, slower or faster. The noise is made up, for fields from
+small to that of a default race and machines from quiet to noisy, or that of two real runs between which nothing
+changed. Said are the shares of pairs without a change in which a lane differs, of changes that are found, and of those
+that are missed though it was said that there is no difference.
 """
 
 import argparse
@@ -24,7 +25,8 @@ CHANGE = 1.2
 
 
 def rates(make: Callable[[np.random.Generator], list[Vector]], pairs: int) -> dict[str, float]:
-    """Shares of pairs: false findings, changes that are found, changes that are missed in silence, lanes of which nothing can be told."""
+    """Shares of pairs: false findings, changes that are found, changes that are missed in silence, lanes of which
+    nothing can be told."""
     chance = np.random.default_rng(1)
     counts = dict.fromkeys(("false", "found", "silent", "cannot tell"), 0.0)
     for _ in range(pairs):
@@ -55,13 +57,20 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=200)
     asked = parser.parse_args()
     kinds: dict[str, Callable[[np.random.Generator], list[Vector]]] = {
-        f"{lanes} lanes, {problems} problems, offset {offset}": lambda chance, size=(lanes, problems, offset): ratios(chance, *size)
-        for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3)) for offset in (0.004, 0.008, 0.015)}
+        f"{lanes} lanes, {problems} problems, offset {offset}": lambda chance, size=(lanes, problems, offset): ratios(
+            chance, *size
+        )
+        for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3))
+        for offset in (0.004, 0.008, 0.015)
+    }
     if asked.runs:
         own = noise_of(*map(Run.open, asked.runs))
         kinds = {" and ".join(path.name for path in asked.runs): lambda chance: resampled(chance, own)}
     for name, make in kinds.items():
-        print(f"{name}: {', '.join(f'{what} {100.0 * share:.1f} %' for what, share in rates(make, asked.pairs).items())}", flush=True)
+        print(
+            f"{name}: {', '.join(f'{what} {100.0 * share:.1f} %' for what, share in rates(make, asked.pairs).items())}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -66,8 +66,19 @@ def write_mat(path: Path, p: Drawn) -> Path:
     """As the conversions have it: the bounds are the last rows of A, and vectors are columns."""
     d = p.q.size
     A = sp.vstack([p.C, sp.identity(d)], format="csc")
-    savemat(path, {"P": p.P, "q": p.q[:, None], "r": p.r, "A": A, "l": np.r_[p.l, p.lb][:, None],
-                   "u": np.r_[p.u, p.ub][:, None], "n": d, "m": A.shape[0]})
+    savemat(
+        path,
+        {
+            "P": p.P,
+            "q": p.q[:, None],
+            "r": p.r,
+            "A": A,
+            "l": np.r_[p.l, p.lb][:, None],
+            "u": np.r_[p.u, p.ub][:, None],
+            "n": d,
+            "m": A.shape[0],
+        },
+    )
     return path
 
 
@@ -78,13 +89,17 @@ def write_qps(path: Path, p: Drawn) -> Path:
     lines += [f" {kind}  R{i}" for i, kind in enumerate(kinds)] + ["COLUMNS"]
     for j in range(d):
         entries = [("COST", p.q[j]), *((f"R{i}", p.C[i, j]) for i in range(len(kinds)) if p.C[i, j])]
-        for two in (entries[k:k + 2] for k in range(0, len(entries), 2)):
-            lines.append(f"    X{j}  " + "  ".join(f"{name} {value!r}" for name, value in
-                                                 ((name, float(value)) for name, value in two)))
+        for two in (entries[k : k + 2] for k in range(0, len(entries), 2)):
+            lines.append(
+                f"    X{j}  "
+                + "  ".join(f"{name} {value!r}" for name, value in ((name, float(value)) for name, value in two))
+            )
     lines += ["RHS", f"    RHS  COST  {-p.r!r}"]
     lines += [f"    RHS  R{i}  {float(p.l[i] if kind == 'G' else p.u[i])!r}" for i, kind in enumerate(kinds)]
     lines += ["RANGES"]
-    lines += [f"    RNG  R{i}  {float(p.u[i] - p.l[i])!r}" for i, kind in enumerate(kinds) if kind == "L" and p.l[i] > -INF]
+    lines += [
+        f"    RNG  R{i}  {float(p.u[i] - p.l[i])!r}" for i, kind in enumerate(kinds) if kind == "L" and p.l[i] > -INF
+    ]
     lines += ["BOUNDS"]
     for j, (low, high) in enumerate(zip(p.lb.tolist(), p.ub.tolist(), strict=True)):
         if low == high:

@@ -15,7 +15,8 @@ OFFSET = 0.015
 
 
 def noise(chance: np.random.Generator, count: int) -> Vector:
-    """Logarithms of the medians of one solver's turns on so many problems: noise with memory, and bursts of a neighbour."""
+    """Logarithms of the medians of one solver's turns on so many problems: noise with memory, and bursts of a
+    neighbour."""
     shocks, found = 0.04 * chance.normal(size=(TURNS, count)), np.zeros((TURNS, count))
     for i in range(1, TURNS):
         found[i] = 0.7 * found[i - 1] + shocks[i]
@@ -24,19 +25,40 @@ def noise(chance: np.random.Generator, count: int) -> Vector:
 
 
 def ratios(chance: np.random.Generator, lanes: int, problems: int, offset: float = OFFSET) -> list[Vector]:
-    """Logarithms of ratios by lane where nothing changed: each process has an offset of its own with heavy tails, each problem a drift of all."""
+    """Logarithms of ratios by lane where nothing changed: each process has an offset of its own with heavy tails, each
+    problem a drift of all."""
     drift = 0.3 * chance.normal(size=problems)
-    return [drift + offset * (chance.standard_t(5) - chance.standard_t(5)) + noise(chance, problems) - noise(chance, problems) for _ in range(lanes)]
+    return [
+        drift
+        + offset * (chance.standard_t(5) - chance.standard_t(5))
+        + noise(chance, problems)
+        - noise(chance, problems)
+        for _ in range(lanes)
+    ]
 
 
 def resampled(chance: np.random.Generator, own: list[Vector]) -> list[Vector]:
-    """A pair with the noise of a real one, of which each lane's own part is known: lanes, and problems of each, are drawn anew."""
+    """A pair with the noise of a real one, of which each lane's own part is known: lanes, and problems of each, are
+    drawn anew."""
     drawn = [own[i] for i in chance.integers(0, len(own), len(own))]
     return [chance.choice((-1.0, 1.0)) * chance.choice(part, part.size) for part in drawn]
 
 
 def pair(by_lane: list[Vector], changed: Mapping[str, float] | None = None, timed: str = "in turns") -> pd.DataFrame:
     """The table of a pair: solvers s0, s1, …, of which some changed by a factor."""
-    return pd.DataFrame([
-        {"timed": timed, "problem_set": "paper", "problem": f"p{k}", "scaling": "scaled", "solver": f"s{i}", "lane": "direct", "level_a": 0.0,
-         "level_b": value + np.log((changed or {}).get(f"s{i}", 1.0))} for i, values in enumerate(by_lane) for k, value in enumerate(values)])
+    return pd.DataFrame(
+        [
+            {
+                "timed": timed,
+                "problem_set": "paper",
+                "problem": f"p{k}",
+                "scaling": "scaled",
+                "solver": f"s{i}",
+                "lane": "direct",
+                "level_a": 0.0,
+                "level_b": value + np.log((changed or {}).get(f"s{i}", 1.0)),
+            }
+            for i, values in enumerate(by_lane)
+            for k, value in enumerate(values)
+        ]
+    )

@@ -10,7 +10,7 @@ from solvers.direct.clarabel import Clarabel
 
 
 class Slowed(Clarabel):
-    """The solver with a wait, and one setting beside its default, so that it takes turns at the same one in every race."""
+    """The solver with a wait, and one setting beside its default: it takes turns at the same one in every race."""
 
     name = "slowed"
 

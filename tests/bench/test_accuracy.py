@@ -1,4 +1,5 @@
-"""Right or not, from one row of the table: the largest of what is asked, the stage's own rule, and what a cheat costs."""
+"""Right or not, from one row of the table: the largest of what is asked, the stage's own rule, and what a cheat
+costs."""
 
 import math
 
@@ -52,7 +53,9 @@ def test_an_answer_is_right_at_a_margin_where_it_is_so_many_times_as_exact(margi
 
 
 @pytest.mark.parametrize(("excess", "told"), [(-3.0, 0.0), (0.005, 0.5), (0.01, 1.0), (0.02, 2.0), (NAN, math.inf)])
-def test_the_stage_notices_more_than_a_hundredth_of_its_noise_by_the_first_answer_alone(excess: float, told: float) -> None:
+def test_the_stage_notices_more_than_a_hundredth_of_its_noise_by_the_first_answer_alone(
+    excess: float, told: float
+) -> None:
     assert error_of(Tier.STAGE, stage_excess=excess, cost_gap=0.5, timed_gap=0.5, noise_um=0.01) == pytest.approx(told)
 
 
@@ -69,14 +72,24 @@ def test_the_stage_is_asked_only_on_problems_whose_noise_is_known() -> None:
 
 @pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
 def test_what_is_not_ok_is_infinitely_far_from_right_however_small_its_gap(status: Status) -> None:
-    assert error_of(Tier.LOW, status=str(status)) == error_of(Tier.STAGE, status=str(status), stage_excess=0.0) == math.inf
+    assert (
+        error_of(Tier.LOW, status=str(status)) == error_of(Tier.STAGE, status=str(status), stage_excess=0.0) == math.inf
+    )
     assert not is_right(Tier.DEFAULT, status=str(status))
 
 
 @pytest.mark.parametrize("cheat", CHEATS)
 def test_a_cheat_taints_all_settings_and_starts_of_its_lane_on_that_problem_and_nothing_else(cheat: Status) -> None:
-    rows = [*ladder({"p1": [0.0, 0.0, NAN]}), row(setting="d", rung=-1, is_default=True), row(setting="s1", rung=1, start="warm"),
-            row(problem="p2"), row(solver="osqp"), row(lane="qpsolvers"), row(scaling="raw"), row(problem_set="orders")]
+    rows = [
+        *ladder({"p1": [0.0, 0.0, NAN]}),
+        row(setting="d", rung=-1, is_default=True),
+        row(setting="s1", rung=1, start="warm"),
+        row(problem="p2"),
+        row(solver="osqp"),
+        row(lane="qpsolvers"),
+        row(scaling="raw"),
+        row(problem_set="orders"),
+    ]
     rows[1]["status"], rows[1]["message"] = str(cheat), "was seen"
     found = tainted(table(rows))
     assert found.status.tolist() == [cheat, cheat, "solver_failed", cheat, cheat, *["ok"] * 5]

@@ -1,4 +1,5 @@
-"""How exact an answer is within so many sampling periods: on tables by hand, and by a race with limits of iterations."""
+"""How exact an answer is within so many sampling periods: on tables by hand, and by a race with limits of
+iterations."""
 
 import json
 import math
@@ -27,14 +28,35 @@ Points = list[tuple[float, float]]
 
 def points(solver: str, *those: tuple[float, float], **known: object) -> list[dict[str, object]]:
     """Rows of one problem from (periods, gap), each of another limit."""
-    return [row(**{"solver": solver, "solve_us_p50": 125.0 * periods, "cost_gap": gap, "setting": f"{solver}{i}", "rung": -1, **known})
-            for i, (periods, gap) in enumerate(those)]
+    return [
+        row(
+            **{
+                "solver": solver,
+                "solve_us_p50": 125.0 * periods,
+                "cost_gap": gap,
+                "setting": f"{solver}{i}",
+                "rung": -1,
+                **known,
+            }
+        )
+        for i, (periods, gap) in enumerate(those)
+    ]
 
 
 def steps(*those: tuple[int, float, float]) -> list[dict[str, object]]:
     """Rows of the paper's method from (steps, periods that they take, gap)."""
-    return [found for count, periods, gap in those for found in points(
-        "projected_difference", (periods, gap), lane="kernel", setting=str(count), periods=float(count), settings=json.dumps({"steps": count}))]
+    return [
+        found
+        for count, periods, gap in those
+        for found in points(
+            "projected_difference",
+            (periods, gap),
+            lane="kernel",
+            setting=str(count),
+            periods=float(count),
+            settings=json.dumps({"steps": count}),
+        )
+    ]
 
 
 def gaps(rows: list[dict[str, object]], name: str, which: str = "median_gap") -> dict[int, float]:
@@ -44,7 +66,9 @@ def gaps(rows: list[dict[str, object]], name: str, which: str = "median_gap") ->
 
 def test_the_gap_within_a_budget_is_the_best_of_what_is_there_by_then() -> None:
     those = ((0.4, 1.0), (1.7, 0.1), (3.0, 0.3), (60.0, 1e-9))
-    assert gaps(points("a", *those), "a") == {budget: min(gap for at, gap in those if at <= budget) for budget in BUDGETS}
+    assert gaps(points("a", *those), "a") == {
+        budget: min(gap for at, gap in those if at <= budget) for budget in BUDGETS
+    }
 
 
 def test_nothing_is_there_before_the_first_point() -> None:
@@ -52,13 +76,21 @@ def test_nothing_is_there_before_the_first_point() -> None:
 
 
 def test_settings_and_limits_of_iterations_count_alike() -> None:
-    rows = [*points("a", (0.5, 1e-2)), *points("a", (0.5, 1e-4), rung=3, setting="s3"), *points("a", (0.5, 1e-3), is_default=True, setting="{}")]
+    rows = [
+        *points("a", (0.5, 1e-2)),
+        *points("a", (0.5, 1e-4), rung=3, setting="s3"),
+        *points("a", (0.5, 1e-3), is_default=True, setting="{}"),
+    ]
     assert gaps(rows, "a")[1] == 1e-4
 
 
 def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
-    rows = [*points("a", (0.5, 1e-2)), *points("a", (0.5, 1e-9), start="warm"), *points("a", (0.5, 1e-9), scaling="raw"),
-            *points("null", (0.1, math.nan), status="solver_failed")]
+    rows = [
+        *points("a", (0.5, 1e-2)),
+        *points("a", (0.5, 1e-9), start="warm"),
+        *points("a", (0.5, 1e-9), scaling="raw"),
+        *points("null", (0.1, math.nan), status="solver_failed"),
+    ]
     table = anytime(measured(rows))
     assert set(table.name) == {"a"}
     assert (table.median_gap == 1e-2).all()
@@ -72,8 +104,12 @@ def test_a_step_a_sample_takes_a_period_whatever_it_costs() -> None:
 
 
 def test_a_problem_without_an_answer_counts_as_the_worst() -> None:
-    rows = [*points("a", (0.5, 1e-3)), *points("a", (0.5, 1e-6), problem="p2"),
-            *points("b", (0.5, 1e-4)), *points("b", (0.5, math.nan), problem="p2", status="solver_failed")]
+    rows = [
+        *points("a", (0.5, 1e-3)),
+        *points("a", (0.5, 1e-6), problem="p2"),
+        *points("b", (0.5, 1e-4)),
+        *points("b", (0.5, math.nan), problem="p2", status="solver_failed"),
+    ]
     for which in ("median_gap", "worst_gap"):
         assert (gaps(rows, "a", which)[1], gaps(rows, "b", which)[1]) == (1e-3, math.inf)
 
@@ -81,9 +117,15 @@ def test_a_problem_without_an_answer_counts_as_the_worst() -> None:
 def test_it_says_who_is_exact_and_compares_the_papers_pace_with_what_fits() -> None:
     rows = [*points("a", (0.5, 1e-12)), *points("b", (0.5, 1e-3)), *steps((1, 0.01, 0.9), (15_200, 4.0, 0.1))]
     exact, paper = sentences(anytime(measured(rows)))
-    assert exact == ("Within one sampling period 1 of 3 solver lanes reach a cost gap of 1e-09 on the median problem; the closest is a (direct) "
-                     "with 1.0e-12.")
-    assert paper.endswith("begins at 9.0e-01 and is at 1.0e-01 after 15200 periods; with as many steps as fit into the time it is there within 5.")
+    assert exact == (
+        "Within one sampling period 1 of 3 solver lanes reach a cost gap of 1e-09 on the median problem; "
+        "the closest is a (direct) "
+        "with 1.0e-12."
+    )
+    assert paper.endswith(
+        "begins at 9.0e-01 and is at 1.0e-01 after 15200 periods; with as many steps as fit into the "
+        "time it is there within 5."
+    )
 
 
 def test_limits_are_no_settings_that_could_stand_for_a_tier() -> None:
@@ -101,7 +143,9 @@ class Raced:
     def limited(self, solver: str, lane: str = "direct") -> pd.DataFrame:
         """The rows of limits, by limit."""
         name = {"projected_difference": "steps", "piqp": "max_iter", "osqp": "max_iter"}[solver]
-        rows = self.rows[(self.rows.solver == solver) & (self.rows.lane == lane) & (self.rows.rung < 0) & ~self.rows.is_default]
+        rows = self.rows[
+            (self.rows.solver == solver) & (self.rows.lane == lane) & (self.rows.rung < 0) & ~self.rows.is_default
+        ]
         return rows.assign(limit=[json.loads(text)[name] for text in rows.settings]).sort_values("limit")
 
 
@@ -109,8 +153,28 @@ class Raced:
 def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Raced:
     folder = tmp_path_factory.mktemp("anytime")
     words = [word for solver in ("daqp", "osqp", "piqp", "projected_difference") for word in ("--solver", solver)]
-    call = piezobench("race", "--race", "anytime", "--set", "paper", "--limit", 1, "--budget", 0.001, "--rounds", 0, "--lane", "kernel",
-                      "--lane", "direct", *words, "--out", folder, "--name", "run")
+    call = piezobench(
+        "race",
+        "--race",
+        "anytime",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--budget",
+        0.001,
+        "--rounds",
+        0,
+        "--lane",
+        "kernel",
+        "--lane",
+        "direct",
+        *words,
+        "--out",
+        folder,
+        "--name",
+        "run",
+    )
     assert call.status == 0, call.stderr
     run = Run.open(folder / "run")
     return Raced(run, call.stdout, run.rows(ONESHOT))
@@ -122,7 +186,7 @@ def test_a_race_measures_settings_and_limits_on_scaled_data(raced: Raced) -> Non
     for solver in ("osqp", "piqp"):
         points = raced.limited(solver)
         assert len(points) >= 4
-        assert points.limit.tolist() == list(AnytimeSettings().iteration_limits[:len(points)])
+        assert points.limit.tolist() == list(AnytimeSettings().iteration_limits[: len(points)])
         assert (points.status == "ok").all()
 
 
@@ -160,4 +224,7 @@ def test_a_limit_of_iterations_is_put_on_the_tightest_setting(raced: Raced) -> N
     assert len(texts) > 1
     for text in texts:
         assert {name: value for name, value in json.loads(text).items() if name != "max_iter"} == {
-            name: value for name, value in {**solvers.find("osqp", "direct").load().always, **tightest}.items() if name != "max_iter"}
+            name: value
+            for name, value in {**solvers.find("osqp", "direct").load().always, **tightest}.items()
+            if name != "max_iter"
+        }

@@ -53,8 +53,19 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     """A tiny race that was killed in the middle and carried on."""
     folder = tmp_path_factory.mktemp("batch")
     (folder / "liar.py").write_text(LIAR)
-    words = [word for name in ("box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"), folder / "liar.py")
-             for word in ("--solver", name)]
+    words = [
+        word
+        for name in (
+            "box_batch",
+            "box_lanes",
+            "box_active_set",
+            "daqp",
+            "mujoco",
+            *that_load("proxsuite"),
+            folder / "liar.py",
+        )
+        for word in ("--solver", name)
+    ]
     run = Run(folder / "run")
     resumed = killed_and_resumed(piezobench, run, "rows", 3, "race", *TINY, *words, "--out", folder, "--name", "run")
     assert "solves" in resumed.call.stdout
@@ -70,7 +81,15 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
     assert not rows.duplicated(["d", "solver", "lane", "threads", "batch", "repeat"]).any()
     one = rows[rows.threads == 1]
     assert one.groupby("solver").size().eq(2 * 2).all()
-    assert set(one.solver) == {"box_batch", "box_lanes", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"), "liar"}
+    assert set(one.solver) == {
+        "box_batch",
+        "box_lanes",
+        "box_active_set",
+        "daqp",
+        "mujoco",
+        *that_load("proxsuite"),
+        "liar",
+    }
     ours = rows[rows.solver.isin(OURS)]
     assert set(ours.solver) == {"box_batch", "box_lanes", "box_active_set"}
     assert (ours.status == "ok").all()
@@ -119,7 +138,9 @@ def room() -> Iterator[Path]:
         yield folder
 
 
-def row_of(run: Run, programs: Programs, most: int, entry: Entry, batch: int, turn: int, outcome: Batched) -> dict[str, Any]:
+def row_of(
+    run: Run, programs: Programs, most: int, entry: Entry, batch: int, turn: int, outcome: Batched
+) -> dict[str, Any]:
     """What the race makes of an outcome, of which so many answers are judged."""
     race = BatchRace(run, BatchSettings(judged=most), silent)
     race.programs = {18: programs}
@@ -138,11 +159,20 @@ def test_no_two_programs_are_alike_and_answers_are_judged_by_what_is_proven(race
 
     def judged(answers: np.ndarray) -> dict[str, float]:
         one = np.ones(1, dtype=np.int64)
-        return row_of(raced, programs, 16, entry, 256, 1, Batched(found=True, answers=answers, wall_ns=one, cpu_ns=one, programs=one))
+        return row_of(
+            raced,
+            programs,
+            16,
+            entry,
+            256,
+            1,
+            Batched(found=True, answers=answers, wall_ns=one, cpu_ns=one, programs=one),
+        )
 
     assert judged(x[1:257])["share_high"] == 1.0
     assert judged(x[1:257])["judged"] == 16
-    assert judged(x[:256])["share_mid"] == 0.0  # each is the answer of the program before; to 1e-3 one in a hundred is right by chance
+    # each is the answer of the program before; to 1e-3 one in a hundred is right by chance
+    assert judged(x[:256])["share_mid"] == 0.0
     spoiled = x[1:257].copy()
     spoiled[programs.sample(1, 257, 16)[0] - 1] += 1e-4
     assert judged(spoiled)["share_high"] == 15 / 16
@@ -198,7 +228,9 @@ def timed(cls: type[Notes], files: Files, size: int) -> Batched:
 
 
 @pytest.mark.parametrize(("cls", "size", "most"), [(Notes, 2, 2), (Notes, 100, WARM_UP), (Compiles, 100, 100)])
-def test_a_contestant_warms_up_on_programs_that_are_not_timed(numbered: Files, cls: type[Notes], size: int, most: int) -> None:
+def test_a_contestant_warms_up_on_programs_that_are_not_timed(
+    numbered: Files, cls: type[Notes], size: int, most: int
+) -> None:
     timed(cls, numbered, size)
     first, *others = cls.given
     assert set(first) <= set(range(400, numbered.count))
@@ -211,10 +243,19 @@ def test_an_answer_that_is_computed_when_it_becomes_an_array_is_computed_inside_
 
 
 def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, room: Path) -> None:
-    programs, entry = Programs(raced, 18, 300, 0, room, 2, silent), next(entry for entry in contestants() if entry.name == "daqp")
+    programs, entry = (
+        Programs(raced, 18, 300, 0, room, 2, silent),
+        next(entry for entry in contestants() if entry.name == "daqp"),
+    )
     rows = []
     for turn, ns in enumerate(([1000, 3000, 9000], [5000, 5000, 5000], [1000, 1000, 1000])):
-        outcome = Batched(found=True, answers=np.zeros((3, 18)), wall_ns=2 * np.array(ns), cpu_ns=np.array(ns), programs=np.ones(3, dtype=np.int64))
+        outcome = Batched(
+            found=True,
+            answers=np.zeros((3, 18)),
+            wall_ns=2 * np.array(ns),
+            cpu_ns=np.array(ns),
+            programs=np.ones(3, dtype=np.int64),
+        )
         rows.append(row_of(raced, programs, 1, entry, 1, turn, outcome))
     assert [row["cpu_us_p50"] for row in rows] == [3.0, 5.0, 1.0]
     line = figures.summary(pd.DataFrame(rows)).iloc[0]
@@ -224,14 +265,35 @@ def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, r
 def test_a_contestant_that_is_not_there_is_refused(piezobench: CommandLine, tmp_path: Path) -> None:
     said = piezobench("race", "--race", "batch", "--solver", "clarabel", "--out", tmp_path / "results").refusal
     assert "there is no contestant 'clarabel'; known are box_active_set, box_batch, " in said
-    said = piezobench("race", "--race", "batch", "--solver", tmp_path / "none.py", "--out", tmp_path / "results").refusal
+    said = piezobench(
+        "race", "--race", "batch", "--solver", tmp_path / "none.py", "--out", tmp_path / "results"
+    ).refusal
     assert "none.py: is not a file" in said
     assert not (tmp_path / "results").exists()
-    assert {entry.name for entry in BatchRace.entries(BatchSettings(solvers=("daqp", "box_batch")))} == {"daqp", "box_batch"}
+    assert {entry.name for entry in BatchRace.entries(BatchSettings(solvers=("daqp", "box_batch")))} == {
+        "daqp",
+        "box_batch",
+    }
 
 
-ONE = ("--race", "batch", "--limit", 1, "--largest", 256, "--turns", 1, "--budget", 0.001, "--solver", "box_batch", "--lane", "kernel",
-       "--name", "run")
+ONE = (
+    "--race",
+    "batch",
+    "--limit",
+    1,
+    "--largest",
+    256,
+    "--turns",
+    1,
+    "--budget",
+    0.001,
+    "--solver",
+    "box_batch",
+    "--lane",
+    "kernel",
+    "--name",
+    "run",
+)
 SMALL_MEMORY = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "sh", "-c"]
 """A shell that may mount what nobody else sees."""
 MOUNT = "mount -t tmpfs -o size=64m tmpfs /dev/shm"
@@ -239,17 +301,26 @@ may_mount = subprocess.run([*SMALL_MEMORY, MOUNT], capture_output=True, check=Fa
 
 
 @pytest.mark.skipif(not may_mount, reason="this user may not mount a file system, not even one of its own")
-def test_where_shared_memory_is_small_the_programs_lie_in_an_ordinary_folder_and_the_report_says_so(tmp_path: Path) -> None:
+def test_where_shared_memory_is_small_the_programs_lie_in_an_ordinary_folder_and_the_report_says_so(
+    tmp_path: Path,
+) -> None:
     words = [sys.executable, "-m", "bench", "race", *map(str, ONE), "--out", str(tmp_path)]
-    done = subprocess.run([*SMALL_MEMORY, f'{MOUNT} && exec "$@"', "sh", *words], capture_output=True, text=True, check=False,
-                          env={**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)})
+    done = subprocess.run(
+        [*SMALL_MEMORY, f'{MOUNT} && exec "$@"', "sh", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
     assert done.returncode == 0, done.stderr
     assert "solves" in done.stdout
     assert f"The programs lay in {tmp_path}, since /dev/shm had no room for them" in " ".join(done.stdout.split())
     assert not list(tmp_path.glob("piezobench-batch-*"))
 
 
-def test_programs_that_find_no_room_anywhere_are_one_sentence_and_leave_nothing(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_programs_that_find_no_room_anywhere_are_one_sentence_and_leave_nothing(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
     said = piezobench("race", *ONE, "--out", tmp_path, largest_file=2**24).refusal
     assert re.search(r"the programs need \d+ MB in /dev/shm or in \S+, and neither has the room; .* --largest", said)
     assert not list(tmp_path.iterdir())

@@ -28,7 +28,9 @@ from piezo_model.deployment import Deployment
 from solvers import Lane, Tier
 from solvers.certificate import NotCertified
 
-STRUCTURE = ModelStructure.equidistant(n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3)
+STRUCTURE = ModelStructure.equidistant(
+    n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
+)
 MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line, {"headline": "fits", "findings": []})
 
 
@@ -37,8 +39,16 @@ def model_file(path: Path) -> None:
 
 
 def compensator_file(path: Path) -> None:
-    Deployment(model=MODEL, solver="daqp", lane=Lane.DIRECT, tier=Tier.HIGH, settings={}, mode="cyclic",
-               x_limits=(0.0, 10.0), evidence={"why": ["it is right"]}).save(path)
+    Deployment(
+        model=MODEL,
+        solver="daqp",
+        lane=Lane.DIRECT,
+        tier=Tier.HIGH,
+        settings={},
+        mode="cyclic",
+        x_limits=(0.0, 10.0),
+        evidence={"why": ["it is right"]},
+    ).save(path)
 
 
 def learner_file(path: Path) -> None:
@@ -57,10 +67,18 @@ def use_model(path: Path) -> None:
         HysteresisCreepModel.load(path).simulate([0.0, 5.0])
 
 
-@pytest.mark.parametrize(("write", "use"), [(model_file, use_model), (compensator_file, Deployment.load),
-                                            (compensator_file, SelfLearningCompensator.load), (learner_file, use_learner)])
-def test_a_spoiled_file_of_ours_is_refused_in_a_sentence_that_names_it(tmp_path: Path, write: Callable[[Path], None],
-                                                                       use: Callable[[Path], Any]) -> None:
+@pytest.mark.parametrize(
+    ("write", "use"),
+    [
+        (model_file, use_model),
+        (compensator_file, Deployment.load),
+        (compensator_file, SelfLearningCompensator.load),
+        (learner_file, use_learner),
+    ],
+)
+def test_a_spoiled_file_of_ours_is_refused_in_a_sentence_that_names_it(
+    tmp_path: Path, write: Callable[[Path], None], use: Callable[[Path], Any]
+) -> None:
     path = tmp_path / "it.json"
     write(path)
     use(path)
@@ -72,7 +90,8 @@ def test_a_spoiled_file_of_ours_is_refused_in_a_sentence_that_names_it(tmp_path:
 
 
 def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refused: type[ValueError]) -> str:
-    """The sentence that names the file, or nothing where what is given is used; whatever else comes of it fails the test."""
+    """The sentence that names the file, or nothing where what is given is used; whatever else comes of it fails the
+    test."""
     try:
         use(given)
     except refused as error:
@@ -87,7 +106,8 @@ def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refuse
 
 
 def signed(text: bytes) -> bytes:
-    """The text with the checksum that belongs to it, where it is that of a learner: the border does not stand on its being wrong."""
+    """The text with the checksum that belongs to it, where it is that of a learner: the border does not stand on its
+    being wrong."""
     try:
         content = json.loads(text)
         if content["format"] == "piezobench-learner" and isinstance(content.pop("checksum"), str):
@@ -120,40 +140,55 @@ def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) 
         refusal(what, path, open_run, run.path, RunError)
 
 
-@pytest.mark.parametrize(("at", "token", "said"), [
-    (("race",), "[]", "the field 'race' is wrong: expected `str`, got `array`"),
-    (("settings",), '"x"', "the field 'settings' is wrong: expected `object`, got `str`"),
-    (("machine",), '"abacus"', "the field 'machine' is wrong: expected `object`, got `str`"),
-    (("settings", "rounds"), "-3", "rounds must be from 0"),
-    (("settings", "limit"), "-1", "the field 'limit' is wrong: expected `int` >= 0"),
-    (("settings", "time_limit_s"), "1e400", "number out of range"),
-    (("settings", "seed"), LONG, "integer value out of range"),
-    (("settings", "effort"), DEEP, "maximum recursion depth"),
-    (("problems", "paper"), '["../../x"]', "the field 'problems[...][0]' is wrong"),
-])
-def test_every_verb_that_opens_a_run_says_which_field_is_wrong(piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path,
-                                                               at: tuple[str, ...], token: str, said: str) -> None:
+@pytest.mark.parametrize(
+    ("at", "token", "said"),
+    [
+        (("race",), "[]", "the field 'race' is wrong: expected `str`, got `array`"),
+        (("settings",), '"x"', "the field 'settings' is wrong: expected `object`, got `str`"),
+        (("machine",), '"abacus"', "the field 'machine' is wrong: expected `object`, got `str`"),
+        (("settings", "rounds"), "-3", "rounds must be from 0"),
+        (("settings", "limit"), "-1", "the field 'limit' is wrong: expected `int` >= 0"),
+        (("settings", "time_limit_s"), "1e400", "number out of range"),
+        (("settings", "seed"), LONG, "integer value out of range"),
+        (("settings", "effort"), DEEP, "maximum recursion depth"),
+        (("problems", "paper"), '["../../x"]', "the field 'problems[...][0]' is wrong"),
+    ],
+)
+def test_every_verb_that_opens_a_run_says_which_field_is_wrong(
+    piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path, at: tuple[str, ...], token: str, said: str
+) -> None:
     path = run.path / "run.json"
     good = path.read_text()
     path.write_bytes(*spoiled(json.loads(good), at, token))
-    for words in (["report", run.path], ["resume", run.path], ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
-                  ["deploy", run.path, "--out", tmp_path / "d.json"]):
+    for words in (
+        ["report", run.path],
+        ["resume", run.path],
+        ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
+        ["deploy", run.path, "--out", tmp_path / "d.json"],
+    ):
         refusal = piezobench(*words).refusal
         assert f"{path}: " in refusal
         assert said in refusal
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("file", "read"), [("rows.parquet", lambda run: run.rows(ONESHOT)), ("times.parquet", Run.times),
-                                            ("sentinel.parquet", Run.looks)])
-def test_a_table_that_does_not_fit_is_refused_by_file_and_column(run: Run, file: str, read: Callable[[Run], Any]) -> None:
+@pytest.mark.parametrize(
+    ("file", "read"),
+    [("rows.parquet", lambda run: run.rows(ONESHOT)), ("times.parquet", Run.times), ("sentinel.parquet", Run.looks)],
+)
+def test_a_table_that_does_not_fit_is_refused_by_file_and_column(
+    run: Run, file: str, read: Callable[[Run], Any]
+) -> None:
     path = run.path / file
     whole = path.read_bytes()
     table, good = parquet.read_table(path), read(run)
     for what, other in spoiled_tables(table):
         parquet.write_table(other, path)
         if said := refusal(what, path, read, run, RunError):
-            assert what == "no rows" or "twice" in said or any(repr(name) in said for name in table.column_names), (what, said)
+            assert what == "no rows" or "twice" in said or any(repr(name) in said for name in table.column_names), (
+                what,
+                said,
+            )
         else:
             assert read(run).dtypes.equals(good.dtypes) or "nothing" in what or "no rows" in what, what
     for damaged in (b"", whole[:1000], whole[:4] + bytes(len(whole) - 8) + whole[-4:], b"PAR1" * 10):
@@ -162,20 +197,42 @@ def test_a_table_that_does_not_fit_is_refused_by_file_and_column(run: Run, file:
             read(run)
 
 
-@pytest.mark.parametrize(("spoil", "said"), [
-    (lambda table: table.slice(0, 0), "has no rows"), (lambda table: pa.concat_tables([table, table]), "is there twice"),
-    (lambda table: table.set_column(table.column_names.index("solver"), "solver", pa.array([1] * len(table))), "column 'solver' holds int64"),
-    (lambda table: table.set_column(table.column_names.index("settings"), "settings", pa.array(["{"] * len(table))),
-     "column 'settings' holds text that no settings are"),
-    (lambda table: table.set_column(table.column_names.index("lane"), "lane", pa.array(["x"] * len(table))),
-     "column 'lane' holds 'x' and not one of kernel"),
-])
-def test_every_verb_that_reads_rows_says_what_is_wrong_with_them(piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path,
-                                                                 spoil: Callable[[pa.Table], pa.Table], said: str) -> None:
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda table: table.slice(0, 0), "has no rows"),
+        (lambda table: pa.concat_tables([table, table]), "is there twice"),
+        (
+            lambda table: table.set_column(table.column_names.index("solver"), "solver", pa.array([1] * len(table))),
+            "column 'solver' holds int64",
+        ),
+        (
+            lambda table: table.set_column(
+                table.column_names.index("settings"), "settings", pa.array(["{"] * len(table))
+            ),
+            "column 'settings' holds text that no settings are",
+        ),
+        (
+            lambda table: table.set_column(table.column_names.index("lane"), "lane", pa.array(["x"] * len(table))),
+            "column 'lane' holds 'x' and not one of kernel",
+        ),
+    ],
+)
+def test_every_verb_that_reads_rows_says_what_is_wrong_with_them(
+    piezobench: CommandLine,
+    clean_race: Race,
+    run: Run,
+    tmp_path: Path,
+    spoil: Callable[[pa.Table], pa.Table],
+    said: str,
+) -> None:
     path = run.path / "rows.parquet"
     parquet.write_table(spoil(parquet.read_table(path)), path)
-    for words in (["report", run.path], ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
-                  ["deploy", run.path, "--out", tmp_path / "d.json"]):
+    for words in (
+        ["report", run.path],
+        ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
+        ["deploy", run.path, "--out", tmp_path / "d.json"],
+    ):
         refusal = piezobench(*words).refusal
         assert f"{path}: " in refusal
         assert said in refusal

@@ -1,4 +1,5 @@
-"""What a solver does that wants to look better than it is, and what is said of it; each is a file that is really raced."""
+"""What a solver does that wants to look better than it is, and what is said of it; each is a file that is really
+raced."""
 
 from __future__ import annotations
 
@@ -25,21 +26,58 @@ from solvers.certificate import certify
 from solvers.registry import Entry
 
 STATUS = {
-    "honest": Status.OK, "caches": Status.CACHED, "caches_at_some_setting": Status.CACHED,
-    "caches_and_falls": Status.CACHED, "keeps_for_its_other_settings": Status.OK,
-    "stale": Status.STALE, "lags": Status.STALE, "garbage": Status.ERRATIC,
-    "mends_later": Status.ERRATIC, "lazy": Status.LAZY, "looks": Status.PEEKED, "looks_into_memory": Status.PEEKED,
-    "patches_the_clock": Status.TAMPERED, "patches_and_mends": Status.TAMPERED, "patches_the_message": Status.TAMPERED,
-    "hooks": Status.TAMPERED, "sends_by_itself": Status.TAMPERED, "rewrites_times": Status.MISTIMED, "works_ahead": Status.MISTIMED,
-    "works_aside": Status.MISTIMED, "times_itself": Status.OK}
+    "honest": Status.OK,
+    "caches": Status.CACHED,
+    "caches_at_some_setting": Status.CACHED,
+    "caches_and_falls": Status.CACHED,
+    "keeps_for_its_other_settings": Status.OK,
+    "stale": Status.STALE,
+    "lags": Status.STALE,
+    "garbage": Status.ERRATIC,
+    "mends_later": Status.ERRATIC,
+    "lazy": Status.LAZY,
+    "looks": Status.PEEKED,
+    "looks_into_memory": Status.PEEKED,
+    "patches_the_clock": Status.TAMPERED,
+    "patches_and_mends": Status.TAMPERED,
+    "patches_the_message": Status.TAMPERED,
+    "hooks": Status.TAMPERED,
+    "sends_by_itself": Status.TAMPERED,
+    "rewrites_times": Status.MISTIMED,
+    "works_ahead": Status.MISTIMED,
+    "works_aside": Status.MISTIMED,
+    "times_itself": Status.OK,
+}
 
 
 @pytest.fixture(scope="module")
 def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("cheats")
     files = [word for path in cheating_solvers.write_all(folder) for word in ("--solver", path)]
-    call = piezobench("race", "--set", "paper", "--limit", 1, "--scaling", "scaled", "--rounds", 0, "--budget", 0.2,
-                      "--solver", "daqp", "--lane", "direct", "--lane", "kernel", "--out", folder, "--name", "cheats", *files)
+    call = piezobench(
+        "race",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--scaling",
+        "scaled",
+        "--rounds",
+        0,
+        "--budget",
+        0.2,
+        "--solver",
+        "daqp",
+        "--lane",
+        "direct",
+        "--lane",
+        "kernel",
+        "--out",
+        folder,
+        "--name",
+        "cheats",
+        *files,
+    )
     assert call.status == 0, call.stderr
     run = Run.open(folder / "cheats")
     return Race(run, run.rows(ONESHOT), call)
@@ -121,7 +159,8 @@ class WorksBeside(box_active_set.{cls}):
 
 @pytest.mark.parametrize(("beside_ns", "status"), [(0, None), (200_000, Status.MISTIMED)])
 def test_a_compiled_solver_that_works_while_its_loop_does_not_time_it_is_told_by_the_processor_time(
-        beside_ns: int, status: Status | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    beside_ns: int, status: Status | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     base = find("box_active_set", "kernel").load()
     (tmp_path / "works_beside.py").write_text(COMPILED.format(cls=base.__name__, beside_ns=beside_ns))
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -131,6 +170,8 @@ def test_a_compiled_solver_that_works_while_its_loop_does_not_time_it_is_told_by
     unit = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
     task = Task("none", "none", "scaled", entry.name, entry.lane, Setting('{"refinements": 2}', 1, False))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        outcome, tally = timed(child, idle, task, RaceProblem("none", "none", {"scaled": unit}), FreshData(unit, 300), Effort(0.0, 60, 60))
+        outcome, tally = timed(
+            child, idle, task, RaceProblem("none", "none", {"scaled": unit}), FreshData(unit, 300), Effort(0.0, 60, 60)
+        )
     assert outcome.failure == "", outcome.message
     assert (tally.fault and tally.fault[0]) == status

@@ -1,4 +1,5 @@
-"""Which setting a solver has in a stream or a loop, by tables that are written by hand, by a run and by the one that is shipped."""
+"""Which setting a solver has in a stream or a loop, by tables that are written by hand, by a run and by the one that is
+shipped."""
 
 import shutil
 from dataclasses import replace
@@ -39,7 +40,11 @@ def measured(gaps: list[float], **known: object) -> pd.DataFrame:
 
 
 def chosen(found: pd.DataFrame, solver: Described, tiers: tuple[Tier, ...] = TIERS) -> dict[Tier, tuple[int, str]]:
-    return {tier: (setting.rung, basis) for setting, its in choices(solver, tiers, found, "run").items() for tier, basis in its.items()}
+    return {
+        tier: (setting.rung, basis)
+        for setting, its in choices(solver, tiers, found, "run").items()
+        for tier, basis in its.items()
+    }
 
 
 # By a table.
@@ -47,17 +52,24 @@ def chosen(found: pd.DataFrame, solver: Described, tiers: tuple[Tier, ...] = TIE
 
 def test_each_tier_has_the_setting_that_stands_for_it_and_what_is_not_reached_the_tightest() -> None:
     assert chosen(measured([1e-5, 5e-11, 1e-11]), solver()) == {
-        Tier.DEFAULT: (-1, "default"), Tier.LOW: (0, "run"), Tier.HIGH: (1, "run"), Tier.EXACT: (2, "not reached")}
+        Tier.DEFAULT: (-1, "default"),
+        Tier.LOW: (0, "run"),
+        Tier.HIGH: (1, "run"),
+        Tier.EXACT: (2, "not reached"),
+    }
 
 
 def test_a_setting_that_stands_for_several_tiers_is_raced_once_and_each_keeps_its_grounds() -> None:
     found = choices(solver(unasked=RUNGS[2]), TIERS, measured([1e-2, 1e-2, 5e-11]), "run")
     assert [(setting.rung, basis) for setting, basis in found.items()] == [
-        (2, {Tier.DEFAULT: "default", Tier.LOW: "run", Tier.HIGH: "run", Tier.EXACT: "not reached"})]
+        (2, {Tier.DEFAULT: "default", Tier.LOW: "run", Tier.HIGH: "run", Tier.EXACT: "not reached"})
+    ]
 
 
 @pytest.mark.parametrize("known", [{"solver": "osqp"}, {"lane": "qpsolvers"}, {"scaling": "raw"}], ids=str)
-def test_what_the_table_does_not_know_in_scaled_data_and_this_lane_has_its_tightest_setting_untested(known: dict[str, str]) -> None:
+def test_what_the_table_does_not_know_in_scaled_data_and_this_lane_has_its_tightest_setting_untested(
+    known: dict[str, str],
+) -> None:
     tiers = (Tier.LOW, Tier.HIGH)
     assert chosen(measured([0.0, 0.0, 0.0], **known), solver(), tiers) == dict.fromkeys(tiers, (2, "untested"))
 
@@ -65,16 +77,25 @@ def test_what_the_table_does_not_know_in_scaled_data_and_this_lane_has_its_tight
 def test_where_a_ladder_has_changed_what_it_no_longer_has_is_untested_and_the_rest_is_kept() -> None:
     changed = solver(ladder=({"eps": 1e-3}, {"eps": 1e-8}, {"eps": 1e-14}))
     assert chosen(measured([1e-5, 5e-11, 1e-16]), changed) == {
-        Tier.DEFAULT: (-1, "default"), Tier.LOW: (2, "untested"), Tier.HIGH: (1, "run"), Tier.EXACT: (2, "untested")}
+        Tier.DEFAULT: (-1, "default"),
+        Tier.LOW: (2, "untested"),
+        Tier.HIGH: (1, "run"),
+        Tier.EXACT: (2, "untested"),
+    }
 
 
 def test_a_tier_that_was_not_judged_is_untested_and_not_called_out_of_reach() -> None:
-    assert chosen(measured([0.0, 0.0, 0.0]), solver(), (Tier.STAGE,)) == {Tier.STAGE: (2, "untested")}  # no problem says what its noise is
-    assert chosen(measured([0.0, 0.0, 0.0], noise_um=0.01, stage_excess=[1.0, 1e-4, 0.0]), solver(), (Tier.STAGE,)) == {Tier.STAGE: (1, "run")}
+    # no problem says what its noise is
+    assert chosen(measured([0.0, 0.0, 0.0]), solver(), (Tier.STAGE,)) == {Tier.STAGE: (2, "untested")}
+    assert chosen(measured([0.0, 0.0, 0.0], noise_um=0.01, stage_excess=[1.0, 1e-4, 0.0]), solver(), (Tier.STAGE,)) == {
+        Tier.STAGE: (1, "run")
+    }
 
 
 def test_a_file_of_ones_own_has_its_tightest_setting_untested(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text('from solvers.direct.osqp import Osqp as Theirs\n\n\nclass Mine(Theirs):\n    name = "mine"\n')
+    (tmp_path / "mine.py").write_text(
+        'from solvers.direct.osqp import Osqp as Theirs\n\n\nclass Mine(Theirs):\n    name = "mine"\n'
+    )
     mine = describe(from_file(tmp_path / "mine.py"))
     ((setting, basis),) = choices(mine, (Tier.LOW, Tier.HIGH), table_of("")[0], "reference").items()
     assert (setting, set(basis.values())) == (tightest(mine), {"untested"})
@@ -97,7 +118,9 @@ def test_the_settings_of_a_run_are_those_that_follow_from_its_rows(clean_race: R
     assert other == {Tier.HIGH: "untested"}  # which that run did not race
 
 
-def test_a_table_is_made_once_and_again_when_its_run_was_written_again(clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_is_made_once_and_again_when_its_run_was_written_again(
+    clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert table_of("")[0] is table_of("")[0]
     shutil.copytree(clean_race.run.path, tmp_path / "run")
     monkeypatch.chdir(tmp_path)
@@ -108,17 +131,23 @@ def test_a_table_is_made_once_and_again_when_its_run_was_written_again(clean_rac
     assert set(table_of("run")[0].solver) == {"osqp"}
 
 
-def test_a_run_that_has_no_settings_to_give_is_refused_in_a_sentence_before_anything_is_made(piezobench: CommandLine, clean_race: Race,
-                                                                                              tmp_path: Path) -> None:
+def test_a_run_that_has_no_settings_to_give_is_refused_in_a_sentence_before_anything_is_made(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
     shutil.copytree(clean_race.run.path, tmp_path / "unfinished")
     (tmp_path / "unfinished" / "rows.parquet").unlink()
     kinds()["stream"].start(tmp_path, kinds()["stream"].settings(), "stream")
     (tmp_path / "file").write_text("")
-    for run, said in (("unfinished", "has no rows.parquet: the run was not finished, so resume it"), ("file", "is not a run folder"),
-                      ("stream", "settings are taken from a one-shot race, and this is one of the kind 'stream'"),
-                      ("missing", "is not a run folder: it has no run.json")):
+    for run, said in (
+        ("unfinished", "has no rows.parquet: the run was not finished, so resume it"),
+        ("file", "is not a run folder"),
+        ("stream", "settings are taken from a one-shot race, and this is one of the kind 'stream'"),
+        ("missing", "is not a run folder: it has no run.json"),
+    ):
         for kind in ("stream", "loop"):
-            call = piezobench("race", "--race", kind, "--settings", run, "--solver", "daqp", "--out", "results", folder=tmp_path)
+            call = piezobench(
+                "race", "--race", kind, "--settings", run, "--solver", "daqp", "--out", "results", folder=tmp_path
+            )
             assert f"{tmp_path / run}" in call.refusal
             assert said in call.refusal
             assert not (tmp_path / "results").exists()
@@ -131,9 +160,30 @@ def test_a_run_without_scaled_data_is_refused(clean_race: Race, tmp_path: Path) 
         table_of(str(tmp_path / "raw"))
 
 
-def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
-    call = piezobench("race", "--race", "stream", "--samples", 200, "--lane", "direct", "--solver", "osqp", "--solver", "piqp", "--tier", "low",
-                      "--settings", clean_race.run.path, "--out", tmp_path, "--name", "stream")
+def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    call = piezobench(
+        "race",
+        "--race",
+        "stream",
+        "--samples",
+        200,
+        "--lane",
+        "direct",
+        "--solver",
+        "osqp",
+        "--solver",
+        "piqp",
+        "--tier",
+        "low",
+        "--settings",
+        clean_race.run.path,
+        "--out",
+        tmp_path,
+        "--name",
+        "stream",
+    )
     assert call.status == 0, call.stderr
     rows = Run.open(tmp_path / "stream").rows(kinds()["stream"].schema).set_index("solver")
     found = table_of(str(clean_race.run.path))[0].set_index(["scaling", "solver", "lane", "tier"]).setting
@@ -156,7 +206,8 @@ def test_what_is_shipped_says_of_each_of_our_exact_solvers_that_it_reaches_every
     for entry in ("box_active_set", "recursive_active_set"):
         known = describe(find(entry, "kernel"))
         assert chosen(found, known, (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)) == dict.fromkeys(
-            (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE), (settings_of(known)[-1].rung, "run"))
+            (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE), (settings_of(known)[-1].rung, "run")
+        )
 
 
 def test_what_is_written_to_be_shipped_gives_the_settings_of_the_run(clean_race: Race, tmp_path: Path) -> None:
@@ -169,4 +220,7 @@ def test_what_is_written_to_be_shipped_gives_the_settings_of_the_run(clean_race:
 
 def test_only_cold_answers_on_scaled_data_are_shipped() -> None:
     rows = table([row(), row(start="warm"), row(scaling="raw"), row(problem="p2")])
-    assert accuracy(rows)[["problem", "scaling", "start"]].to_numpy().tolist() == [["p1", "scaled", "cold"], ["p2", "scaled", "cold"]]
+    assert accuracy(rows)[["problem", "scaling", "start"]].to_numpy().tolist() == [
+        ["p1", "scaled", "cold"],
+        ["p2", "scaled", "cold"],
+    ]

@@ -49,8 +49,19 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def identified(piezobench: CommandLine, desk: Path) -> str:
     """What identify says; the model is on the desk afterwards."""
-    call = piezobench("identify", "stage.csv", "--time", "time_s", "--input", "voltage_V", "--output", "displacement_um",
-                      "--out", "model.json", folder=desk)
+    call = piezobench(
+        "identify",
+        "stage.csv",
+        "--time",
+        "time_s",
+        "--input",
+        "voltage_V",
+        "--output",
+        "displacement_um",
+        "--out",
+        "model.json",
+        folder=desk,
+    )
     assert (call.status, call.stderr) == (0, "")
     return call.stdout
 
@@ -71,7 +82,9 @@ def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help_that_says_what_it_does_and_what_its_options_are(piezobench: CommandLine, verb: str) -> None:
+def test_every_verb_has_help_that_says_what_it_does_and_what_its_options_are(
+    piezobench: CommandLine, verb: str
+) -> None:
     call = piezobench(verb, "--help")
     assert (call.status, call.stderr) == (0, "")
     assert call.stdout.startswith(f"Usage: piezobench {verb}")
@@ -97,30 +110,53 @@ def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> Non
         assert done.stderr == "piezobench report: nowhere is not a run folder: it has no run.json\n"
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["identif"], "piezobench: No such command 'identif'. Did you mean 'identify'?; see piezobench --help"),
-    (["--fast"], "piezobench: No such option: --fast; see piezobench --help"),
-    (["race", "--quick"], "piezobench race: No such option: --quick; see piezobench race --help"),
-    (["race", "--limit", "some"], "--limit"), (["race", "--limit", "-1"], "--limit"), (["race", "--tier", "best"], "'default', "),
-    (["race", "--lane", "fast"], "'kernel', 'direct'"), (["resume"], "Missing argument 'run'"),
-    (["report"], "Missing argument 'run'"), (["identify"], "Missing argument 'recording'"),
-    (["identify", "stage.csv"], "Missing option '--out'"), (["compensate", "model.json"], "Missing argument 'reference'"),
-    (["problems", "more"], "more"),
-])
-def test_wrong_usage_is_one_sentence_that_names_the_verb(piezobench: CommandLine, desk: Path, words: list[str],
-                                                         said: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["identif"], "piezobench: No such command 'identif'. Did you mean 'identify'?; see piezobench --help"),
+        (["--fast"], "piezobench: No such option: --fast; see piezobench --help"),
+        (["race", "--quick"], "piezobench race: No such option: --quick; see piezobench race --help"),
+        (["race", "--limit", "some"], "--limit"),
+        (["race", "--limit", "-1"], "--limit"),
+        (["race", "--tier", "best"], "'default', "),
+        (["race", "--lane", "fast"], "'kernel', 'direct'"),
+        (["resume"], "Missing argument 'run'"),
+        (["report"], "Missing argument 'run'"),
+        (["identify"], "Missing argument 'recording'"),
+        (["identify", "stage.csv"], "Missing option '--out'"),
+        (["compensate", "model.json"], "Missing argument 'reference'"),
+        (["problems", "more"], "more"),
+    ],
+)
+def test_wrong_usage_is_one_sentence_that_names_the_verb(
+    piezobench: CommandLine, desk: Path, words: list[str], said: str
+) -> None:
     assert said in refused(piezobench, desk, *words)
 
 
-@pytest.mark.parametrize("words", [("problems",), ("problems", "--json"), ("solvers", "--json"), ("--help",)], ids=" ".join)
-@pytest.mark.parametrize(("to", "said"), [
-    (">&-", "standard output is closed; send it to a file, or to /dev/null"),
-    ("| true", "standard output cannot be written (Broken pipe)"),
-    ("> /dev/full", "standard output cannot be written (No space left on device)")])
-def test_an_output_that_takes_nothing_is_one_sentence(tmp_path: Path, words: tuple[str, ...], to: str, said: str) -> None:
+@pytest.mark.parametrize(
+    "words", [("problems",), ("problems", "--json"), ("solvers", "--json"), ("--help",)], ids=" ".join
+)
+@pytest.mark.parametrize(
+    ("to", "said"),
+    [
+        (">&-", "standard output is closed; send it to a file, or to /dev/null"),
+        ("| true", "standard output cannot be written (Broken pipe)"),
+        ("> /dev/full", "standard output cannot be written (No space left on device)"),
+    ],
+)
+def test_an_output_that_takes_nothing_is_one_sentence(
+    tmp_path: Path, words: tuple[str, ...], to: str, said: str
+) -> None:
     shell = f'set -o pipefail; "$PYTHON" -m bench {" ".join(words)} {to}'
-    done = subprocess.run(["bash", "-c", shell], cwd=tmp_path, capture_output=True, text=True, check=False,
-                          env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)})
+    done = subprocess.run(
+        ["bash", "-c", shell],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(rf"piezobench( \w+)?: {re.escape(said)}\n", done.stderr)
 
@@ -128,8 +164,14 @@ def test_an_output_that_takes_nothing_is_one_sentence(tmp_path: Path, words: tup
 @pytest.mark.parametrize("closed", ["2>&-", "<&-", "<&- 2>&-"])
 def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_path: Path, closed: str) -> None:
     def call(words: str, closed: str = "") -> tuple[int, str]:
-        done = subprocess.run(["bash", "-c", f'"$PYTHON" -m bench {words} {closed}'], cwd=tmp_path, capture_output=True, text=True, check=False,
-                              env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)})
+        done = subprocess.run(
+            ["bash", "-c", f'"$PYTHON" -m bench {words} {closed}'],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)},
+        )
         return done.returncode, done.stdout
 
     assert call("problems", closed) == call("problems")
@@ -140,12 +182,37 @@ def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_pa
 
 EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory")
 OF_PROBLEMS = {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "limit", "budget", "repeats"}
-READS = {"oneshot": OF_PROBLEMS | {"rounds"}, "anytime": OF_PROBLEMS | {"rounds"}, "stream": {"tier", "settings", "repeats", "samples"},
-         "loop": {"tier", "settings", "repeats"}, "batch": {"limit", "budget", "largest", "turns"}}
+READS = {
+    "oneshot": OF_PROBLEMS | {"rounds"},
+    "anytime": OF_PROBLEMS | {"rounds"},
+    "stream": {"tier", "settings", "repeats", "samples"},
+    "loop": {"tier", "settings", "repeats"},
+    "batch": {"limit", "budget", "largest", "turns"},
+}
 """What each kind of race goes by beside what every one does."""
-VALUES = {"set": "paper", "recording": "stage.csv", "time": "time_s", "sheet": "one", "folder": ".", "test-set": "some.py", "scaling": "raw",
-          "tier": "high", "settings": "run", "budget": 0.005, "repeats": 1, "rounds": 0, "samples": 100, "largest": 4, "turns": 1,
-          "solver": "nobody", "lane": "direct", "seed": 1, "time-limit": 5, "memory": 64, "limit": 1}
+VALUES = {
+    "set": "paper",
+    "recording": "stage.csv",
+    "time": "time_s",
+    "sheet": "one",
+    "folder": ".",
+    "test-set": "some.py",
+    "scaling": "raw",
+    "tier": "high",
+    "settings": "run",
+    "budget": 0.005,
+    "repeats": 1,
+    "rounds": 0,
+    "samples": 100,
+    "largest": 4,
+    "turns": 1,
+    "solver": "nobody",
+    "lane": "direct",
+    "seed": 1,
+    "time-limit": 5,
+    "memory": 64,
+    "limit": 1,
+}
 
 
 def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
@@ -155,65 +222,113 @@ def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
     settings = {name.replace("_", "-") for name in own_options()}
     assert settings <= known
     assert {option.replace("_", "-").replace("problem-set", "set") for option in SETTING_OF} - {
-        "input", "output", "input-unit", "output-unit", "resample", "sample-time", "sample-rate", "header-row",
-        "decimal"} <= known  # these go with time and sheet
+        "input",
+        "output",
+        "input-unit",
+        "output-unit",
+        "resample",
+        "sample-time",
+        "sample-rate",
+        "header-row",
+        "decimal",
+    } <= known  # these go with time and sheet
 
 
 @pytest.mark.parametrize("option", VALUES)
 @pytest.mark.parametrize("kind", READS)
-def test_an_option_that_a_race_does_not_go_by_is_refused_and_no_other(piezobench: CommandLine, desk: Path, kind: str, option: str) -> None:
+def test_an_option_that_a_race_does_not_go_by_is_refused_and_no_other(
+    piezobench: CommandLine, desk: Path, kind: str, option: str
+) -> None:
     said = refused(piezobench, desk, "race", "--race", kind, f"--{option}", VALUES[option], "--solver", "nobody")
     users = [name for name in kinds() if option in READS[name]]
     unused = f"Invalid value for --{option}: is for the race {' or '.join(users)}; the race {kind} does not use it"
     assert (unused in said) == (option not in READS[kind] and option not in EVERY_RACE)
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["race", "--set", "paper", "--recording", "stage.csv"], "--recording is for the problem set recorded, and not for paper"),
-    (["race", "--input", "voltage_V"], "--input is for the problem set recorded, and not for paper and measured"),
-    (["race", "--workers", 2, "--backend", "dask", "--scheduler", "tcp://here:1"], "--workers counts those of this machine"),
-    (["problems", "--limit", 2], "--limit: needs problems; name a --set, or a folder with --from"),
-    (["problems", "--set", "paper", "--folder", "."], "--folder is for the problem set foreign, and not for paper"),
-    (["problems", "--set", "paper", "--work", 1e9], "--work is for the problem set foreign or test_set, and not for paper"),
-    (["problems", "--from", ".", "--seed", 0], "--seed: is for making problems"),
-    (["identify", "stage.csv", "--out", "other.json", "--workers", 2], "--workers: is for many recordings, with --out-dir"),
-    (["compensate", "model.json", "path.csv", "--out", "drive.csv", "--backend", "local"], "--backend: is for many recordings, with --out-dir"),
-    (["validate", "model.json", "stage.csv", "--scheduler", "tcp://here:1"], "--scheduler: is for many recordings, with --out-dir"),
-    (["deploy", "run", "--model", "model.json", "--simulated"], "--simulated: says which model of the run is taken"),
-    (["export-c", "model.json", "c", "--solver", "box_active_set"], "--solver: is for --part learning"),
-], ids=str)
-def test_an_option_that_goes_with_another_is_refused_without_it(piezobench: CommandLine, desk: Path, words: list[object], said: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["race", "--set", "paper", "--recording", "stage.csv"],
+            "--recording is for the problem set recorded, and not for paper",
+        ),
+        (["race", "--input", "voltage_V"], "--input is for the problem set recorded, and not for paper and measured"),
+        (
+            ["race", "--workers", 2, "--backend", "dask", "--scheduler", "tcp://here:1"],
+            "--workers counts those of this machine",
+        ),
+        (["problems", "--limit", 2], "--limit: needs problems; name a --set, or a folder with --from"),
+        (["problems", "--set", "paper", "--folder", "."], "--folder is for the problem set foreign, and not for paper"),
+        (
+            ["problems", "--set", "paper", "--work", 1e9],
+            "--work is for the problem set foreign or test_set, and not for paper",
+        ),
+        (["problems", "--from", ".", "--seed", 0], "--seed: is for making problems"),
+        (
+            ["identify", "stage.csv", "--out", "other.json", "--workers", 2],
+            "--workers: is for many recordings, with --out-dir",
+        ),
+        (
+            ["compensate", "model.json", "path.csv", "--out", "drive.csv", "--backend", "local"],
+            "--backend: is for many recordings, with --out-dir",
+        ),
+        (
+            ["validate", "model.json", "stage.csv", "--scheduler", "tcp://here:1"],
+            "--scheduler: is for many recordings, with --out-dir",
+        ),
+        (
+            ["deploy", "run", "--model", "model.json", "--simulated"],
+            "--simulated: says which model of the run is taken",
+        ),
+        (["export-c", "model.json", "c", "--solver", "box_active_set"], "--solver: is for --part learning"),
+    ],
+    ids=str,
+)
+def test_an_option_that_goes_with_another_is_refused_without_it(
+    piezobench: CommandLine, desk: Path, words: list[object], said: str
+) -> None:
     assert said in refused(piezobench, desk, *words)
 
 
 # Identify.
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (["--input", "volts"], ["stage.csv", "volts", "voltage_V"]),
-    (["--time", "seconds"], ["stage.csv", "seconds", "time_s"]),
-    (["--output", "voltage_V", "--input", "voltage_V"], ["stage.csv", "voltage_V"]),
-    (["--solver", "best"], ["no solver 'best'", "box_active_set"]),
-    (["--rates", "1,fast"], ["'1,fast'", "--rates"]),
-    (["--n", "-1"], ["--n"]),
-    (["--n", "many"], ["--n"]),
-    (["--skip", "8000"], ["skip"]),
-    (["--sheet", "Messung 1"], ["stage.csv", "plain text", "sheet"]),
-    (["--time", "time_s", "--sample-time", "0.001"], ["stage.csv", "time_s", "give one of the two"]),
-    (["--lag", "later"], ["--lag"]),
-])
-def test_identify_refuses_an_option_that_the_recording_cannot_meet(piezobench: CommandLine, desk: Path, options: list[str],
-                                                                   said: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--input", "volts"], ["stage.csv", "volts", "voltage_V"]),
+        (["--time", "seconds"], ["stage.csv", "seconds", "time_s"]),
+        (["--output", "voltage_V", "--input", "voltage_V"], ["stage.csv", "voltage_V"]),
+        (["--solver", "best"], ["no solver 'best'", "box_active_set"]),
+        (["--rates", "1,fast"], ["'1,fast'", "--rates"]),
+        (["--n", "-1"], ["--n"]),
+        (["--n", "many"], ["--n"]),
+        (["--skip", "8000"], ["skip"]),
+        (["--sheet", "Messung 1"], ["stage.csv", "plain text", "sheet"]),
+        (["--time", "time_s", "--sample-time", "0.001"], ["stage.csv", "time_s", "give one of the two"]),
+        (["--lag", "later"], ["--lag"]),
+    ],
+)
+def test_identify_refuses_an_option_that_the_recording_cannot_meet(
+    piezobench: CommandLine, desk: Path, options: list[str], said: list[str]
+) -> None:
     sentence = refused(piezobench, desk, "identify", "stage.csv", "--out", "other.json", *options)
     assert all(word in sentence for word in said), sentence
 
 
-def test_identify_refuses_a_bad_recording_and_says_where_it_is_bad(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_identify_refuses_a_bad_recording_and_says_where_it_is_bad(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
     header, *rows = (desk / "stage.csv").read_text().splitlines()
     (tmp_path / "two.csv").write_text("\n".join([header, *rows[:2]]))
     (tmp_path / "text.csv").write_text("\n".join([header, *rows[:69], f"{rows[69].split(',')[0]},high,1", *rows[70:]]))
     (tmp_path / "stage.xlsx").write_bytes(b"PK")
-    for name, said in (("two.csv", ["2 "]), ("text.csv", ["voltage_V", "high", "data row 70"]), ("stage.xlsx", []), ("missing.csv", [])):
+    for name, said in (
+        ("two.csv", ["2 "]),
+        ("text.csv", ["voltage_V", "high", "data row 70"]),
+        ("stage.xlsx", []),
+        ("missing.csv", []),
+    ):
         sentence = refused(piezobench, tmp_path, "identify", name, "--out", "model.json")
         assert all(word in sentence for word in (name, *said)), sentence
 
@@ -221,34 +336,47 @@ def test_identify_refuses_a_bad_recording_and_says_where_it_is_bad(piezobench: C
 # Compensate.
 
 
-def test_compensate_refuses_a_damaged_model(piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path) -> None:
+def test_compensate_refuses_a_damaged_model(
+    piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path
+) -> None:
     whole = (desk / "model.json").read_text()
-    (tmp_path / "model.json").write_text(whole[:len(whole) // 2])
-    assert "model.json" in refused(piezobench, tmp_path, "compensate", "model.json", desk / "path.csv", "--out", "drive.csv")
+    (tmp_path / "model.json").write_text(whole[: len(whole) // 2])
+    assert "model.json" in refused(
+        piezobench, tmp_path, "compensate", "model.json", desk / "path.csv", "--out", "drive.csv"
+    )
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (["--reference", "path"], ["path.csv", "path", "reference_um"]),
-    (["--time", "seconds"], ["path.csv", "seconds"]),
-    (["--low", "100", "--high", "50"], ["100", "50"]),
-    (["--low", "nan"], ["nan"]),
-    (["--rate-limit", "0"], ["--rate-limit", "positive"]),
-    (["--rate-limit", "nan"], ["--rate-limit"]),
-])
-def test_compensate_refuses_an_option_that_makes_no_sense(piezobench: CommandLine, desk: Path, identified: str,
-                                                          options: list[str], said: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--reference", "path"], ["path.csv", "path", "reference_um"]),
+        (["--time", "seconds"], ["path.csv", "seconds"]),
+        (["--low", "100", "--high", "50"], ["100", "50"]),
+        (["--low", "nan"], ["nan"]),
+        (["--rate-limit", "0"], ["--rate-limit", "positive"]),
+        (["--rate-limit", "nan"], ["--rate-limit"]),
+    ],
+)
+def test_compensate_refuses_an_option_that_makes_no_sense(
+    piezobench: CommandLine, desk: Path, identified: str, options: list[str], said: list[str]
+) -> None:
     sentence = refused(piezobench, desk, "compensate", "model.json", "path.csv", "--out", "drive.csv", *options)
     assert all(word in sentence for word in said), sentence
 
 
-def test_compensate_refuses_a_reference_that_does_not_go_with_the_model(piezobench: CommandLine, desk: Path,
-                                                                        identified: str, tmp_path: Path) -> None:
+def test_compensate_refuses_a_reference_that_does_not_go_with_the_model(
+    piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path
+) -> None:
     t = np.arange(100) * SAMPLE_TIME
     write_table(tmp_path / "slow.csv", {"time_s": 2 * t, "reference_um": t})
     write_table(tmp_path / "nm.csv", {"time_s": t, "reference_nm": t})
     (tmp_path / "nan.csv").write_text("time_s,reference_um\n0,1\n0.001,NaN\n0.002,1\n")
-    for name, said in (("slow.csv", "every 0.002 s"), ("nm.csv", "in nm"), ("nan.csv", "data row 2"),
-                       ("missing.csv", "no such file")):
+    for name, said in (
+        ("slow.csv", "every 0.002 s"),
+        ("nm.csv", "in nm"),
+        ("nan.csv", "data row 2"),
+        ("missing.csv", "no such file"),
+    ):
         sentence = refused(piezobench, tmp_path, "compensate", desk / "model.json", name, "--out", "drive.csv")
         assert name in sentence
         assert said in sentence
@@ -258,18 +386,24 @@ def test_compensate_refuses_a_reference_that_does_not_go_with_the_model(piezoben
 
 
 @pytest.mark.parametrize("verb", ["identify", "compensate"])
-def test_an_output_that_cannot_be_written_is_refused_before_the_work(piezobench: CommandLine, desk: Path, identified: str,
-                                                                     verb: str) -> None:
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
+    piezobench: CommandLine, desk: Path, identified: str, verb: str
+) -> None:
     arguments = {"identify": ["stage.csv"], "compensate": ["model.json", "path.csv"]}[verb]
-    for out, said in (("nowhere/out.csv", "the folder nowhere does not exist"), (".", "is a folder"),
-                      ("/dev/null", "is no ordinary file"), ("stage.csv/out.csv", "the folder stage.csv does not exist")):
+    for out, said in (
+        ("nowhere/out.csv", "the folder nowhere does not exist"),
+        (".", "is a folder"),
+        ("/dev/null", "is no ordinary file"),
+        ("stage.csv/out.csv", "the folder stage.csv does not exist"),
+    ):
         assert said in refused(piezobench, desk, verb, *arguments, "--out", out)
     assert Path("/dev/null").is_char_device()
 
 
 @pytest.mark.parametrize("verb", ["identify", "compensate"])
-def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(piezobench: CommandLine, desk: Path, identified: str,
-                                                             tmp_path: Path, verb: str) -> None:
+def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
+    piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path, verb: str
+) -> None:
     for name in ("stage.csv", "path.csv", "model.json"):
         shutil.copy(desk / name, tmp_path)
     (tmp_path / "out.csv").write_text("old")
@@ -282,24 +416,30 @@ def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(piezobench: Command
     assert (tmp_path / "out.csv").read_text() == "old"
 
 
-def test_compensate_refuses_a_format_that_it_does_not_write(piezobench: CommandLine, desk: Path, identified: str) -> None:
+def test_compensate_refuses_a_format_that_it_does_not_write(
+    piezobench: CommandLine, desk: Path, identified: str
+) -> None:
     assert "drive.xlsx" in refused(piezobench, desk, "compensate", "model.json", "path.csv", "--out", "drive.xlsx")
 
 
 # Races.
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (["--solver", "best"], ["no solver 'best'", "daqp"]),
-    (["--solver", "best.py"], ["best.py", "not a file"]),
-    (["--set", "hard"], ["no problem set 'hard'", "paper"]),
-    (["--name", "a/b"], ["a/b"]),
-    (["--out", "file"], ["file"]),
-    (["--out", "/proc/results"], ["/proc/results"]),
-    (["--out", "done/..", "--name", "done"], ["done", "is there already"]),
-])
-def test_race_refuses_what_it_cannot_race(piezobench: CommandLine, tmp_path: Path, options: list[str],
-                                          said: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--solver", "best"], ["no solver 'best'", "daqp"]),
+        (["--solver", "best.py"], ["best.py", "not a file"]),
+        (["--set", "hard"], ["no problem set 'hard'", "paper"]),
+        (["--name", "a/b"], ["a/b"]),
+        (["--out", "file"], ["file"]),
+        (["--out", "/proc/results"], ["/proc/results"]),
+        (["--out", "done/..", "--name", "done"], ["done", "is there already"]),
+    ],
+)
+def test_race_refuses_what_it_cannot_race(
+    piezobench: CommandLine, tmp_path: Path, options: list[str], said: list[str]
+) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "done").mkdir()
     sentence = refused(piezobench, tmp_path, "race", "--limit", 1, "--lane", "direct", "--solver", "daqp", *options)
@@ -307,8 +447,9 @@ def test_race_refuses_what_it_cannot_race(piezobench: CommandLine, tmp_path: Pat
 
 
 def test_race_refuses_a_solver_in_a_lane_that_it_is_not_in(piezobench: CommandLine, tmp_path: Path) -> None:
-    assert "no solver of those asked for is in the lane kernel" in refused(piezobench, tmp_path, "race", "--lane", "kernel",
-                                                                          "--solver", "clarabel")
+    assert "no solver of those asked for is in the lane kernel" in refused(
+        piezobench, tmp_path, "race", "--lane", "kernel", "--solver", "clarabel"
+    )
 
 
 @pytest.mark.parametrize("verb", ["report", "resume"])
@@ -323,11 +464,13 @@ def test_report_and_resume_refuse_a_folder_that_is_no_run(piezobench: CommandLin
         assert name in refused(piezobench, tmp_path, verb, name)
 
 
-@pytest.mark.parametrize("words", [("report", "other"), ("resume", "other"), ("deploy", "other"), ("compare", "run", "other")], ids=str)
+@pytest.mark.parametrize(
+    "words", [("report", "other"), ("resume", "other"), ("deploy", "other"), ("compare", "run", "other")], ids=str
+)
 @pytest.mark.parametrize("version", [{"version": 2}, {"version": 4}, {}], ids=str)
 def test_a_run_of_another_version_is_refused_and_one_that_says_none_is_of_the_first(
-        piezobench: CommandLine, clean_race: Race, tmp_path: Path, words: tuple[str, ...],
-        version: dict[str, int]) -> None:
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path, words: tuple[str, ...], version: dict[str, int]
+) -> None:
     settings = clean_race.run.settings
     assert settings.pop("version") == 3
     for name, said in (("run", {"version": 3}), ("other", version)):
@@ -337,8 +480,9 @@ def test_a_run_of_another_version_is_refused_and_one_that_says_none_is_of_the_fi
     assert said_of_it in refused(piezobench, tmp_path, *words)
 
 
-def test_report_on_a_race_that_was_not_finished_says_to_resume_it(piezobench: CommandLine, clean_race: Race,
-                                                                 tmp_path: Path) -> None:
+def test_report_on_a_race_that_was_not_finished_says_to_resume_it(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
     shutil.copytree(clean_race.run.path, tmp_path / "run")
     (tmp_path / "run" / "rows.parquet").unlink()
     assert "resume it" in refused(piezobench, tmp_path, "report", "run")
@@ -370,8 +514,9 @@ def test_a_race_says_first_who_is_right_and_last_where_the_report_is(clean_race:
 
 
 @pytest.mark.parametrize(("limit", "there_are"), [(1, {"measured": 3}), (0, None)])
-def test_a_race_that_leaves_problems_out_by_its_limit_notes_how_many_there_are(limit: int, there_are: dict[str, int] | None,
-                                                                               tmp_path: Path) -> None:
+def test_a_race_that_leaves_problems_out_by_its_limit_notes_how_many_there_are(
+    limit: int, there_are: dict[str, int] | None, tmp_path: Path
+) -> None:
     settings = OneshotSettings(problem_sets=("measured",), solvers=("daqp",), limit=limit)
     run = kinds()["oneshot"].start(tmp_path, settings, "run")
     assert len(list(problems_of(run, settings, silent))) == (limit or 3)
@@ -398,8 +543,9 @@ def test_identify_says_what_it_found_and_writes_a_model(identified: str, desk: P
     assert (model.structure.input_unit, model.structure.output_unit) == ("V", "um")
 
 
-def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line(piezobench: CommandLine, desk: Path,
-                                                                               identified: str) -> None:
+def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line(
+    piezobench: CommandLine, desk: Path, identified: str
+) -> None:
     call = piezobench("compensate", "model.json", "path.csv", "--out", "drive.csv", folder=desk)
     assert (call.status, call.stderr) == (0, "")
     assert call.stdout.splitlines()[-1] == "Drive: drive.csv"
@@ -421,10 +567,14 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
     assert errors[0] < 0.3 * errors[1], errors
 
 
-def test_validate_and_simulate_take_a_model_to_other_data(piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path) -> None:
+def test_validate_and_simulate_take_a_model_to_other_data(
+    piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path
+) -> None:
     x = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1)[:3000, 1]
     y = actuator().run(x[::-1]) + 2.0
-    write_table(tmp_path / "other.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x[::-1], "displacement_um": y})
+    write_table(
+        tmp_path / "other.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x[::-1], "displacement_um": y}
+    )
     call = piezobench("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
     assert (call.status, call.stderr) == (0, "")
     assert "with this model on this recording" in call.stdout
@@ -438,10 +588,14 @@ def test_validate_and_simulate_take_a_model_to_other_data(piezobench: CommandLin
     np.testing.assert_allclose(found, model.simulate(x[::-1], model.initial_state()), rtol=1e-12)
 
 
-def test_what_the_model_does_not_describe_gives_status_two_and_no_model_unless_forced(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_what_the_model_does_not_describe_gives_status_two_and_no_model_unless_forced(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
     k = np.arange(4000)
     noise = np.random.default_rng(0).standard_normal(k.size)
-    write_table(tmp_path / "noise.csv", {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": noise})
+    write_table(
+        tmp_path / "noise.csv", {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": noise}
+    )
     call = piezobench("identify", "noise.csv", "--out", "model.json", folder=tmp_path)
     assert call.status == 2
     assert "noise.csv: the output is noise that does not follow the drive" in call.stderr

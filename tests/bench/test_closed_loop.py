@@ -21,8 +21,14 @@ from bench.store import Run
 from solvers import Lane, Tier, find
 from solvers.protocol import setting_text
 
-SETTINGS = LoopSettings(solvers=("box_active_set", "daqp", PAPER, "scipy_nnls"), lanes=(Lane.KERNEL, Lane.DIRECT),
-                        tiers=(Tier.HIGH,), quick=True, windows=3, learn_steps=(1, 1000))
+SETTINGS = LoopSettings(
+    solvers=("box_active_set", "daqp", PAPER, "scipy_nnls"),
+    lanes=(Lane.KERNEL, Lane.DIRECT),
+    tiers=(Tier.HIGH,),
+    quick=True,
+    windows=3,
+    learn_steps=(1, 1000),
+)
 STEPS_1, STEPS_1000 = '{"steps": 1}', '{"steps": 1000}'
 
 
@@ -132,8 +138,15 @@ def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
 
 
 def test_a_process_that_fails_gives_one_row_a_tier_that_says_how(run: Run) -> None:
-    task = Task(closed_loop.KIND, STILL, "scaled", "daqp", Lane.DIRECT, Setting('{"tolerance": 1e-12}', 3, False),
-                basis={Tier.HIGH: "reference", Tier.EXACT: "not reached"})
+    task = Task(
+        closed_loop.KIND,
+        STILL,
+        "scaled",
+        "daqp",
+        Lane.DIRECT,
+        Setting('{"tolerance": 1e-12}', 3, False),
+        basis={Tier.HIGH: "reference", Tier.EXACT: "not reached"},
+    )
     rows = LoopRace(run, SETTINGS, silent).rows(task, Outcome("crashed", "the process ended with SIGSEGV"))
     for row in rows:
         assert set(LOOP.columns) <= set(row)
@@ -146,7 +159,11 @@ def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: 
     assert kind_of(run) is kinds()["loop"]
     _, path = kind_of(run).write(run)
     text = path.read_text(encoding="utf-8")
-    assert re.search(r"On the still stage \d of \d learners are within 10 % of the least error, .* nm RMS, .*; on the drifting stage", text)
+    assert re.search(
+        r"On the still stage \d of \d learners are within 10 % of the least error, .* nm RMS, .*; on the "
+        r"drifting stage",
+        text,
+    )
     assert "projected_difference†, steps 1000" in text
     assert "scipy_nnls" in text.split("What went wrong")[1]
     assert "<svg" in (run.path / "loop.svg").read_text(encoding="utf-8")
@@ -166,7 +183,9 @@ class Mine(Theirs):
 
 def test_a_solver_file_of_ones_own_races_in_the_loop(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OWN)
-    settings = replace(SETTINGS, solvers=("daqp",), lanes=(Lane.DIRECT,), windows=1, solver_files=(str(tmp_path / "mine.py"),))
+    settings = replace(
+        SETTINGS, solvers=("daqp",), lanes=(Lane.DIRECT,), windows=1, solver_files=(str(tmp_path / "mine.py"),)
+    )
     started = kinds()["loop"].start(tmp_path, settings, "own")
     kinds()["loop"].carry_on(started, silent)
     rows = started.rows(LOOP)

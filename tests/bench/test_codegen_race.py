@@ -14,8 +14,29 @@ from solvers import Lane, find
 
 @pytest.mark.needs("gcc")
 def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine, tmp_path: Path) -> None:
-    done = piezobench("race", "--lane", "codegen", "--solver", "box_active_set", "--solver", "osqp", "--set", "paper", "--limit", 1,
-                      "--scaling", "scaled", "--budget", 0.002, "--rounds", 3, "--out", tmp_path, "--name", "run")
+    done = piezobench(
+        "race",
+        "--lane",
+        "codegen",
+        "--solver",
+        "box_active_set",
+        "--solver",
+        "osqp",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--scaling",
+        "scaled",
+        "--budget",
+        0.002,
+        "--rounds",
+        3,
+        "--out",
+        tmp_path,
+        "--name",
+        "run",
+    )
     assert done.status == 0, done.stderr
     run = Run.open(tmp_path / "run")
     rows = run.rows(ONESHOT)
@@ -27,7 +48,8 @@ def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine,
     assert rows.cost_gap["osqp"].min() < 1e-5
     assert (rows.update_us > 0).all()
     assert rows.interleaved_us_p50["box_active_set"] > 0
-    assert rows.interleaved_us_p50["osqp"].notna().sum() <= 1  # at one setting, and none where that takes over a millisecond
+    # at one setting, and none where that takes over a millisecond
+    assert rows.interleaved_us_p50["osqp"].notna().sum() <= 1
     assert np.isfinite(rows.solve_us_p50).all()
     versions = run.settings["field"]
     assert all("-O3 -march=native -ffp-contract=fast" in versions[f"{name} (codegen)"] for name in set(rows.index))

@@ -1,4 +1,5 @@
-"""Comparisons of runs: a run with itself, with one in which a solver was slowed, with a copy in which something changed."""
+"""Comparisons of runs: a run with itself, with one in which a solver was slowed, with a copy in which something
+changed."""
 
 import json
 import re
@@ -37,7 +38,10 @@ def of_solver(rows: pd.DataFrame) -> pd.Series:
 def times_longer(folder: Path, which: Callable[[pd.DataFrame], pd.Series], factor: float) -> None:
     rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
     tasks = set(rows[which(rows)].task)
-    times["ns"] = [np.round(factor * ns).astype(np.int64) if task in tasks else ns for task, ns in zip(times.task, times.ns, strict=True)]
+    times["ns"] = [
+        np.round(factor * ns).astype(np.int64) if task in tasks else ns
+        for task, ns in zip(times.task, times.ns, strict=True)
+    ]
     times.to_parquet(folder / "times.parquet")
 
 
@@ -93,7 +97,9 @@ def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_rac
 
 
 def test_a_comparison_fits_on_a_screen(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    other = copied(wide_race, tmp_path / "elsewhere", lambda folder: other_settings(folder) or slower(folder) or without(folder))
+    other = copied(
+        wide_race, tmp_path / "elsewhere", lambda folder: other_settings(folder) or slower(folder) or without(folder)
+    )
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c")
     assert len(call.stdout.splitlines()) <= 40
     assert max(map(len, call.stdout.splitlines()[:-1])) <= 100
@@ -101,19 +107,49 @@ def test_a_comparison_fits_on_a_screen(piezobench: CommandLine, wide_race: Race,
 
 @pytest.fixture(scope="module")
 def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two races of a small field and a solver of one's own, which in the second one waits twice as long again as it works."""
+    """Two races of a small field and a solver of one's own, which in the second one waits twice as long again as it
+    works."""
     folder, words = tmp_path_factory.mktemp("slowed"), []
-    for solver in ("daqp", "quadprog", "clarabel", "piqp", *that_load("proxsuite"), "qpalm", "scs", "osqp", "box_active_set"):
+    for solver in (
+        "daqp",
+        "quadprog",
+        "clarabel",
+        "piqp",
+        *that_load("proxsuite"),
+        "qpalm",
+        "scs",
+        "osqp",
+        "box_active_set",
+    ):
         words += ["--solver", solver]
     for name, factor in (("before", 1.0), ("after", 3.0)):
-        call = piezobench("race", *words, "--solver", slowed_solver.write(folder / name, factor), "--lane", "direct", "--scaling",
-                          "scaled", "--limit", 3, "--budget", 0.002, "--repeats", 2, "--name", name, "--out", folder / "runs")
+        call = piezobench(
+            "race",
+            *words,
+            "--solver",
+            slowed_solver.write(folder / name, factor),
+            "--lane",
+            "direct",
+            "--scaling",
+            "scaled",
+            "--limit",
+            3,
+            "--budget",
+            0.002,
+            "--repeats",
+            2,
+            "--name",
+            name,
+            "--out",
+            folder / "runs",
+        )
         assert call.status == 0, call.stderr
     return folder / "runs" / "before", folder / "runs" / "after"
 
 
 def test_a_solver_that_waits_is_found_between_two_races_and_no_other(
-        piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path) -> None:
+    piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path
+) -> None:
     before, after = slowed_races
     call = piezobench("compare", before, after, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 3, call.stdout
@@ -122,7 +158,8 @@ def test_a_solver_that_waits_is_found_between_two_races_and_no_other(
 
 
 def test_between_the_same_races_the_other_way_round_nothing_is_worse(
-        piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path) -> None:
+    piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path
+) -> None:
     words = ("compare", *reversed(slowed_races), "--out", tmp_path / "c", "--fail-on")
     assert piezobench(*words, "difference").status == 3
     assert piezobench(*words, "regression", "--smallest", 100).status == 0
@@ -137,7 +174,8 @@ def test_repeats_of_a_measurement_are_one_task(slowed_races: tuple[Path, Path]) 
 
 
 def test_where_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_it_says_so_and_cannot_tell(
-        piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path
+) -> None:
     other = copied(wide_race, tmp_path / "slow", slower_all)
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4
@@ -147,7 +185,8 @@ def test_where_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_it_says
 
 
 def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_be_told_of_it(
-        piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path
+) -> None:
     def alone(folder: Path) -> None:
         rows, times = pd.read_parquet(folder / "rows.parquet"), pd.read_parquet(folder / "times.parquet")
         rows = rows[of_solver(rows) | (rows.solver == "null")]
@@ -158,8 +197,10 @@ def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_
     after = copied(wide_race, tmp_path / "after", lambda folder: alone(folder) or slower(folder))
     call = piezobench("compare", before.path, after.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4
-    assert "In 1 of 1 solver lane a change by a factor of 1.2 may have gone unseen: too few lanes race to tell a change from noise" \
-        in " ".join(call.stdout.split())
+    assert (
+        "In 1 of 1 solver lane a change by a factor of 1.2 may have gone unseen: too few lanes race to tell a "
+        "change from noise"
+    ) in " ".join(call.stdout.split())
 
 
 def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_path: Path) -> None:
@@ -177,7 +218,8 @@ def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_pa
 
 @pytest.mark.parametrize("change", [less_accurate, crashed])
 def test_what_answers_wrong_or_not_at_all_loses_its_tiers_and_that_is_a_regression(
-        piezobench: CommandLine, wide_race: Race, tmp_path: Path, change: Change) -> None:
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path, change: Change
+) -> None:
     worse = copied(wide_race, tmp_path / "worse", change)
     found = compare_runs(wide_race.run, worse)
     assert of_solver(found.lost).all()
@@ -203,7 +245,9 @@ def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: R
     assert none.empty
 
 
-def test_what_only_one_run_has_is_one_line_and_no_difference(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+def test_what_only_one_run_has_is_one_line_and_no_difference(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path
+) -> None:
     fewer = copied(wide_race, tmp_path / "fewer", without)
     count = int(of_solver(wide_race.rows).sum())
     for pair in ((wide_race.run.path, fewer.path), (fewer.path, wide_race.run.path)):
@@ -212,7 +256,9 @@ def test_what_only_one_run_has_is_one_line_and_no_difference(piezobench: Command
         assert call.stdout.count(f"Only {wide_race.run.path.name} has {count} rows, of osqp (direct).") == 1
 
 
-def test_other_settings_and_another_machine_are_said_first(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+def test_other_settings_and_another_machine_are_said_first(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path
+) -> None:
     other = copied(wide_race, tmp_path / "elsewhere", other_settings)
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c")
     said = " ".join(call.stdout.split())
@@ -231,7 +277,8 @@ def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_
     (one,) = said["comparisons"]
     assert one["regressions"] == 1
     assert [(line["solver"], line["lane"], line["ratio"]) for line in one["lines"] if line["finding"] == "slower"] == [
-        (*SLOWED, pytest.approx(1.2, rel=0.001))]
+        (*SLOWED, pytest.approx(1.2, rel=0.001))
+    ]
     assert (one["lost"], one["gained"], one["difference"]) == ([], [], True)
     assert one["cannot_tell"] == compare_runs(wide_race.run, other).cannot_tell
 
@@ -257,9 +304,12 @@ def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Ra
     assert "two runs or more" in piezobench("compare", wide_race.run.path).refusal
 
 
-@pytest.mark.parametrize(("noted", "said"), [({"race": "stream"}, "only one-shot races"), ({"version": 2}, "version 2 is not 3")])
+@pytest.mark.parametrize(
+    ("noted", "said"), [({"race": "stream"}, "only one-shot races"), ({"version": 2}, "version 2 is not 3")]
+)
 def test_runs_of_another_kind_or_version_are_refused_in_one_sentence(
-        piezobench: CommandLine, wide_race: Race, tmp_path: Path, noted: dict[str, object], said: str) -> None:
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path, noted: dict[str, object], said: str
+) -> None:
     def other(folder: Path) -> None:
         (folder / "run.json").write_text(json.dumps({**json.loads((folder / "run.json").read_text()), **noted}))
 

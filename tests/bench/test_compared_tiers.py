@@ -1,4 +1,5 @@
-"""Tiers that are lost or gained from one run to another, on tables by hand: a solver with the settings s0 and s1 on some problems."""
+"""Tiers that are lost or gained from one run to another, on tables by hand: a solver with the settings s0 and s1 on
+some problems."""
 
 import math
 
@@ -41,7 +42,9 @@ def test_another_setting_that_reaches_the_tier_keeps_it() -> None:
 
 
 @pytest.mark.parametrize(("count", "is_lost"), [(1, False), (5, False), (6, True), (9, True)])
-def test_timed_answers_lose_a_tier_where_they_are_wrong_on_more_problems_than_by_chance(count: int, is_lost: bool) -> None:
+def test_timed_answers_lose_a_tier_where_they_are_wrong_on_more_problems_than_by_chance(
+    count: int, is_lost: bool
+) -> None:
     assert lost(run(), timed_wrong(run(), PROBLEMS[:count])) == (["low", "mid", "high"] if is_lost else [])
 
 

@@ -26,7 +26,9 @@ def test_two_runs_of_the_same_hardly_ever_differ() -> None:
 
 
 @pytest.mark.parametrize(("factor", "finding"), [(1.2, SLOWER), (1 / 1.2, FASTER)])
-def test_a_change_that_matters_is_found_on_a_quiet_machine_and_never_missed_in_silence(factor: float, finding: str) -> None:
+def test_a_change_that_matters_is_found_on_a_quiet_machine_and_never_missed_in_silence(
+    factor: float, finding: str
+) -> None:
     chance = np.random.default_rng(0)
     found = [times(ratios(chance, 40, 18, offset=0.008), s3=factor).finding["s3"] for _ in range(PAIRS)]
     assert found.count(finding) >= 0.8 * PAIRS
@@ -51,7 +53,9 @@ def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_th
     lanes = quiet()
     found, field = compare_times(pair(lanes, {"s4": 1.08}), 1.2)
     middle = np.log(found.ratio)
-    assert field.deviation["in turns"] == pytest.approx(1.4826 * np.median(np.abs(middle - np.median(middle))), rel=1e-4)
+    assert field.deviation["in turns"] == pytest.approx(
+        1.4826 * np.median(np.abs(middle - np.median(middle))), rel=1e-4
+    )
     for end in (found.ratio / found.ratio_low, found.ratio_high / found.ratio):
         assert np.log(end).to_numpy() == pytest.approx(5.0 * field.deviation["in turns"])
 

@@ -21,13 +21,26 @@ HOLD = "from bench.timing import cores; core = cores.claim(); print(core.number,
 
 
 def quiet(**change: float) -> dict[str, float]:
-    return {"seconds": 10.0, "throttled": 0, "steal_percent": 0.0, "busy_cores": 1.0, "preemptions": 0,
-            "timed_calls": 10_000, **change}
+    return {
+        "seconds": 10.0,
+        "throttled": 0,
+        "steal_percent": 0.0,
+        "busy_cores": 1.0,
+        "preemptions": 0,
+        "timed_calls": 10_000,
+        **change,
+    }
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    ({"steal_percent": 3.0}, "A hypervisor gave 3.0 %"), ({"throttled": 2}, "slowed down 2 times"),
-    ({"busy_cores": 2.5}, "kept 1.5 cores busy"), ({"preemptions": 100}, "taken off their core 100 times in 10000")])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"steal_percent": 3.0}, "A hypervisor gave 3.0 %"),
+        ({"throttled": 2}, "slowed down 2 times"),
+        ({"busy_cores": 2.5}, "kept 1.5 cores busy"),
+        ({"preemptions": 100}, "taken off their core 100 times in 10000"),
+    ],
+)
 def test_each_disturbance_is_one_warning(change: dict[str, float], said: str) -> None:
     (sentence,) = machine.disturbances([quiet(**change)])
     assert said in sentence
@@ -51,8 +64,15 @@ def test_counters_of_this_machine_only_grow() -> None:
 
 
 def looks(*levels: float) -> pd.DataFrame:
-    return sentinel.table([{"host": "here", "core": 0, "sentinel": [(float(i), [round(1e5 * level)] * 5)
-                                                                    for i, level in enumerate(levels)]}])
+    return sentinel.table(
+        [
+            {
+                "host": "here",
+                "core": 0,
+                "sentinel": [(float(i), [round(1e5 * level)] * 5) for i, level in enumerate(levels)],
+            }
+        ]
+    )
 
 
 def test_a_drift_of_more_than_a_tenth_is_a_warning_and_less_is_none() -> None:
@@ -75,7 +95,10 @@ def test_moments_in_which_a_core_is_slow_are_no_drift_but_counted_where_they_are
     assert sentinel.drift(seen) == 0.0
     said = sentinel.sentences(seen)
     assert len(said) == (share > sentinel.TOLERATED_SLOW)
-    assert all("over 10 % longer than when undisturbed in 20 % of 100 trials, at most 90 % longer" in sentence for sentence in said)
+    assert all(
+        "over 10 % longer than when undisturbed in 20 % of 100 trials, at most 90 % longer" in sentence
+        for sentence in said
+    )
 
 
 def test_where_the_core_is_slow_half_of_the_time_that_is_both() -> None:
@@ -104,7 +127,8 @@ def test_a_run_holds_the_sentinels_looks_from_first_to_last_and_what_disturbed_i
     assert conditions["sentinel_drift"] == pytest.approx(sentinel.drift(stored))
     longer = clean_race.rows[clean_race.rows.samples > OneshotSettings().effort.most]
     timed = sum(part["timed_calls"] for part in conditions["parts"]) - clean_race.rows.samples.sum()
-    assert 0 < timed <= len(longer) * OneshotSettings().effort.most  # calls of the first pass that were replaced by those of the second
+    # calls of the first pass that were replaced by those of the second
+    assert 0 < timed <= len(longer) * OneshotSettings().effort.most
     report = (clean_race.run.path / "report.md").read_text()
     for warning in conditions["warnings"]:
         assert warning in report
@@ -123,14 +147,21 @@ def test_the_floor_is_the_last_row_of_each_table_and_no_solver_of_the_verdict(cl
 @pytest.fixture
 def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """A process with a core, and with another folder for temporary files and another home than ours."""
-    process = subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-                               env={**os.environ, "TMPDIR": str(tmp_path), "HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)})
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path), "HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)},
+    )
     with process:
         yield process
         process.kill()
 
 
-def test_a_core_is_claimed_by_one_process_of_the_machine_at_a_time_and_free_when_that_was_killed(holder: subprocess.Popen[str]) -> None:
+def test_a_core_is_claimed_by_one_process_of_the_machine_at_a_time_and_free_when_that_was_killed(
+    holder: subprocess.Popen[str],
+) -> None:
     assert holder.stdout is not None
     theirs, usable = int(holder.stdout.readline()), cores.usable()
     if len(usable) > 1:

@@ -26,8 +26,9 @@ def unfinished(clean_race: Race, tmp_path: Path) -> Run:
     return run
 
 
-def test_a_resumed_run_makes_no_problem_that_is_kept(clean_race: Race, tmp_path: Path,
-                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_resumed_run_makes_no_problem_that_is_kept(
+    clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = unfinished(clean_race, tmp_path)
     settings = settings_of(run, OneshotSettings)
 
@@ -48,11 +49,19 @@ def test_a_problem_whose_file_has_gone_is_made_again(clean_race: Race, tmp_path:
     assert [loaded.name] == run.settings["problems"]["paper"]
 
 
-@pytest.mark.parametrize("damage", [lambda whole: whole[:len(whole) // 2], lambda whole: b"", lambda whole: b"PK nonsense",
-                                    lambda whole: whole[:200] + bytes(400) + whole[600:]],
-                         ids=["half", "empty", "nonsense", "hole"])
-def test_a_damaged_problem_is_one_sentence_with_the_file_named(piezobench: CommandLine, clean_race: Race, tmp_path: Path,
-                                                              damage: object) -> None:
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: whole[: len(whole) // 2],
+        lambda whole: b"",
+        lambda whole: b"PK nonsense",
+        lambda whole: whole[:200] + bytes(400) + whole[600:],
+    ],
+    ids=["half", "empty", "nonsense", "hole"],
+)
+def test_a_damaged_problem_is_one_sentence_with_the_file_named(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path, damage: object
+) -> None:
     run = unfinished(clean_race, tmp_path)
     (path,) = (run.path / "problems").iterdir()
     assert callable(damage)

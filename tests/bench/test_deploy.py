@@ -36,7 +36,9 @@ from solvers.protocol import setting_text
 REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
 SHORT = {"reset_s": 0.01, "build_s": 0.2, "learn_s": 0.05}
 CALLS = 3000
-STRUCTURE = ModelStructure.equidistant(n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3)
+STRUCTURE = ModelStructure.equidistant(
+    n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
+)
 Us = Callable[[int], np.ndarray]
 
 
@@ -46,16 +48,40 @@ def ladder_of(solver: str, lane: str = "direct") -> list[str]:
     return [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
 
 
-def racer(solver: str, gaps: Sequence[Sequence[float]] = ((0.0,), (0.0,)), us: Us | float = 5.0, calls: int = CALLS, lane: str = "direct",
-          names: Sequence[str] | None = None, **known: Any) -> list[tuple[Row, np.ndarray]]:
-    """Rows of a solver lane with their times in µs: gaps by problem and rung; a number that is known may be a list by problem."""
+def racer(
+    solver: str,
+    gaps: Sequence[Sequence[float]] = ((0.0,), (0.0,)),
+    us: Us | float = 5.0,
+    calls: int = CALLS,
+    lane: str = "direct",
+    names: Sequence[str] | None = None,
+    **known: Any,
+) -> list[tuple[Row, np.ndarray]]:
+    """Rows of a solver lane with their times in µs: gaps by problem and rung; a number that is known may be a list by
+    problem."""
     names, found = names or ladder_of(solver, lane), []
     for problem, by_rung in enumerate(gaps):
         for rung, gap in enumerate(by_rung):
             here = {name: value[problem] if isinstance(value, list) else value for name, value in known.items()}
             times = us(calls // len(gaps)) if callable(us) else np.full(calls // len(gaps), us)
-            found.append((row(**{"problem": f"p{problem}", "solver": solver, "lane": lane, "setting": names[rung], "rung": rung, "cost_gap": gap,
-                                 "solve_us_p50": float(np.median(times)), "samples": times.size, **here}), times))
+            found.append(
+                (
+                    row(
+                        **{
+                            "problem": f"p{problem}",
+                            "solver": solver,
+                            "lane": lane,
+                            "setting": names[rung],
+                            "rung": rung,
+                            "cost_gap": gap,
+                            "solve_us_p50": float(np.median(times)),
+                            "samples": times.size,
+                            **here,
+                        }
+                    ),
+                    times,
+                )
+            )
     return found
 
 
@@ -64,13 +90,22 @@ def nothing(us: Us | float = 0.1, calls: int = CALLS) -> list[tuple[Row, np.ndar
     return racer("null", ((math.inf,), (math.inf,)), us, calls, names=["{}"], rung=-1, is_default=True)
 
 
-def run_of(folder: Path, *parts: Iterable[tuple[Row, np.ndarray]], race: str = "oneshot", schema: Schema = ONESHOT, what: str = "solve") -> Run:
+def run_of(
+    folder: Path,
+    *parts: Iterable[tuple[Row, np.ndarray]],
+    race: str = "oneshot",
+    schema: Schema = ONESHOT,
+    what: str = "solve",
+) -> Run:
     """A finished run of these rows and times."""
     made = Run.create(folder, {"race": race, "settings": {}, "machine": machine.describe()}, "run")
     (made.path / "tasks").rmdir()
     both = [each for part in parts for each in part]
     parquet.write_table(pa.Table.from_pylist([one for one, _ in both], schema.arrow), made.path / schema.file)
-    times = [{"task": one["task"], "repeat": one["repeat"], "what": what, "ns": np.round(1e3 * us).astype(np.int64)} for one, us in both]
+    times = [
+        {"task": one["task"], "repeat": one["repeat"], "what": what, "ns": np.round(1e3 * us).astype(np.int64)}
+        for one, us in both
+    ]
     parquet.write_table(pa.Table.from_pylist(times, TIMES), made.path / "times.parquet")
     return made
 
@@ -87,11 +122,17 @@ def why(decision: Decision, solver: str) -> str:
 LENIENT = Rule(deadline_us=1e6)
 
 
-@pytest.mark.parametrize(("gaps", "rung", "margin"), [
-    (((1e-5, 1e-7, 9e-11, 1e-13), (1e-5, 9e-11, 9e-11, 1e-13)), 2, 10.0), (((1e-5, 1e-7, 5e-10, 2e-10), (1e-5, 2e-10, 1e-10, 2e-10)), 3, 3.0),
-    (((1e-5, 9e-10, 5e-10, 5e-10), (9e-10, 9e-10, 5e-10, 5e-10)), 1, 1.0)])
+@pytest.mark.parametrize(
+    ("gaps", "rung", "margin"),
+    [
+        (((1e-5, 1e-7, 9e-11, 1e-13), (1e-5, 9e-11, 9e-11, 1e-13)), 2, 10.0),
+        (((1e-5, 1e-7, 5e-10, 2e-10), (1e-5, 2e-10, 1e-10, 2e-10)), 3, 3.0),
+        (((1e-5, 9e-10, 5e-10, 5e-10), (9e-10, 9e-10, 5e-10, 5e-10)), 1, 1.0),
+    ],
+)
 def test_a_solver_lane_has_the_loosest_setting_that_is_right_ten_times_over_everywhere_else_three_times_else_once(
-        tmp_path: Path, gaps: Sequence[Sequence[float]], rung: int, margin: float) -> None:
+    tmp_path: Path, gaps: Sequence[Sequence[float]], rung: int, margin: float
+) -> None:
     decision = decide(run_of(tmp_path, nothing(), racer("osqp", gaps)), LENIENT)
     it = decision.chosen
     assert (it.chosen.setting, it.chosen.margin) == (ladder_of("osqp")[rung], margin)
@@ -101,49 +142,87 @@ def test_a_solver_lane_has_the_loosest_setting_that_is_right_ten_times_over_ever
 
 
 @pytest.mark.parametrize(("accuracy", "rung"), [(1e-3, 0), (4e-5, 1), (3e-8, 2)])
-def test_any_accuracy_can_be_asked_for_and_the_margin_is_relative_to_it(tmp_path: Path, accuracy: float, rung: int) -> None:
+def test_any_accuracy_can_be_asked_for_and_the_margin_is_relative_to_it(
+    tmp_path: Path, accuracy: float, rung: int
+) -> None:
     gaps = ((1e-4, 3e-6, 2e-9), (1e-5, 3e-6, 2e-9))
     chosen = decide(run_of(tmp_path, nothing(), racer("osqp", gaps)), Rule(accuracy, 1e6)).chosen
     assert chosen.chosen.setting == ladder_of("osqp")[rung]
     assert accuracy >= 10.0 * chosen.chosen.worst == 10.0 * gaps[0][rung]
 
 
-@pytest.mark.parametrize("spoiled", [{"timed_gap": [0.0, 1e-6]}, {"violation": [0.0, 1e-6]}, {"status": ["ok", "unsupported"]},
-                                     {"status": ["ok", "not_run"]}, {"cost_gap": [0.0, math.nan]}])
-def test_a_wrong_timed_answer_a_violation_and_a_problem_without_an_answer_count_as_not_right(tmp_path: Path, spoiled: Mapping[str, Any]) -> None:
-    decision = decide(run_of(tmp_path, nothing(), racer("daqp", ((0.0,), (0.0,)), 1.0, **spoiled), racer("box_active_set")), LENIENT)
+@pytest.mark.parametrize(
+    "spoiled",
+    [
+        {"timed_gap": [0.0, 1e-6]},
+        {"violation": [0.0, 1e-6]},
+        {"status": ["ok", "unsupported"]},
+        {"status": ["ok", "not_run"]},
+        {"cost_gap": [0.0, math.nan]},
+    ],
+)
+def test_a_wrong_timed_answer_a_violation_and_a_problem_without_an_answer_count_as_not_right(
+    tmp_path: Path, spoiled: Mapping[str, Any]
+) -> None:
+    decision = decide(
+        run_of(tmp_path, nothing(), racer("daqp", ((0.0,), (0.0,)), 1.0, **spoiled), racer("box_active_set")), LENIENT
+    )
     assert decision.chosen.solver == "box_active_set"
     assert why(decision, "daqp") == "has a cost gap or violation above 1e-09 on 1 of 2 problems at its best setting"
 
 
 @pytest.mark.parametrize("elsewhere", [{"start": "warm"}, {"scaling": "raw"}])
-def test_a_solver_that_was_caught_cheating_anywhere_never_qualifies(tmp_path: Path, elsewhere: Mapping[str, str]) -> None:
+def test_a_solver_that_was_caught_cheating_anywhere_never_qualifies(
+    tmp_path: Path, elsewhere: Mapping[str, str]
+) -> None:
     caught = racer("daqp", ((0.0,), (0.0,)), 1.0, status=["ok", "stale"], **elsewhere)
-    decision = decide(run_of(tmp_path, nothing(), racer("daqp", us=1.0), caught, racer("box_active_set")), Rule(1.0, 1e6, misses=10**6))
+    decision = decide(
+        run_of(tmp_path, nothing(), racer("daqp", us=1.0), caught, racer("box_active_set")),
+        Rule(1.0, 1e6, misses=10**6),
+    )
     assert decision.chosen.solver == "box_active_set"
     assert why(decision, "daqp") == "was caught cheating (stale)"
 
 
 def test_the_lowest_tail_wins_among_those_that_are_right_and_in_time(tmp_path: Path) -> None:
     chance = np.random.default_rng(0)
-    decision = decide(run_of(tmp_path, nothing(), racer("daqp", us=lambda n: 1.0 + 0.1 * chance.random(n)),
-                             racer("box_active_set", us=lambda n: 0.5 + 20.0 * (chance.random(n) < 0.05)),
-                             racer("osqp", ((1e-6,), (1e-6,)), 0.01)), Rule(1e-11, 100.0))
+    decision = decide(
+        run_of(
+            tmp_path,
+            nothing(),
+            racer("daqp", us=lambda n: 1.0 + 0.1 * chance.random(n)),
+            racer("box_active_set", us=lambda n: 0.5 + 20.0 * (chance.random(n) < 0.05)),
+            racer("osqp", ((1e-6,), (1e-6,)), 0.01),
+        ),
+        Rule(1e-11, 100.0),
+    )
     assert named((decision.chosen, *decision.runners_up)) == ["daqp", "box_active_set"]
     assert "above 1e-11 on 2 of 2 problems" in why(decision, "osqp")
     assert "1 solver lane does not qualify." in decision.sentences()
 
 
-@pytest.mark.parametrize(("fewest", "by", "name"), [(3000, 0, "p99.9"), (2000, 1, "p99"), (200, 2, "median"), (2, 2, "median")])
+@pytest.mark.parametrize(
+    ("fewest", "by", "name"), [(3000, 0, "p99.9"), (2000, 1, "p99"), (200, 2, "median"), (2, 2, "median")]
+)
 def test_the_finest_percentile_that_all_who_qualify_support_decides_and_nobody_is_out_for_few_calls(
-        tmp_path: Path, fewest: int, by: int, name: str) -> None:
-    run = run_of(tmp_path, nothing(), racer("box_active_set", us=2.0), racer("daqp", us=1.0, calls=fewest), racer("osqp", ((1.0,), (1.0,)), calls=2))
+    tmp_path: Path, fewest: int, by: int, name: str
+) -> None:
+    run = run_of(
+        tmp_path,
+        nothing(),
+        racer("box_active_set", us=2.0),
+        racer("daqp", us=1.0, calls=fewest),
+        racer("osqp", ((1.0,), (1.0,)), calls=2),
+    )
     decision = decide(run, LENIENT)
     assert decision.by == by
     assert named((decision.chosen, *decision.runners_up)) == ["daqp", "box_active_set"]
     assert f"; {name} of an answer 1 µs." in decision.sentences()[1]
     needed = {0: "", 1: "p99.9 needs 2995 samples", 2: "p99 needs 299 samples"}[by]
-    said = f"Decided by the {name}, the finest percentile that all who qualify support: {needed}, and {decision.chosen.name} has {fewest}."
+    said = (
+        f"Decided by the {name}, the finest percentile that all who qualify support: {needed}, and "
+        f"{decision.chosen.name} has {fewest}."
+    )
     assert (said in decision.sentences()) == (by > 0)
 
 
@@ -173,7 +252,12 @@ def test_what_was_not_seen_explains_one_call_in_a_hundred_at_most() -> None:
 
 
 def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(tmp_path: Path) -> None:
-    run = run_of(tmp_path, nothing(), racer("box_active_set", us=2.0), racer("daqp", us=lambda n: np.where(np.arange(n) % 4, 1.0, 300.0)))
+    run = run_of(
+        tmp_path,
+        nothing(),
+        racer("box_active_set", us=2.0),
+        racer("daqp", us=lambda n: np.where(np.arange(n) % 4, 1.0, 300.0)),
+    )
     strict = decide(run, Rule())
     assert strict.chosen.solver == "box_active_set"
     assert why(strict, "daqp").startswith("misses 750 of 3000 deadlines, ")
@@ -190,28 +274,51 @@ def test_what_the_floor_misses_too_is_forgiven(tmp_path: Path) -> None:
 
 
 def test_a_deadline_that_the_solver_that_does_nothing_misses_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"a solver that does nothing misses 3000 of 3000 deadlines of 0\.05 µs, so this run says nothing"):
+    with pytest.raises(
+        RunError,
+        match=r"a solver that does nothing misses 3000 of 3000 deadlines of 0\.05 µs, so this "
+        r"run says nothing",
+    ):
         decide(run_of(tmp_path, nothing(), racer("daqp")), Rule(deadline_us=0.05))
 
 
 def test_runners_up_are_in_order_and_the_nearest_is_refused_first(tmp_path: Path) -> None:
-    run = run_of(tmp_path, nothing(), racer("box_active_set", us=2.0), racer("recursive_active_set", us=3.0), racer("mujoco", us=1.0),
-                 racer("daqp", ((0.0,), (1e-3,)), 1.0), racer("osqp", us=200.0),
-                 racer("clarabel", us=lambda n: np.where(np.arange(n) % 9, 1.0, 300.0)))
+    run = run_of(
+        tmp_path,
+        nothing(),
+        racer("box_active_set", us=2.0),
+        racer("recursive_active_set", us=3.0),
+        racer("mujoco", us=1.0),
+        racer("daqp", ((0.0,), (1e-3,)), 1.0),
+        racer("osqp", us=200.0),
+        racer("clarabel", us=lambda n: np.where(np.arange(n) % 9, 1.0, 300.0)),
+    )
     decision = decide(run, Rule())
     assert named((decision.chosen, *decision.runners_up)) == ["mujoco", "box_active_set", "recursive_active_set"]
     assert named(each for each, _ in decision.refused) == ["clarabel", "osqp", "daqp"]
 
 
-@pytest.mark.parametrize(("part", "rule"), [
-    (racer("daqp", scaling="raw"), LENIENT), (racer("daqp", start="warm"), LENIENT), (racer("daqp"), Rule(lanes=(Lane.CVXPY,), deadline_us=1e6))])
-def test_raw_data_warm_starts_and_lanes_that_a_controller_has_not_leave_nobody(tmp_path: Path, part: list, rule: Rule) -> None:
+@pytest.mark.parametrize(
+    ("part", "rule"),
+    [
+        (racer("daqp", scaling="raw"), LENIENT),
+        (racer("daqp", start="warm"), LENIENT),
+        (racer("daqp"), Rule(lanes=(Lane.CVXPY,), deadline_us=1e6)),
+    ],
+)
+def test_raw_data_warm_starts_and_lanes_that_a_controller_has_not_leave_nobody(
+    tmp_path: Path, part: list, rule: Rule
+) -> None:
     with pytest.raises(RunError, match="no solver qualifies, none was raced on scaled data in the lanes "):
         decide(run_of(tmp_path, nothing(), part), rule)
 
 
 def test_a_setting_that_the_ladder_no_longer_has_is_not_deployed(tmp_path: Path) -> None:
-    sentence = r"the nearest, daqp \(direct, eps 0\.5\), was raced at a setting that its ladder no longer has, so race it again"
+    sentence = (
+        r"the nearest, daqp \(direct, eps 0\.5\), was raced at a setting that its ladder no longer has, so "
+        r"race "
+        r"it again"
+    )
     with pytest.raises(RunError, match=sentence):
         decide(run_of(tmp_path, nothing(), racer("daqp", names=['{"eps": 0.5}'])), LENIENT)
 
@@ -223,22 +330,56 @@ def test_a_percentile_is_the_same_in_the_decision_and_in_the_report(tmp_path: Pa
     assert decide(run, LENIENT).chosen.tail[1].value == pytest.approx(p99)
 
 
-def streamed(solver: str, gap: float, us: float, setting: str, repeats: int = 2, **known: Any) -> list[tuple[Row, np.ndarray]]:
+def streamed(
+    solver: str, gap: float, us: float, setting: str, repeats: int = 2, **known: Any
+) -> list[tuple[Row, np.ndarray]]:
     """Processes of a stream."""
-    ordinary = {"problem_set": "stream", "problem": "p", "d": 18, "solver": solver, "lane": "direct", "tier": "high", "setting": setting,
-                "basis": "reference", "scaling": "scaled", "settings": "{}", "status": "ok", "paced": True, "samples": 1500, "own_gap_max": gap,
-                **dict.fromkeys(("unanswered", "missed", "stalls"), 0.0)}
-    return [(STREAM.row(**{**ordinary, "task": f"{solver}-{setting}-{repeat}", "repeat": repeat, **known}), np.full(1500, us))
-            for repeat in range(repeats)]
+    ordinary = {
+        "problem_set": "stream",
+        "problem": "p",
+        "d": 18,
+        "solver": solver,
+        "lane": "direct",
+        "tier": "high",
+        "setting": setting,
+        "basis": "reference",
+        "scaling": "scaled",
+        "settings": "{}",
+        "status": "ok",
+        "paced": True,
+        "samples": 1500,
+        "own_gap_max": gap,
+        **dict.fromkeys(("unanswered", "missed", "stalls"), 0.0),
+    }
+    return [
+        (
+            STREAM.row(**{**ordinary, "task": f"{solver}-{setting}-{repeat}", "repeat": repeat, **known}),
+            np.full(1500, us),
+        )
+        for repeat in range(repeats)
+    ]
 
 
 def test_of_a_stream_the_loosest_setting_that_is_right_at_every_sample_stands_for_a_solver(tmp_path: Path) -> None:
     loose, middle, tight, *_ = ladder_of("osqp")
-    run = run_of(tmp_path, streamed("null", math.nan, 0.1, "{}"), streamed("osqp", 1e-5, 1.0, loose), streamed("osqp", 9e-11, 5.0, middle),
-                 streamed("osqp", 1e-14, 9.0, tight), streamed("daqp", 0.0, 2.0, ladder_of("daqp")[0], unanswered=1),
-                 streamed("recursive_active_set", 1e-16, 7.0, "{}"), race="stream", schema=STREAM, what="response")
+    run = run_of(
+        tmp_path,
+        streamed("null", math.nan, 0.1, "{}"),
+        streamed("osqp", 1e-5, 1.0, loose),
+        streamed("osqp", 9e-11, 5.0, middle),
+        streamed("osqp", 1e-14, 9.0, tight),
+        streamed("daqp", 0.0, 2.0, ladder_of("daqp")[0], unanswered=1),
+        streamed("recursive_active_set", 1e-16, 7.0, "{}"),
+        race="stream",
+        schema=STREAM,
+        what="response",
+    )
     decision = decide(run, Rule())
-    assert (decision.chosen.solver, decision.chosen.chosen.setting, decision.chosen.chosen.margin) == ("osqp", middle, 10.0)
+    assert (decision.chosen.solver, decision.chosen.chosen.setting, decision.chosen.chosen.margin) == (
+        "osqp",
+        middle,
+        10.0,
+    )
     assert named(decision.runners_up) == ["recursive_active_set"]
     assert "above 1e-09 on 1 of 1 problems" in why(decision, "daqp")
     exact = decide(run, Rule(accuracy=1e-15))
@@ -247,8 +388,12 @@ def test_of_a_stream_the_loosest_setting_that_is_right_at_every_sample_stands_fo
         model_for(run)
 
 
-def test_the_file_starts_a_compensator_that_runs_and_learns(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "compensator.json", "--deadline", 1e6, "--simulated")
+def test_the_file_starts_a_compensator_that_runs_and_learns(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path
+) -> None:
+    call = piezobench(
+        "deploy", wide_race.run.path, "--out", tmp_path / "compensator.json", "--deadline", 1e6, "--simulated"
+    )
     assert call.status == 0, call.stderr
     learner = SelfLearningCompensator.load(tmp_path / "compensator.json", **SHORT)
     s = learner.structure
@@ -277,14 +422,22 @@ def test_the_reference_run_gives_a_compensator_that_runs(piezobench: CommandLine
 def test_a_rule_that_nobody_of_the_reference_run_meets_writes_nothing(piezobench: CommandLine, tmp_path: Path) -> None:
     before = sorted(REFERENCE.rglob("*"))
     for words in (("--deadline", 1), ("--accuracy", 0), ("--lane", "cvxpy")):
-        assert "no solver qualifies; the nearest, " in piezobench("deploy", REFERENCE, *words, "--out", tmp_path / "c.json").refusal
-    assert "a solver that does nothing misses" in piezobench("deploy", REFERENCE, "--deadline", 0.001, "--out", tmp_path / "c.json").refusal
+        assert (
+            "no solver qualifies; the nearest, "
+            in piezobench("deploy", REFERENCE, *words, "--out", tmp_path / "c.json").refusal
+        )
+    assert (
+        "a solver that does nothing misses"
+        in piezobench("deploy", REFERENCE, "--deadline", 0.001, "--out", tmp_path / "c.json").refusal
+    )
     assert list(tmp_path.iterdir()) == []
     assert sorted(REFERENCE.rglob("*")) == before
 
 
 def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    call = piezobench("deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--simulated", "--json")
+    call = piezobench(
+        "deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--simulated", "--json"
+    )
     said, written = json.loads(call.stdout), json.loads((tmp_path / "c.json").read_text())
     assert (written["format"], written["version"]) == ("piezobench-compensator", 3)
     assert all(written[name] == said[name] for name in ("solver", "lane", "tier", "settings"))
@@ -295,7 +448,11 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
     assert evidence["certificate"]["unique"]
     assert evidence["certificate"]["cost_gap"] < 1e-12
     assert evidence["figures"]["right"] == evidence["figures"]["problems"]
-    assert evidence["model_from"] == said["model_from"] == f"the problem {evidence['certificate']['problem_of_run']}, simulated"
+    assert (
+        evidence["model_from"]
+        == said["model_from"]
+        == (f"the problem {evidence['certificate']['problem_of_run']}, simulated")
+    )
     assert said["unseen_error_percent"] is None
     problem = wide_race.run.problem(*evidence["certificate"]["problem_of_run"].split("/"))
     model = Deployment.load(tmp_path / "c.json").model
@@ -303,11 +460,38 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
 
 
 def test_a_solver_of_a_file_of_ones_own_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
-    words = ("race", "--set", "paper", "--limit", 1, "--scaling", "scaled", "--rounds", 0, "--out", tmp_path, "--name", "run")
-    raced = piezobench(*words, "--solver", slowed_solver.write(tmp_path, 1.0), "--solver", "daqp", "--lane", "direct", "--lane", "qpsolvers")
+    words = (
+        "race",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--scaling",
+        "scaled",
+        "--rounds",
+        0,
+        "--out",
+        tmp_path,
+        "--name",
+        "run",
+    )
+    raced = piezobench(
+        *words,
+        "--solver",
+        slowed_solver.write(tmp_path, 1.0),
+        "--solver",
+        "daqp",
+        "--lane",
+        "direct",
+        "--lane",
+        "qpsolvers",
+    )
     assert raced.status == 0, raced.stderr
     deploys = ("deploy", tmp_path / "run", "--simulated", "--deadline", 1e6, "--misses", 10**6, "--accuracy", 1)
-    reason = "comes from a solver file of your own, and a compensator can start only solvers that are installed with piezobench"
+    reason = (
+        "comes from a solver file of your own, and a compensator can start only solvers that are installed with "
+        "piezobench"
+    )
     other = piezobench(*deploys, "--lane", "direct", "--lane", "qpsolvers")
     assert other.status == 0, other.stderr
     assert "Chosen: daqp (" in other.stdout
@@ -316,7 +500,9 @@ def test_a_solver_of_a_file_of_ones_own_is_not_deployed_however_good(piezobench:
     assert f") {reason}." in said
 
 
-def test_a_run_in_which_no_solver_qualifies_says_so_and_writes_nothing(piezobench: CommandLine, wide_race: Race) -> None:
+def test_a_run_in_which_no_solver_qualifies_says_so_and_writes_nothing(
+    piezobench: CommandLine, wide_race: Race
+) -> None:
     before = sorted(wide_race.run.path.rglob("*"))
     sentence = piezobench("deploy", wide_race.run.path, "--accuracy", 1e-60).refusal
     assert "no solver qualifies; the nearest, " in sentence
@@ -333,21 +519,34 @@ def test_a_problem_can_be_named_and_an_unknown_one_is_refused(wide_race: Race) -
         model_for(run, problem="paper/none")
 
 
-def test_a_simulated_actuator_is_refused_unless_it_is_asked_for(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+def test_a_simulated_actuator_is_refused_unless_it_is_asked_for(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path
+) -> None:
     words = ("deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6)
     assert "holds no model of your actuator; give one with --model" in piezobench(*words).refusal
-    assert "is a simulated actuator; give a model with --model, or --simulated" in piezobench(*words, "--problem", "orders/d008").refusal
+    assert (
+        "is a simulated actuator; give a model with --model, or --simulated"
+        in piezobench(*words, "--problem", "orders/d008").refusal
+    )
     assert not (tmp_path / "c.json").exists()
 
 
-@pytest.mark.parametrize(("change", "reason"), [
-    (lambda data: data.pop("solver"), "'solver' is missing"),
-    (lambda data: data.update(version=2), "version 2 is not 3, the one this program reads; deploy again"),
-    (lambda data: data.update(format="x"), "format"), (lambda data: data.update(x_limits=[1, 0]), "x_limits"),
-    (lambda data: data.update(mode="lazy"), "'lazy'"), (lambda data: data["model"].pop("w_H"), "w_H"),
-    (lambda data: data.update(settings={"eps": 0.5}), "has no setting"), (lambda data: data.pop("model"), "'model' is missing")])
-def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(wide_race: Race, tmp_path: Path, change: Callable[[dict], object],
-                                                                 reason: str) -> None:
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda data: data.pop("solver"), "'solver' is missing"),
+        (lambda data: data.update(version=2), "version 2 is not 3, the one this program reads; deploy again"),
+        (lambda data: data.update(format="x"), "format"),
+        (lambda data: data.update(x_limits=[1, 0]), "x_limits"),
+        (lambda data: data.update(mode="lazy"), "'lazy'"),
+        (lambda data: data["model"].pop("w_H"), "w_H"),
+        (lambda data: data.update(settings={"eps": 0.5}), "has no setting"),
+        (lambda data: data.pop("model"), "'model' is missing"),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(
+    wide_race: Race, tmp_path: Path, change: Callable[[dict], object], reason: str
+) -> None:
     path = tmp_path / "c.json"
     deployment(decide(wide_race.run, Rule(deadline_us=1e6)), model_for(wide_race.run, simulated=True)).save(path)
     data = json.loads(path.read_text())
@@ -359,13 +558,20 @@ def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(wide_race: Race
     assert "\n" not in str(caught.value)
 
 
-def test_a_loaded_file_is_the_saved_one_and_its_tolerances_follow_from_the_constant_of_each_problem(tmp_path: Path) -> None:
+def test_a_loaded_file_is_the_saved_one_and_its_tolerances_follow_from_the_constant_of_each_problem(
+    tmp_path: Path,
+) -> None:
     decision = decide(run_of(tmp_path, nothing(), racer("osqp", ((1e-5, 1e-13), (1e-5, 1e-13)))), LENIENT)
     model = SelfLearningCompensator(STRUCTURE).model
     made = deployment(decision, model_for(decision.run, model))
     made.save(tmp_path / "c.json")
     loaded = Deployment.load(tmp_path / "c.json")
-    assert (loaded.solver, loaded.settings, loaded.tier, loaded.options) == (made.solver, made.settings, made.tier, made.options)
+    assert (loaded.solver, loaded.settings, loaded.tier, loaded.options) == (
+        made.solver,
+        made.settings,
+        made.tier,
+        made.options,
+    )
     cls = find("osqp", "direct").load()
     assert cls.at(loaded.options["setting"], 1.0) == cls.ladder(1.0)[1]
     assert cls.at(loaded.options["setting"], 250.0) == cls.ladder(250.0)[1] != cls.ladder(1.0)[1]

@@ -25,7 +25,8 @@ def places(run: Run) -> set[tuple[str, int]]:
 
 
 def raced_by_two(piezobench: CommandLine, folder: Path, *words: object) -> Run:
-    """A race on two workers; once more where a race of the tests beside this one came in between and one worker did all the work."""
+    """A race on two workers; once more where a race of the tests beside this one came in between and one worker did all
+    the work."""
     for name in ("first", "second", "third"):
         with cores.claim(), cores.claim():
             pass  # nobody else is timing now
@@ -38,8 +39,9 @@ def raced_by_two(piezobench: CommandLine, folder: Path, *words: object) -> Run:
 
 
 @TWO_CORES
-def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(piezobench: CommandLine, tmp_path: Path,
-                                                                     clean_race: Race) -> None:
+def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(
+    piezobench: CommandLine, tmp_path: Path, clean_race: Race
+) -> None:
     run = raced_by_two(piezobench, tmp_path, "--workers", 2)
     same_but_for_times(run, clean_race)
     assert len(places(run)) == 2
@@ -47,8 +49,9 @@ def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(piezobench:
 
 
 @TWO_CORES
-def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(piezobench: CommandLine, tmp_path: Path,
-                                                                    clean_race: Race) -> None:
+def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(
+    piezobench: CommandLine, tmp_path: Path, clean_race: Race
+) -> None:
     run = Run(tmp_path / "run")
     call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
     call.kill_once(lambda: len(list((run.path / "tasks").glob("*.npz"))) >= 3)
@@ -92,18 +95,26 @@ def test_more_workers_than_cores_are_refused(piezobench: CommandLine, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (["--backend", "dask"], "needs the address of a scheduler"), (["--scheduler", "tcp://here:1"], "goes with --backend dask"),
-    (["--backend", "cloud"], "'local', 'dask'"), (["--workers", "0"], "--workers")])
-def test_a_way_of_spreading_that_cannot_be_is_refused(piezobench: CommandLine, tmp_path: Path, options: list[str],
-                                                      said: str) -> None:
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--backend", "dask"], "needs the address of a scheduler"),
+        (["--scheduler", "tcp://here:1"], "goes with --backend dask"),
+        (["--backend", "cloud"], "'local', 'dask'"),
+        (["--workers", "0"], "--workers"),
+    ],
+)
+def test_a_way_of_spreading_that_cannot_be_is_refused(
+    piezobench: CommandLine, tmp_path: Path, options: list[str], said: str
+) -> None:
     assert said in piezobench("race", *SMALL, "--out", tmp_path, *options).refusal
     assert not list(tmp_path.iterdir())
 
 
 @TWO_CORES
-def test_a_dask_cluster_gives_the_rows_of_a_local_race_time_after_time(piezobench: CommandLine, tmp_path: Path,
-                                                                      clean_race: Race, scheduler: str) -> None:
+def test_a_dask_cluster_gives_the_rows_of_a_local_race_time_after_time(
+    piezobench: CommandLine, tmp_path: Path, clean_race: Race, scheduler: str
+) -> None:
     for folder in ("first", "second"):  # the cluster's workers have given back what the first race held
         run = raced_by_two(piezobench, tmp_path / folder, "--backend", "dask", "--scheduler", scheduler)
         same_but_for_times(run, clean_race)

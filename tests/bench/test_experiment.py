@@ -14,7 +14,13 @@ FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles")
 
 def test_every_figure_is_there_as_svg_and_numbers_and_stands_in_the_report(figures: Figures) -> None:
     assert sorted(str(path.relative_to(figures.folder)) for path in figures.folder.rglob("*.*")) == sorted(
-        ["experiment.html", "experiment.md", *(f"{name}.svg" for name in FIGURES), *(f"figures/{name}.csv" for name in FIGURES)])
+        [
+            "experiment.html",
+            "experiment.md",
+            *(f"{name}.svg" for name in FIGURES),
+            *(f"figures/{name}.csv" for name in FIGURES),
+        ]
+    )
     for name in FIGURES:
         assert f"({name}.svg)" in figures.page
         assert "<svg" in (figures.folder / f"{name}.svg").read_text(encoding="utf-8")

@@ -63,12 +63,19 @@ def deny_uniqueness(arrays: Arrays, certificate: dict[str, Any]) -> None:
     certificate["unique"] = not certificate["unique"]
 
 
-CHANGES = {perturb_optimum: "line 7 (answer)", lower_value: "line 6 (value)", release_bound: "proof line ",
-           perturb_data: "line 1 (problem)", deny_uniqueness: "line 7 (answer)"}
+CHANGES = {
+    perturb_optimum: "line 7 (answer)",
+    lower_value: "line 6 (value)",
+    release_bound: "proof line ",
+    perturb_data: "line 1 (problem)",
+    deny_uniqueness: "line 7 (answer)",
+}
 
 
 @pytest.mark.parametrize("words", [("--set", "noise"), ()])
-def test_saved_problems_are_verified_as_they_are(piezobench: CommandLine, exported: Path, words: tuple[str, ...]) -> None:
+def test_saved_problems_are_verified_as_they_are(
+    piezobench: CommandLine, exported: Path, words: tuple[str, ...]
+) -> None:
     call = piezobench("problems", *words, "--verify", "--from", exported)
     assert call.status == 0, call.stderr
     count = 2 if words else 3
@@ -77,33 +84,40 @@ def test_saved_problems_are_verified_as_they_are(piezobench: CommandLine, export
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
 @pytest.mark.parametrize("name", ["noise--noise-none.npz", "foreign--drawn.npz"])
-def test_a_saved_problem_in_which_anything_was_changed_is_rejected(piezobench: CommandLine, exported: Path, tmp_path: Path,
-                                                                   name: str, change: Callable[..., None]) -> None:
+def test_a_saved_problem_in_which_anything_was_changed_is_rejected(
+    piezobench: CommandLine, exported: Path, tmp_path: Path, name: str, change: Callable[..., None]
+) -> None:
     changed(exported / name, tmp_path / name, change)
     refusal = piezobench("problems", "--verify", "--from", tmp_path).refusal
     assert f"not every proof holds: {name.replace('--', '/').removesuffix('.npz')} (scaled): " in refusal
     assert CHANGES[change] in refusal
 
 
-def test_a_saved_problem_that_was_changed_is_not_raced_as_a_foreign_one(piezobench: CommandLine, exported: Path,
-                                                                        tmp_path: Path) -> None:
+def test_a_saved_problem_that_was_changed_is_not_raced_as_a_foreign_one(
+    piezobench: CommandLine, exported: Path, tmp_path: Path
+) -> None:
     changed(exported / "noise--noise-none.npz", tmp_path / "changed.npz", perturb_optimum)
     call = piezobench("problems", "--set", "foreign", "--folder", tmp_path, "--verify")
     assert "there is no certified problem" in call.refusal
     assert "Not certified and therefore not raced: changed: proof line 7" in call.stdout
 
 
-def test_a_file_without_certificate_and_a_damaged_one_are_said(piezobench: CommandLine, exported: Path, tmp_path: Path) -> None:
+def test_a_file_without_certificate_and_a_damaged_one_are_said(
+    piezobench: CommandLine, exported: Path, tmp_path: Path
+) -> None:
     np.savez(tmp_path / "bare.npz", P=np.eye(2), q=np.ones(2))
     assert "bare.npz: holds no array" in piezobench("problems", "--verify", "--from", tmp_path).refusal
     whole = (exported / "noise--noise-none.npz").read_bytes()
-    (tmp_path / "bare.npz").write_bytes(whole[:len(whole) // 2])
+    (tmp_path / "bare.npz").write_bytes(whole[: len(whole) // 2])
     assert "bare.npz: cannot be read as NPZ" in piezobench("problems", "--verify", "--from", tmp_path).refusal
 
 
-@pytest.mark.parametrize(("module", "count", "sparse"), [("piezobench_noise", 4, False), ("piezobench_foreign", 2, True)])
-def test_qpbenchmark_finds_every_problem_in_each_scaling(exported: Path, module: str, count: int, sparse: bool,
-                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("module", "count", "sparse"), [("piezobench_noise", 4, False), ("piezobench_foreign", 2, True)]
+)
+def test_qpbenchmark_finds_every_problem_in_each_scaling(
+    exported: Path, module: str, count: int, sparse: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if importlib.util.find_spec("qpbenchmark") is None:
         pytest.skip("qpbenchmark is not installed, and the test set is one of its classes")
     from qpbenchmark.benchmark import load_test_set

@@ -30,7 +30,10 @@ SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 FLOAT_LOOP_BOUND = 1e-4
 """Unit amplitudes."""
 FAULTY = "projected_difference, faulty sensor", "recursive_active_set, faulty sensor"
-INTEGRAL = "projected_difference, faulty sensor, integral action", "recursive_active_set, faulty sensor, integral action"
+INTEGRAL = (
+    "projected_difference, faulty sensor, integral action",
+    ("recursive_active_set, faulty sensor, integral action"),
+)
 KINDS = ("compensator", *SOLVERS, *FAULTY, *INTEGRAL)
 NIGHTLY = pytest.mark.nightly
 
@@ -39,7 +42,11 @@ NIGHTLY = pytest.mark.nightly
 def told(kind: str, size: int = SHORT) -> Told:
     """What Python says, computed once."""
     solver, _, fault = kind.partition(", ")
-    return compensation(size) if kind == "compensator" else learning(solver, size, faulty=bool(fault), integral_gain=1000.0 * (kind in INTEGRAL))
+    return (
+        compensation(size)
+        if kind == "compensator"
+        else learning(solver, size, faulty=bool(fault), integral_gain=1000.0 * (kind in INTEGRAL))
+    )
 
 
 def built(folder: Path, said: Told, compiler: str, *flags: str) -> Path:
@@ -50,7 +57,7 @@ def built(folder: Path, said: Told, compiler: str, *flags: str) -> Path:
 
 def difference(said: Told, x: np.ndarray) -> float:
     """Largest difference in unit amplitudes."""
-    return float(np.max(np.abs(x - said.x[:x.size]))) / said.model.structure.x_scale
+    return float(np.max(np.abs(x - said.x[: x.size]))) / said.model.structure.x_scale
 
 
 # The same numbers.
@@ -67,7 +74,9 @@ def compare(folder: Path, said: Told, compiler: str, flags: tuple[str, ...]) -> 
 
 
 @pytest.mark.parametrize(("kind", "way"), [*zip(KINDS, cycle(product(COMPILERS, LEVELS)), strict=False)], ids=str)
-def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_and_level(tmp_path: Path, kind: str, way: tuple[str, str]) -> None:
+def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_and_level(
+    tmp_path: Path, kind: str, way: tuple[str, str]
+) -> None:
     found = compare(tmp_path, told(kind), *way[:1], way[1:])
     if kind in FAULTY:
         compare(tmp_path, told(kind), "clang", ("-O3", "-march=native"))
@@ -77,7 +86,9 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
         assert found.events[3] == 0
 
 
-@pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY) for kind in KINDS])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY) for kind in KINDS]
+)
 def test_it_does_so_under_the_eyes_of_the_sanitizers(tmp_path: Path, kind: str) -> None:
     compare(tmp_path, told(kind), "gcc", ("-O1", *SANITIZED))
 
@@ -108,11 +119,19 @@ def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(t
     np.testing.assert_array_equal(drives[1], drives[0])
 
 
-@pytest.mark.parametrize(("kind", "bound"), [("compensator", FLOAT_BOUND), ("projected_difference", FLOAT_LOOP_BOUND),
-                                             ("recursive_active_set", FLOAT_LOOP_BOUND)])
+@pytest.mark.parametrize(
+    ("kind", "bound"),
+    [
+        ("compensator", FLOAT_BOUND),
+        ("projected_difference", FLOAT_LOOP_BOUND),
+        ("recursive_active_set", FLOAT_LOOP_BOUND),
+    ],
+)
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("size", [SHORT, pytest.param(MILLION, marks=NIGHTLY)])
-def test_single_precision_stays_within_its_stated_bound(tmp_path: Path, size: int, compiler: str, kind: str, bound: float) -> None:
+def test_single_precision_stays_within_its_stated_bound(
+    tmp_path: Path, size: int, compiler: str, kind: str, bound: float
+) -> None:
     said = single(told(kind, size))
     x = replay(built(tmp_path, said, compiler, "-O2"), said.samples).x
     assert 0.0 < difference(said, x) <= bound
@@ -120,16 +139,26 @@ def test_single_precision_stays_within_its_stated_bound(tmp_path: Path, size: in
 
 
 SHAPES: tuple[tuple[dict[str, object], dict[str, object]], ...] = (
-    ({"n": 0, "m": 0, "rates": ()}, {}), ({"n": 20, "m": 9, "rates": (1.0,), "offset": True}, {}),
-    ({"n": 7, "m": 4, "rates": (1.0, 2.0, 3.0, 4.0)}, {"rate_limit": 1e4}), ({"n": 8, "m": 0, "rates": (), "offset": True}, {"name": "left_axis"}))
+    ({"n": 0, "m": 0, "rates": ()}, {}),
+    ({"n": 20, "m": 9, "rates": (1.0,), "offset": True}, {}),
+    ({"n": 7, "m": 4, "rates": (1.0, 2.0, 3.0, 4.0)}, {"rate_limit": 1e4}),
+    ({"n": 8, "m": 0, "rates": (), "offset": True}, {"name": "left_axis"}),
+)
 PARTS = tuple(product((None, *SOLVERS), ("double", "float")))
 
 
-@pytest.mark.parametrize(("shape", "settings", "solver", "precision"), [
-    pytest.param(*shape, *part, marks=() if k in (0, i + 1, i + 2) else NIGHTLY)
-    for i, shape in enumerate(SHAPES) for k, part in enumerate(PARTS)], ids=str)
+@pytest.mark.parametrize(
+    ("shape", "settings", "solver", "precision"),
+    [
+        pytest.param(*shape, *part, marks=() if k in (0, i + 1, i + 2) else NIGHTLY)
+        for i, shape in enumerate(SHAPES)
+        for k, part in enumerate(PARTS)
+    ],
+    ids=str,
+)
 def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
-        tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None, precision: str) -> None:
+    tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None, precision: str
+) -> None:
     model, y_ref = a_model(**shape), references(500)
     loop = {} if solver is None else {"part": "learning", "solver": solver}
     samples = np.column_stack([y_ref, 0.9 * np.roll(y_ref, 1)]) if loop else y_ref
@@ -145,7 +174,8 @@ SIZES = """#include "piezo_learner.c"
 int main(void)
 {
     const Shape shape = CORE_SHAPE;
-    printf("%lld %lld\\n", (long long)learner_bytes(shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY), (long long)PIEZO_LEARNER_BYTES);
+    const long long bytes = learner_bytes(shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY);
+    printf("%lld %lld\\n", bytes, (long long)PIEZO_LEARNER_BYTES);
     return 0;
 }
 """
@@ -154,7 +184,9 @@ int main(void)
 @pytest.mark.parametrize("blocks", [None, 3, 20])
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("solver", ["projected_difference", "recursive_active_set"])
-def test_the_learner_has_the_bytes_that_it_lays_out(tmp_path: Path, solver: str, precision: str, blocks: int | None) -> None:
+def test_the_learner_has_the_bytes_that_it_lays_out(
+    tmp_path: Path, solver: str, precision: str, blocks: int | None
+) -> None:
     for i, (shape, _) in enumerate(SHAPES):
         folder = tmp_path / str(i)
         folder.mkdir()
@@ -162,14 +194,18 @@ def test_the_learner_has_the_bytes_that_it_lays_out(tmp_path: Path, solver: str,
         (folder / "sizes.c").write_text(SIZES)
         flags = [] if blocks is None else [f"-DPIEZO_BLOCKS={blocks}"]
         subprocess.run([program("gcc"), *EXACT, *flags, "-O0", "sizes.c", "-o", "sizes", "-lm"], cwd=folder, check=True)
-        laid_out, given = map(int, subprocess.run([folder / "sizes"], capture_output=True, text=True, check=True).stdout.split())
+        laid_out, given = map(
+            int, subprocess.run([folder / "sizes"], capture_output=True, text=True, check=True).stdout.split()
+        )
         assert laid_out == given
 
 
 def test_constants_that_single_precision_cannot_hold_are_refused() -> None:
     model = a_model()
     tiny = replace(model, structure=replace(model.structure, x_scale=1e-42))
-    with pytest.raises(ExportError, match="the constant 1e-42 does not fit into single precision; export it with --precision double"):
+    with pytest.raises(
+        ExportError, match="the constant 1e-42 does not fit into single precision; export it with --precision double"
+    ):
         export(tiny, ExportSettings(precision="float"))
     assert "1e-42" in export(tiny)["piezo_parameters.h"]
 
@@ -225,10 +261,14 @@ def test_models_states_and_limits_can_be_set_and_two_axes_do_not_meet(tmp_path: 
     weights = ", ".join(numbers.initialiser(w) for w in (other.w_H, other.w_S_inverse, other.w_K)) + ", 0.0"
     fade = numbers.literal(np.exp(-model.structure.sample_time / fade_s))
     (tmp_path / "program.c").write_text(PROGRAM.replace("WEIGHTS", weights).replace("FADE", fade))
-    subprocess.run([program("gcc"), *WARNINGS, *EXACT, "-O1", *SANITIZED, "program.c", "piezo.c", "-o", "program", "-lm"],
-                   cwd=tmp_path, check=True)
-    done = subprocess.run([tmp_path / "program"], input="\n".join(map(repr, y_ref.tolist())), capture_output=True, text=True,
-                          check=True)
+    subprocess.run(
+        [program("gcc"), *WARNINGS, *EXACT, "-O1", *SANITIZED, "program.c", "piezo.c", "-o", "program", "-lm"],
+        cwd=tmp_path,
+        check=True,
+    )
+    done = subprocess.run(
+        [tmp_path / "program"], input="\n".join(map(repr, y_ref.tolist())), capture_output=True, text=True, check=True
+    )
     lines = done.stdout.splitlines()
     assert lines.pop(300).split() == ["2", "1", "3", "3", "0"]
     assert lines.pop(600) == "1"
@@ -248,26 +288,53 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the
         write_sources(tmp_path, a_model(), ExportSettings(part="learning", solver=solver))
         deepest = 0
         for unit in ("piezo", "piezo_learner"):
-            subprocess.run([program("gcc"), *WARNINGS, "-O2", "-fno-math-errno", "-fstack-usage", "-fcallgraph-info", "-c", f"{unit}.c"],
-                           cwd=tmp_path, check=True)
+            subprocess.run(
+                [
+                    program("gcc"),
+                    *WARNINGS,
+                    "-O2",
+                    "-fno-math-errno",
+                    "-fstack-usage",
+                    "-fcallgraph-info",
+                    "-c",
+                    f"{unit}.c",
+                ],
+                cwd=tmp_path,
+                check=True,
+            )
             graph = TopologicalSorter[str]()
-            calls = re.findall(r'edge: \{ sourcename: "(?:[^"]*:)?(.*?)" targetname: "(?:[^"]*:)?(.*?)"', (tmp_path / f"{unit}.ci").read_text())
+            calls = re.findall(
+                r'edge: \{ sourcename: "(?:[^"]*:)?(.*?)" targetname: "(?:[^"]*:)?(.*?)"',
+                (tmp_path / f"{unit}.ci").read_text(),
+            )
             for caller, called in calls:
                 graph.add(caller, called)
             order = list(graph.static_order())  # CycleError where a function calls itself, however indirectly
             assert len(order) > 10
-            symbols = subprocess.run([program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+            symbols = subprocess.run(
+                [program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True
+            ).stdout
             needed = set(re.findall(r" U (\w+)", symbols))
-            assert {name for name in needed if not name.startswith("piezo_")} <= {"memcpy", "memmove", "memset", "sqrt", "__stack_chk_fail",
-                                                                                  "_GLOBAL_OFFSET_TABLE_"}
+            assert {name for name in needed if not name.startswith("piezo_")} <= {
+                "memcpy",
+                "memmove",
+                "memset",
+                "sqrt",
+                "__stack_chk_fail",
+                "_GLOBAL_OFFSET_TABLE_",
+            }
             assert not re.search(r" [bBdDC] ", symbols), "nothing is static but constants"
-            assert all(name.startswith("piezo_") for name in re.findall(r" T (\w+)", symbols)), "two exports in one program do not meet"
+            assert all(name.startswith("piezo_") for name in re.findall(r" T (\w+)", symbols)), (
+                "two exports in one program do not meet"
+            )
             frames = [line.split("\t") for line in (tmp_path / f"{unit}.su").read_text().splitlines()]
             assert {kind for _, _, kind in frames} == {"static"}
             own = {name.rpartition(":")[2]: int(size) for name, size, _ in frames}
             depth: dict[str, int] = {}
             for name in order:  # what is called comes first
-                depth[name] = own.get(name, 0) + max((depth[called] for caller, called in calls if caller == name), default=0)
+                depth[name] = own.get(name, 0) + max(
+                    (depth[called] for caller, called in calls if caller == name), default=0
+                )
             deepest += max(depth.values())
         said = re.search(r"stack \| below (\d+) bytes", (tmp_path / "README.md").read_text())
         assert said is not None
@@ -282,14 +349,31 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a recording, a model and a compensator of deploy."""
     folder, model = tmp_path_factory.mktemp("desk"), a_model()
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
-    write_table(folder / "stage.csv", {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": model.simulate(x)})
+    write_table(
+        folder / "stage.csv", {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": model.simulate(x)}
+    )
     model.save(folder / "model.json")
-    Deployment(model=model, solver="recursive_active_set", lane="kernel", tier="high", settings={}, mode="continuous",
-               x_limits=(10.0, 120.0)).save(folder / "deployed.json")
-    Deployment(model=model, solver="box_active_set", lane="kernel", tier="high", settings={}, mode="cyclic",
-               x_limits=(10.0, 120.0)).save(folder / "exact.json")
-    Deployment(model=model, solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic",
-               x_limits=(10.0, 120.0)).save(folder / "daqp.json")
+    Deployment(
+        model=model,
+        solver="recursive_active_set",
+        lane="kernel",
+        tier="high",
+        settings={},
+        mode="continuous",
+        x_limits=(10.0, 120.0),
+    ).save(folder / "deployed.json")
+    Deployment(
+        model=model,
+        solver="box_active_set",
+        lane="kernel",
+        tier="high",
+        settings={},
+        mode="cyclic",
+        x_limits=(10.0, 120.0),
+    ).save(folder / "exact.json")
+    Deployment(
+        model=model, solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic", x_limits=(10.0, 120.0)
+    ).save(folder / "daqp.json")
     return folder
 
 
@@ -298,7 +382,9 @@ def made(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.needs("cc")
-def test_one_line_leads_from_a_recording_to_a_program_that_runs(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_one_line_leads_from_a_recording_to_a_program_that_runs(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
     call = piezobench("identify", "stage.csv", "--out", tmp_path / "m.json", folder=desk)
     assert call.status == 0, call.stderr
     call = piezobench("export-c", tmp_path / "m.json", tmp_path / "c", "--precision", "float", folder=desk)
@@ -309,13 +395,24 @@ def test_one_line_leads_from_a_recording_to_a_program_that_runs(piezobench: Comm
 
 
 @pytest.mark.needs("cc")
-@pytest.mark.parametrize("words", [(), ("--part", "learning"), ("--part", "learning", "--solver", "recursive_active_set"),
-                                   ("--name", "stage_x", "--low", 5, "--high", 100, "--rate-limit", 1000)], ids=str)
-def test_the_example_takes_references_from_standard_input(piezobench: CommandLine, desk: Path, tmp_path: Path,
-                                                          words: tuple[object, ...]) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        (),
+        ("--part", "learning"),
+        ("--part", "learning", "--solver", "recursive_active_set"),
+        ("--name", "stage_x", "--low", 5, "--high", 100, "--rate-limit", 1000),
+    ],
+    ids=str,
+)
+def test_the_example_takes_references_from_standard_input(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, words: tuple[object, ...]
+) -> None:
     assert piezobench("export-c", "model.json", tmp_path / "c", *words, folder=desk).status == 0
     made(tmp_path / "c", "example")
-    done = subprocess.run([tmp_path / "c" / "example", "-"], input="0\n5\nnan\n1e9\n", capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [tmp_path / "c" / "example", "-"], input="0\n5\nnan\n1e9\n", capture_output=True, text=True, check=True
+    )
     x = np.array([line.split()[1] for line in done.stdout.splitlines()], dtype=float)
     assert x.size == 4
     assert x[1] == x[2]
@@ -333,7 +430,9 @@ def test_cmake_builds_it_too(piezobench: CommandLine, desk: Path, tmp_path: Path
     assert subprocess.run([tmp_path / "build" / "example"], capture_output=True, check=True).stdout
 
 
-def test_a_compensator_of_deploy_brings_its_limits_and_its_solver(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_a_compensator_of_deploy_brings_its_limits_and_its_solver(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
     call = piezobench("export-c", "deployed.json", tmp_path / "c", "--part", "learning", folder=desk)
     assert "recursive_active_set" in call.stdout
     parameters = (tmp_path / "c" / "piezo_parameters.h").read_text()
@@ -351,34 +450,43 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["export-c", "nothing.json", "c"], "nothing.json: there is no such file"),
-    (["export-c", "broken.json", "c"], "is not a whole JSON file"),
-    (["export-c", "invalid.json", "c"], "w_H[0] must be positive"),
-    (["export-c", "stage.csv", "c"], "stage.csv: is not a whole JSON file"),
-    (["export-c", "model.json", "full"], "holds notes.txt already; name a new or an empty folder"),
-    (["export-c", "model.json", "model.json"], "is a file; name a new folder"),
-    (["export-c", "model.json", "nowhere/c"], "nowhere does not exist"),
-    (["export-c", "model.json", "c", "--low", 9, "--high", 1], "the lowest drive 9 must be below the highest 1"),
-    (["export-c", "model.json", "c", "--rate-limit", 0], "--rate-limit"),
-    (["export-c", "model.json", "c", "--name", "two words"], "is no identifier of C"),
-    (["export-c", "model.json", "c", "--name", "main"], "'main' is the name of another file or function"),
-    (["export-c", "model.json", "c", "--name", "MakeFile"], "'MakeFile' is the name of another file or function"),
-    (["export-c", "model.json", "c", "--name", "compensator"], "with the name 'compensator' a function could be named COMPENSATOR_KIND, as in core"),
-    (["export-c", "model.json", "c", "--name", "play"], "with the name 'play' a function could be named play_"),
-    (["export-c", "model.json", "c", "--name", "x" * 32], "the name has 32 characters"),
-    (["export-c", "model.json", "c", "--rate-limit", "nan"], "--rate-limit"),
-    (["export-c", "model.json", "c", "--rate-limit", "fast"], "--rate-limit"),
-    (["export-c", "model.json", "c", "--low", "nan"], "must be below the highest"),
-    (["export-c", "model.json", "c", "--high", "inf"], "must be finite"),
-    (["export-c", "model.json", "c", "--part", "all"], "--part"),
-    (["export-c", "model.json", "c", "--solver", "daqp"], "--solver"),
-    (["export-c", "model.json", "c", "--speed", "9"], "--speed"),
-    (["export-c", "model.json"], "folder"),
-    (["export-c", "model.json", "/proc/c"], "/proc/c: cannot be written"),
-    (["export-c", "model.json", "c", "--precision", "half"], "--precision")], ids=str)
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["export-c", "nothing.json", "c"], "nothing.json: there is no such file"),
+        (["export-c", "broken.json", "c"], "is not a whole JSON file"),
+        (["export-c", "invalid.json", "c"], "w_H[0] must be positive"),
+        (["export-c", "stage.csv", "c"], "stage.csv: is not a whole JSON file"),
+        (["export-c", "model.json", "full"], "holds notes.txt already; name a new or an empty folder"),
+        (["export-c", "model.json", "model.json"], "is a file; name a new folder"),
+        (["export-c", "model.json", "nowhere/c"], "nowhere does not exist"),
+        (["export-c", "model.json", "c", "--low", 9, "--high", 1], "the lowest drive 9 must be below the highest 1"),
+        (["export-c", "model.json", "c", "--rate-limit", 0], "--rate-limit"),
+        (["export-c", "model.json", "c", "--name", "two words"], "is no identifier of C"),
+        (["export-c", "model.json", "c", "--name", "main"], "'main' is the name of another file or function"),
+        (["export-c", "model.json", "c", "--name", "MakeFile"], "'MakeFile' is the name of another file or function"),
+        (
+            ["export-c", "model.json", "c", "--name", "compensator"],
+            "with the name 'compensator' a function could be named COMPENSATOR_KIND, as in core",
+        ),
+        (["export-c", "model.json", "c", "--name", "play"], "with the name 'play' a function could be named play_"),
+        (["export-c", "model.json", "c", "--name", "x" * 32], "the name has 32 characters"),
+        (["export-c", "model.json", "c", "--rate-limit", "nan"], "--rate-limit"),
+        (["export-c", "model.json", "c", "--rate-limit", "fast"], "--rate-limit"),
+        (["export-c", "model.json", "c", "--low", "nan"], "must be below the highest"),
+        (["export-c", "model.json", "c", "--high", "inf"], "must be finite"),
+        (["export-c", "model.json", "c", "--part", "all"], "--part"),
+        (["export-c", "model.json", "c", "--solver", "daqp"], "--solver"),
+        (["export-c", "model.json", "c", "--speed", "9"], "--speed"),
+        (["export-c", "model.json"], "folder"),
+        (["export-c", "model.json", "/proc/c"], "/proc/c: cannot be written"),
+        (["export-c", "model.json", "c", "--precision", "half"], "--precision"),
+    ],
+    ids=str,
+)
 def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
-        piezobench: CommandLine, desk: Path, tmp_path: Path, words: list[object], said: str) -> None:
+    piezobench: CommandLine, desk: Path, tmp_path: Path, words: list[object], said: str
+) -> None:
     for name in ("model.json", "stage.csv"):
         shutil.copy(desk / name, tmp_path)
     (tmp_path / "broken.json").write_text('{"format": "piezobench-model"')
@@ -389,7 +497,13 @@ def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
     before = contents(tmp_path)
     assert said in piezobench(*words, folder=tmp_path).refusal
     assert contents(tmp_path) == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.json", "full", "invalid.json", "model.json", "stage.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "broken.json",
+        "full",
+        "invalid.json",
+        "model.json",
+        "stage.csv",
+    ]
 
 
 def test_a_full_disk_leaves_no_half_written_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
@@ -405,5 +519,7 @@ def test_an_empty_folder_is_filled(piezobench: CommandLine, desk: Path, tmp_path
 
 
 def test_a_missing_compiler_is_named_with_its_package() -> None:
-    with pytest.raises(ExportError, match="there is no no-such-compiler on this machine; apt-get install no-such-compiler"):
+    with pytest.raises(
+        ExportError, match="there is no no-such-compiler on this machine; apt-get install no-such-compiler"
+    ):
         tool("no-such-compiler")

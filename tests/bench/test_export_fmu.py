@@ -37,8 +37,20 @@ def fmus(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> d
     folder = tmp_path_factory.mktemp("fmus")
     a_model().save(folder / "model.json")
     for fmi in VERSIONS:
-        call = piezobench("export-fmu", "model.json", f"{fmi}.fmu", "--fmi", fmi, "--low", LIMITS[0], "--high", LIMITS[1],
-                          "--rate-limit", RATE_LIMIT, folder=folder)
+        call = piezobench(
+            "export-fmu",
+            "model.json",
+            f"{fmi}.fmu",
+            "--fmi",
+            fmi,
+            "--low",
+            LIMITS[0],
+            "--high",
+            LIMITS[1],
+            "--rate-limit",
+            RATE_LIMIT,
+            folder=folder,
+        )
         assert (call.status, call.stderr) == (0, "")
     return {fmi: folder / f"{fmi}.fmu" for fmi in VERSIONS}
 
@@ -53,8 +65,16 @@ def simulated(path: Path, y_ref: np.ndarray, **start: float) -> np.ndarray:
     """Drives as FMPy's own simulation gives them: that of the reference at t is there at t + T."""
     t = np.arange(y_ref.size) * SAMPLE_TIME
     signals = np.array(list(zip(t, y_ref, strict=True)), dtype=[("time", float), ("reference", float)])
-    found = fmpy.simulate_fmu(str(path), stop_time=y_ref.size * SAMPLE_TIME, step_size=SAMPLE_TIME, output_interval=SAMPLE_TIME,
-                              input=signals, output=["drive"], start_values=start, fmi_type="CoSimulation")
+    found = fmpy.simulate_fmu(
+        str(path),
+        stop_time=y_ref.size * SAMPLE_TIME,
+        step_size=SAMPLE_TIME,
+        output_interval=SAMPLE_TIME,
+        input=signals,
+        output=["drive"],
+        start_values=start,
+        fmi_type="CoSimulation",
+    )
     assert found["drive"].size == y_ref.size + 1
     return found["drive"][1:]
 
@@ -64,7 +84,12 @@ def slave(path: Path, fmi: int, folder: Path) -> Any:
     description = fmpy.read_model_description(str(path))
     kind, token = (FMU2Slave, description.guid) if fmi == 2 else (FMU3Slave, description.instantiationToken)
     fmpy.extract(str(path), unzipdir=str(folder))
-    it = kind(guid=token, unzipDirectory=str(folder), modelIdentifier=description.coSimulation.modelIdentifier, instanceName="it")
+    it = kind(
+        guid=token,
+        unzipDirectory=str(folder),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="it",
+    )
     it.instantiate()
     if fmi == 2:
         it.setupExperiment(startTime=0.0)
@@ -88,9 +113,10 @@ def test_fmpys_validation_has_nothing_to_say(fmus: dict[int, Path], fmi: int) ->
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: int) -> None:
     y_ref, limits = reference(), (0.5 * LIMITS[1], LIMITS[1] - 1.0)
-    for start, compensator in (({}, Compensator(a_model(), LIMITS, RATE_LIMIT)),
-                               ({"lowest_drive": limits[0], "highest_drive": limits[1], "rate_limit": 0.0},
-                                Compensator(a_model(), limits))):
+    for start, compensator in (
+        ({}, Compensator(a_model(), LIMITS, RATE_LIMIT)),
+        ({"lowest_drive": limits[0], "highest_drive": limits[1], "rate_limit": 0.0}, Compensator(a_model(), limits)),
+    ):
         x = compensator.run(y_ref)
         np.testing.assert_array_equal(simulated(fmus[fmi], y_ref, **start), x)
         assert x.min() == (limits if start else LIMITS)[0]
@@ -103,7 +129,10 @@ def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, f
     gain, y_ref = 0.4 / SAMPLE_TIME, reference()[:400]
     measured = 0.9 * np.roll(y_ref, 1) + 0.3
     write_fmu(a_model(), ExportSettings(x_limits=LIMITS, integral_gain=gain), tmp_path / "loop.fmu", fmi)
-    it, compensator = slave(tmp_path / "loop.fmu", fmi, tmp_path / "loop"), Compensator(a_model(), LIMITS, integral_gain=gain)
+    it, compensator = (
+        slave(tmp_path / "loop.fmu", fmi, tmp_path / "loop"),
+        Compensator(a_model(), LIMITS, integral_gain=gain),
+    )
     for k, (wanted, y) in enumerate(zip(y_ref, measured, strict=True)):
         (it.setReal if fmi == 2 else it.setFloat64)([6], [y])
         compensator.correct(y)
@@ -120,7 +149,9 @@ def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(t
     turned = replace(model, structure=replace(model.structure, y_scale=-model.structure.y_scale))
     for each, name in ((model, "rising"), (turned, "falling")):
         write_fmu(each, ExportSettings(), tmp_path / f"{name}.fmu", fmi)
-    np.testing.assert_array_equal(simulated(tmp_path / "falling.fmu", -y_ref), simulated(tmp_path / "rising.fmu", y_ref))
+    np.testing.assert_array_equal(
+        simulated(tmp_path / "falling.fmu", -y_ref), simulated(tmp_path / "rising.fmu", y_ref)
+    )
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
@@ -135,15 +166,21 @@ def test_variables_have_units_start_values_and_the_step_is_fixed(fmus: dict[int,
     settings = ExportSettings(x_limits=LIMITS, rate_limit=RATE_LIMIT)
     for expected in variables(a_model().structure, settings):
         v = found.pop(expected.name)
-        assert (v.causality, v.variability, float(v.start), v.unit) == (expected.causality, expected.variability, expected.start,
-                                                                       expected.unit)
+        assert (v.causality, v.variability, float(v.start), v.unit) == (
+            expected.causality,
+            expected.variability,
+            expected.start,
+            expected.unit,
+        )
         assert v.description
     assert found == {}
     assert {"V", "V/s", "um"} <= {unit.name for unit in description.unitDefinitions}
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_long_communication_step_is_so_many_samples_and_no_other_is_taken(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
+def test_a_long_communication_step_is_so_many_samples_and_no_other_is_taken(
+    fmus: dict[int, Path], fmi: int, tmp_path: Path
+) -> None:
     it = slave(fmus[fmi], fmi, tmp_path)
     x = step(it, fmi, 0, 5.0, 3 * SAMPLE_TIME)
     assert x == pytest.approx(Compensator(a_model(), LIMITS, RATE_LIMIT).run([5.0] * 3)[-1], rel=1e-14)
@@ -157,8 +194,11 @@ def test_a_noted_state_brings_the_same_drives_again(fmus: dict[int, Path], fmi: 
     it, y_ref = slave(fmus[fmi], fmi, tmp_path), reference()[:300]
     for k in range(100):
         step(it, fmi, k, y_ref[k])
-    note, write, restored = ((it.getFMUstate, it.serializeFMUstate, it.deSerializeFMUstate) if fmi == 2 else
-                             (it.getFMUState, it.serializeFMUState, it.deserializeFMUState))
+    note, write, restored = (
+        (it.getFMUstate, it.serializeFMUstate, it.deSerializeFMUstate)
+        if fmi == 2
+        else (it.getFMUState, it.serializeFMUState, it.deserializeFMUState)
+    )
     state = note()
     stored = write(state)
     first = [step(it, fmi, k, y_ref[k]) for k in range(100, 300)]
@@ -176,8 +216,11 @@ def test_its_sources_build_the_same_library_again(fmus: dict[int, Path], fmi: in
     description = ET.parse(tmp_path / ("modelDescription.xml" if fmi == 2 else "sources/buildDescription.xml"))
     names = [str(each.get("name")) for each in description.iter("File" if fmi == 2 else "SourceFile")]
     assert len(names) == 2
-    subprocess.run([program("gcc"), "-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", *names, "-o", "again.so", "-lm"],
-                   cwd=tmp_path / "sources", check=True)
+    subprocess.run(
+        [program("gcc"), "-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", *names, "-o", "again.so", "-lm"],
+        cwd=tmp_path / "sources",
+        check=True,
+    )
     for binary in (tmp_path / "binaries").rglob("*.so"):
         binary.write_bytes((tmp_path / "sources" / "again.so").read_bytes())
     y_ref = reference()[:500]
@@ -203,26 +246,33 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
 
 @pytest.mark.needs("cc")
 def test_the_file_of_deploy_brings_its_limits(piezobench: CommandLine, tmp_path: Path) -> None:
-    Deployment(model=a_model(), solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic",
-               x_limits=(10.0, 120.0)).save(tmp_path / "compensator.json")
+    Deployment(
+        model=a_model(), solver="daqp", lane="direct", tier="high", settings={}, mode="cyclic", x_limits=(10.0, 120.0)
+    ).save(tmp_path / "compensator.json")
     call = piezobench("export-fmu", "compensator.json", "it.fmu", folder=tmp_path)
     assert call.status == 0, call.stderr
     found = {v.name: v for v in fmpy.read_model_description(str(tmp_path / "it.fmu")).modelVariables}
     assert (float(found["lowest_drive"].start), float(found["highest_drive"].start)) == (10.0, 120.0)
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["nothing.json", "it.fmu"], "nothing.json: there is no such file"),
-    (["broken.json", "it.fmu"], "is not a whole JSON file"),
-    (["invalid.json", "it.fmu"], "w_H[0] must be positive"),
-    (["model.json", "it.zip"], "it.zip does not end in .fmu"),
-    (["model.json", "there.fmu"], "there.fmu: is there already; name a new file"),
-    (["model.json", "nowhere/it.fmu"], "the folder nowhere does not exist"),
-    (["model.json", "it.fmu", "--fmi", "4"], "--fmi"),
-    (["model.json", "it.fmu", "--low", "9", "--high", "1"], "the lowest drive 9 must be below the highest 1"),
-    (["model.json", "it.fmu", "--rate-limit", "nan"], "--rate-limit")], ids=str)
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nothing.json", "it.fmu"], "nothing.json: there is no such file"),
+        (["broken.json", "it.fmu"], "is not a whole JSON file"),
+        (["invalid.json", "it.fmu"], "w_H[0] must be positive"),
+        (["model.json", "it.zip"], "it.zip does not end in .fmu"),
+        (["model.json", "there.fmu"], "there.fmu: is there already; name a new file"),
+        (["model.json", "nowhere/it.fmu"], "the folder nowhere does not exist"),
+        (["model.json", "it.fmu", "--fmi", "4"], "--fmi"),
+        (["model.json", "it.fmu", "--low", "9", "--high", "1"], "the lowest drive 9 must be below the highest 1"),
+        (["model.json", "it.fmu", "--rate-limit", "nan"], "--rate-limit"),
+    ],
+    ids=str,
+)
 def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
-        piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:
+    piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
+) -> None:
     a_model().save(tmp_path / "model.json")
     data = json.loads((tmp_path / "model.json").read_text())
     (tmp_path / "invalid.json").write_text(json.dumps({**data, "w_H": [0.0, *data["w_H"][1:]]}))

@@ -1,4 +1,5 @@
-"""The exported step and its learner in two threads: the bits of one thread where the learner is in time, and whole weights where it is not."""
+"""The exported step and its learner in two threads: the bits of one thread where the learner is in time, and whole
+weights where it is not."""
 
 import subprocess
 from functools import cache
@@ -37,8 +38,12 @@ def told(solver: str) -> Told:
 def works(folder: Path, *flags: str) -> bool:
     """Whether a program with these flags builds and runs here."""
     (folder / "nothing.c").write_text("int main(void) { return 0; }\n")
-    made = subprocess.run([program("gcc"), *flags, "nothing.c", "-o", "nothing"], cwd=folder, capture_output=True, check=False)
-    return made.returncode == 0 and subprocess.run([folder / "nothing"], capture_output=True, check=False).returncode == 0
+    made = subprocess.run(
+        [program("gcc"), *flags, "nothing.c", "-o", "nothing"], cwd=folder, capture_output=True, check=False
+    )
+    return (
+        made.returncode == 0 and subprocess.run([folder / "nothing"], capture_output=True, check=False).returncode == 0
+    )
 
 
 def built(folder: Path, said: Told, kind: str) -> Path:
@@ -49,8 +54,23 @@ def built(folder: Path, said: Told, kind: str) -> Path:
     write_sources(folder, said.model, said.settings)
     (folder / "two_threads.c").write_text(SOURCE.read_text())
     (folder / "offering_learner.c").write_text(LEARNER)
-    subprocess.run([program("gcc"), "-D_POSIX_C_SOURCE=200809L", *WARNINGS, *EXACT, *flags, "-pthread", "two_threads.c", "offering_learner.c",
-                    "-o", "two_threads", "-lm"], cwd=folder, check=True)
+    subprocess.run(
+        [
+            program("gcc"),
+            "-D_POSIX_C_SOURCE=200809L",
+            *WARNINGS,
+            *EXACT,
+            *flags,
+            "-pthread",
+            "two_threads.c",
+            "offering_learner.c",
+            "-o",
+            "two_threads",
+            "-lm",
+        ],
+        cwd=folder,
+        check=True,
+    )
     return folder / "two_threads"
 
 
@@ -58,7 +78,9 @@ def run(two_threads: Path, said: Told, delay: int = 0, seed: int = 0) -> tuple[n
     """Drives, and what happened; an error of the sanitizer ends the program with a status of its own."""
     source, target = two_threads.with_suffix(".in"), two_threads.with_suffix(".out")
     said.samples.tofile(source)
-    done = subprocess.run([two_threads, source, target, str(delay), str(seed)], capture_output=True, text=True, check=False, timeout=100)
+    done = subprocess.run(
+        [two_threads, source, target, str(delay), str(seed)], capture_output=True, text=True, check=False, timeout=100
+    )
     assert (done.returncode, done.stderr) == (0, "")
     names = ("hand_overs", "refusals", "late_offers", "dropped_blocks", "changes", "torn")
     return np.fromfile(target), dict(zip(names, map(int, done.stdout.split()), strict=True))
@@ -66,7 +88,9 @@ def run(two_threads: Path, said: Told, delay: int = 0, seed: int = 0) -> tuple[n
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(tmp_path: Path, solver: str, kind: str) -> None:
+def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
+    tmp_path: Path, solver: str, kind: str
+) -> None:
     said = told(solver)
     x, events = run(built(tmp_path, said, kind), said)
     np.testing.assert_array_equal(x, said.x)
@@ -78,7 +102,8 @@ def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(tmp_pat
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("solver", ["projected_difference", "recursive_active_set"])
 def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_half_of_its_weights(
-        tmp_path: Path, solver: str, kind: str) -> None:
+    tmp_path: Path, solver: str, kind: str
+) -> None:
     said = told(solver)
     numbers = said.settings.numbers(said.model.structure)
     two_threads, delay = built(tmp_path, said, kind), INTERVALS * int(numbers.get("interval", 5 * numbers["block"]))

@@ -14,16 +14,22 @@ SAMPLE_TIME = 1e-3
 
 
 @pytest.mark.parametrize("separator", [",", "\t", ";", " ; "])
-def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_file(piezobench: CommandLine, tmp_path: Path,
-                                                                                  separator: str) -> None:
-    """No header, an empty first column, time in single precision, output and input, a rest, a jump and a sine, an offset."""
+def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_file(
+    piezobench: CommandLine, tmp_path: Path, separator: str
+) -> None:
+    """No header, an empty first column, time in single precision, output and input, a rest, a jump and a sine, an
+    offset."""
     t = np.arange(12_000) * SAMPLE_TIME
     x = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62)).round(6)
     y = plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(75.0 + 0.5 * x) - 70.0
     y = (y + np.random.default_rng(4).normal(0.0, 1e-3 * np.ptp(y), y.size)).round(9)
     write_table(tmp_path / "clean.csv", {"time_s": t.round(6), "drive_V": x, "position_um": y})
-    (tmp_path / "kept.txt").write_text("".join(
-        separator.join(["", str(np.float32(a)), f"{b:.9f}", f"{c:.6f}"]) + "\n" for a, b, c in zip(t, y, x, strict=True)))
+    (tmp_path / "kept.txt").write_text(
+        "".join(
+            separator.join(["", str(np.float32(a)), f"{b:.9f}", f"{c:.6f}"]) + "\n"
+            for a, b, c in zip(t, y, x, strict=True)
+        )
+    )
     models = {}
     for name in ("clean.csv", "kept.txt"):
         call = piezobench("identify", name, "--out", f"{name}.json", folder=tmp_path)
@@ -34,12 +40,15 @@ def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_fil
     assert fit["samples"] == t.size
     assert fit["rms_percent"] < 0.5
     assert [fit[name] for name in ("rms", "max", "line_percent")] == pytest.approx(
-        [clean.report["fit"][name] for name in ("rms", "max", "line_percent")], rel=1e-9)
+        [clean.report["fit"][name] for name in ("rms", "max", "line_percent")], rel=1e-9
+    )
     np.testing.assert_allclose(kept.weights, clean.weights, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.needs("cc")
-def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed; it is part of the extra dev")
     t = np.arange(8000) * SAMPLE_TIME
     x = 75.0 + 70.0 * np.sin(2 * np.pi * 0.7 * t) * (0.4 + 0.6 * t / t[-1])
@@ -51,15 +60,29 @@ def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(piez
         folder.mkdir()
         write_table(folder / "stage.csv", {"time_s": t, "drive_V": x, "position_um": sign * y})
         write_table(folder / "wish.csv", {"time_s": t[:2000], "reference_um": sign * reference})
-        for words in (("identify", "stage.csv", "--out", "model.json"),
-                      ("compensate", "model.json", "wish.csv", "--start", "rest", "--out", "drive.csv"),
-                      ("export-fmu", "model.json", "it.fmu"), ("export-c", "model.json", "c")):
+        for words in (
+            ("identify", "stage.csv", "--out", "model.json"),
+            ("compensate", "model.json", "wish.csv", "--start", "rest", "--out", "drive.csv"),
+            ("export-fmu", "model.json", "it.fmu"),
+            ("export-c", "model.json", "c"),
+        ):
             call = piezobench(*words, folder=folder)
             assert call.status == 0, (words, call.stderr)
-        assert ("falls as the input rises" in json.dumps(json.loads((folder / "model.json").read_text())["report"])) == (sign < 0.0)
-        signals = np.array(list(zip(t[:2000], sign * reference, strict=True)), dtype=[("time", float), ("reference", float)])
-        found = fmpy.simulate_fmu(str(folder / "it.fmu"), stop_time=2000 * SAMPLE_TIME, step_size=SAMPLE_TIME, output_interval=SAMPLE_TIME,
-                                  input=signals, output=["drive"], fmi_type="CoSimulation")["drive"][1:]
+        assert (
+            "falls as the input rises" in json.dumps(json.loads((folder / "model.json").read_text())["report"])
+        ) == (sign < 0.0)
+        signals = np.array(
+            list(zip(t[:2000], sign * reference, strict=True)), dtype=[("time", float), ("reference", float)]
+        )
+        found = fmpy.simulate_fmu(
+            str(folder / "it.fmu"),
+            stop_time=2000 * SAMPLE_TIME,
+            step_size=SAMPLE_TIME,
+            output_interval=SAMPLE_TIME,
+            input=signals,
+            output=["drive"],
+            fmi_type="CoSimulation",
+        )["drive"][1:]
         compensated = np.loadtxt(folder / "drive.csv", delimiter=",", skiprows=1)[:, 1]
         np.testing.assert_allclose(found, compensated, rtol=0, atol=1e-9)
         drives[name] = found, compensated

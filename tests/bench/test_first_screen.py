@@ -1,4 +1,5 @@
-"""The first screen of the committed run: who wins at which accuracy, where the paper's method stands, in a terminal and on the page."""
+"""The first screen of the committed run: who wins at which accuracy, where the paper's method stands, in a terminal and
+on the page."""
 
 import re
 import shutil
@@ -35,7 +36,9 @@ def shown(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     return call.stdout.splitlines(), (run / "report.md").read_text(encoding="utf-8")
 
 
-def test_the_committed_report_holds_to_the_digit_what_the_committed_measurements_give(shown: tuple[list[str], str]) -> None:
+def test_the_committed_report_holds_to_the_digit_what_the_committed_measurements_give(
+    shown: tuple[list[str], str],
+) -> None:
     _, report = shown
     assert report == (REFERENCE / "report.md").read_text(encoding="utf-8")
 
@@ -44,7 +47,7 @@ def test_the_terminal_shows_a_real_race_in_a_hundred_columns_and_forty_lines(sho
     lines, _ = shown
     assert max(map(len, lines)) <= 100
     assert len(lines) <= 40
-    table = lines[next(i for i, line in enumerate(lines) if line.startswith("solver ")) + 1:]
+    table = lines[next(i for i, line in enumerate(lines) if line.startswith("solver ")) + 1 :]
     assert table[0].startswith(PACE)
     assert sum(" direct " in line or " kernel " in line for line in table) >= 10
 
@@ -58,7 +61,9 @@ def test_our_own_solvers_are_marked_in_every_table(shown: tuple[list[str], str])
     assert any("† ours" in line for line in lines)
 
 
-def test_the_papers_method_comes_first_and_what_misses_an_accuracy_ranks_below_what_reaches_it(found: Measurements) -> None:
+def test_the_papers_method_comes_first_and_what_misses_an_accuracy_ranks_below_what_reaches_it(
+    found: Measurements,
+) -> None:
     paper, *others = ranking(found)
     assert paper.name == PACE
     reached = [line.results[Tier.HIGH].reached for line in others]
@@ -68,7 +73,9 @@ def test_the_papers_method_comes_first_and_what_misses_an_accuracy_ranks_below_w
     assert times == sorted(times)
 
 
-def test_every_setting_of_a_lane_with_a_ladder_was_measured_on_every_problem_and_raw_data_at_the_default(found: Measurements) -> None:
+def test_every_setting_of_a_lane_with_a_ladder_was_measured_on_every_problem_and_raw_data_at_the_default(
+    found: Measurements,
+) -> None:
     assert found.problems >= FEWEST
     rows = found.rows[(found.rows.start == "cold") & found.rows.lane.isin(["kernel", "direct"])]
     for _, part in rows[rows.scaling == "scaled"].groupby(["solver", "lane", "setting"]):
@@ -77,8 +84,13 @@ def test_every_setting_of_a_lane_with_a_ladder_was_measured_on_every_problem_and
     assert rows[rows.scaling == "scaled"].groupby(["solver", "lane"]).is_default.sum().eq(found.problems).all()
 
 
-def test_the_first_sentence_counts_the_solver_lanes_that_reach_a_billionth_with_one_setting(found: Measurements) -> None:
+def test_the_first_sentence_counts_the_solver_lanes_that_reach_a_billionth_with_one_setting(
+    found: Measurements,
+) -> None:
     high = found.settings[(found.settings.tier == "high") & (found.settings.scaling == "scaled")]
     says = next(said for said in verdict(found) if "solver lanes reach" in said)
-    assert says.startswith(f"{(high.setting != '').sum()} of {len(high)} solver lanes reach 1e-9 on all {found.problems} problems; fastest compiled ")
+    assert says.startswith(
+        f"{(high.setting != '').sum()} of {len(high)} solver lanes reach 1e-9 on all "
+        f"{found.problems} problems; fastest compiled "
+    )
     assert " and from Python " in says

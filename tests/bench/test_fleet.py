@@ -65,9 +65,13 @@ def same_as(serial: Path, other: Path) -> None:
     assert not list(other.rglob(".*"))  # nothing half-written
 
 
-def test_a_bad_file_costs_only_its_own_row(piezobench: CommandLine, serial: tuple[Path, Finished], recordings: list[Path], tmp_path: Path) -> None:
+def test_a_bad_file_costs_only_its_own_row(
+    piezobench: CommandLine, serial: tuple[Path, Finished], recordings: list[Path], tmp_path: Path
+) -> None:
     out, call = serial
-    assert call.refusal == f"piezobench identify: 1 of {COUNT + 1} recordings are refused; the table {out}/fleet.csv says why"
+    assert call.refusal == (
+        f"piezobench identify: 1 of {COUNT + 1} recordings are refused; the table {out}/fleet.csv says why"
+    )
     assert f"{COUNT} of {COUNT + 1} recordings gave a model." in call.stdout
     table = table_in(out)
     assert list(table.name[:2]) == [BAD, NOISY]  # outliers first
@@ -116,22 +120,25 @@ def test_what_is_made_and_then_cut_short_or_changed_is_made_again(recordings: li
     reference, name = tmp_path / "wanted.csv", recordings[0].stem
     write_table(reference, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.zeros(200)})
     model = out / f"{name}.json"
-    for work, given, made in ((Identifying(n=2, m=0, creep_rates=()), recording, model),
-                              (Compensating(str(model)), str(reference), out / "wanted-drive.csv"),
-                              (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name)):
+    for work, given, made in (
+        (Identifying(n=2, m=0, creep_rates=()), recording, model),
+        (Compensating(str(model)), str(reference), out / "wanted-drive.csv"),
+        (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name),
+    ):
         parts = list(parts_of(work, [given], str(tmp_path / "judged" if isinstance(work, Validating) else out)))
         (row,) = done(parts, Workers(), silent)
         assert row["refused"] == ""
         whole = made.read_bytes()
-        for damaged in (whole[:len(whole) // 2], b"", b"{}", whole + b" 1"):
+        for damaged in (whole[: len(whole) // 2], b"", b"{}", whole + b" 1"):
             made.write_bytes(damaged)
             assert done(parts, Workers(), silent) == [row]
             assert made.read_bytes() == whole
 
 
 @TWO_CORES
-def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(piezobench: CommandLine, recordings: list[Path], tmp_path: Path,
-                                                                      serial: tuple[Path, Finished]) -> None:
+def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
+) -> None:
     words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
     call = piezobench.start(*words, "--workers", 2)
     call.kill_once(lambda: len(list(tmp_path.glob("rows/[!.]*.json"))) >= 3)
@@ -149,8 +156,9 @@ def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(piezobenc
 
 @TWO_CORES
 @pytest.mark.nightly
-def test_a_fleet_ended_at_any_moment_by_any_signal_is_resumed_without_loss_or_repetition(piezobench: CommandLine, recordings: list[Path],
-                                                                                        tmp_path: Path, serial: tuple[Path, Finished]) -> None:
+def test_a_fleet_ended_at_any_moment_by_any_signal_is_resumed_without_loss_or_repetition(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
+) -> None:
     chance, took = random.Random("fleet"), 0.0
     for number in range(21):
         out = tmp_path / str(number)
@@ -174,13 +182,16 @@ def test_a_fleet_ended_at_any_moment_by_any_signal_is_resumed_without_loss_or_re
 
 
 @TWO_CORES
-def test_a_cluster_that_loses_a_worker_gives_the_rows_of_a_serial_run(piezobench: CommandLine, recordings: list[Path], tmp_path: Path,
-                                                                     serial: tuple[Path, Finished], scheduler: str) -> None:
+def test_a_cluster_that_loses_a_worker_gives_the_rows_of_a_serial_run(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished], scheduler: str
+) -> None:
     from distributed import Client
 
     with Client(scheduler, timeout="60s") as client:
         first, *_ = client.run(os.getpid).values()
-        call = piezobench.start("identify", *recordings, "--out-dir", tmp_path, *ORDERS, "--backend", "dask", "--scheduler", scheduler)
+        call = piezobench.start(
+            "identify", *recordings, "--out-dir", tmp_path, *ORDERS, "--backend", "dask", "--scheduler", scheduler
+        )
         while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
             time.sleep(0.01)
         os.kill(first, 9)
@@ -193,7 +204,8 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_a_serial_run(piezobench
 
 
 def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_its_name(
-        piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]) -> None:
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
+) -> None:
     models, chosen = serial[0], recordings[:2]
     stranger = tmp_path / "stranger.csv"
     stranger.write_bytes(recordings[0].read_bytes())
@@ -203,64 +215,109 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     assert judged.refused["stranger"] == f"{models / 'stranger.json'}: No such file or directory"
     for path in chosen:
         alone = json.loads(piezobench("validate", models / f"{path.stem}.json", path, "--json").stdout)
-        assert (judged.rms_percent[path.stem], judged["shift"][path.stem]) == (alone["fit"]["rms_percent"], alone["shift"])
+        assert (judged.rms_percent[path.stem], judged["shift"][path.stem]) == (
+            alone["fit"]["rms_percent"],
+            alone["shift"],
+        )
 
     references = [tmp_path / f"{path.stem}.csv" for path in chosen]
     for height, path in enumerate(references):
-        write_table(path, {"time_s": np.arange(500) * SAMPLE_TIME, "reference_um": (3.0 + height) * np.sin(0.05 * np.arange(500))})
-    for model, others in ((models, [models / f"{path.stem}.json" for path in chosen]), (models / "stage0.json", [models / "stage0.json"] * 2)):
+        write_table(
+            path,
+            {"time_s": np.arange(500) * SAMPLE_TIME, "reference_um": (3.0 + height) * np.sin(0.05 * np.arange(500))},
+        )
+    for model, others in (
+        (models, [models / f"{path.stem}.json" for path in chosen]),
+        (models / "stage0.json", [models / "stage0.json"] * 2),
+    ):
         call = piezobench("compensate", model, *references, "--out-dir", tmp_path / "drives")
         assert (call.status, call.stderr) == (0, "")
         for other, path in zip(others, references, strict=True):
             assert piezobench("compensate", other, path, "--out", tmp_path / "alone.csv").status == 0
-            assert (tmp_path / "drives" / f"{path.stem}-drive.csv").read_bytes() == (tmp_path / "alone.csv").read_bytes()
+            assert (tmp_path / "drives" / f"{path.stem}-drive.csv").read_bytes() == (
+                tmp_path / "alone.csv"
+            ).read_bytes()
 
 
-def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(browser: Browser, serial: tuple[Path, Finished]) -> None:
+def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(
+    browser: Browser, serial: tuple[Path, Finished]
+) -> None:
     out, _ = serial
     browser.open(out / "fleet.html")
     assert browser.console() == []
     assert len(browser.plots()) == 2
     assert all(plot["marks"] > 0 for plot in browser.plots())
     links = browser.run("return [...document.querySelectorAll('.grid a, .note a')].map(a => a.getAttribute('href'))")
-    assert len(links) == COUNT + 2 + sum(table_in(out).distance > DISTANT)  # models, the data of two figures, and pages of outliers
+    # models, the data of two figures, and pages of outliers
+    assert len(links) == COUNT + 2 + sum(table_in(out).distance > DISTANT)
     assert all((out / link).is_file() for link in links)
     assert browser.run("return document.querySelectorAll('main i, main u').length") == 0
     browser.run("document.querySelector(\"a[href^='pages/']\").click()")
     browser.wait_until(lambda: browser.run("return document.title") == f"Recording {NOISY}.parquet")
 
 
-def test_recordings_and_models_may_lie_where_a_url_points(recordings: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_recordings_and_models_may_lie_where_a_url_points(
+    recordings: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     memory = fsspec.filesystem("memory")
     for path in recordings[:2]:
         memory.pipe_file(f"/bucket/{path.name}", path.read_bytes())
     for found in (2, 2):
-        process(Identifying(n=2, m=0, creep_rates=()), ["memory://bucket/*"], "memory://models", Workers(), "Fleet", "gave a model", as_json=True)
+        process(
+            Identifying(n=2, m=0, creep_rates=()),
+            ["memory://bucket/*"],
+            "memory://models",
+            Workers(),
+            "Fleet",
+            "gave a model",
+            as_json=True,
+        )
         assert json.loads(capsys.readouterr().out)["sentences"][0] == f"{found} of 2 recordings gave a model."
     assert {"stage0.json", "stage1.json", "fleet.csv", "fleet.parquet", "fleet.html", "rows"} <= {
-        Path(path).name for path in memory.ls("/models", detail=False)}
+        Path(path).name for path in memory.ls("/models", detail=False)
+    }
 
 
-def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fail(recordings: list[Path], tmp_path: Path,
-                                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fail(
+    recordings: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     broken = [tmp_path / f"{i}-{'x' * 50}.csv" for i in range(60)]
     for path in broken:
         path.write_text("no numbers in here")
     with pytest.raises(RecordingError, match=f"60 of {60 + COUNT} recordings are refused"):
-        process(Identifying(n=1, m=0, creep_rates=()), [*map(str, broken), *(str(path) for path in recordings if path.stem != BAD)],
-                str(tmp_path / "out"), Workers(), "Fleet", "gave a model", as_json=False)
+        process(
+            Identifying(n=1, m=0, creep_rates=()),
+            [*map(str, broken), *(str(path) for path in recordings if path.stem != BAD)],
+            str(tmp_path / "out"),
+            Workers(),
+            "Fleet",
+            "gave a model",
+            as_json=False,
+        )
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 40
     assert max(map(len, lines[:-2])) <= 100  # the last name the folder
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["a.csv", "b.csv"], "Missing option '--out-dir'"), (["a.csv", "b.csv", "--out", "m.json"], "--out-dir for many"),
-    (["a.csv", "--out", "m.json", "--out-dir", "models"], "--out-dir for many"), (["a.csv", "--out-dir", "models", "--page", "p.html"], "--page"),
-    (["a.csv", "a.mat", "--out-dir", "models"], "a.mat: what is made of it would have the name of what is made of a.csv"),
-    (["nowhere://a.csv", "--out-dir", "models"], "nowhere"), (["*.xyz", "--out-dir", "models"], "*.xyz: no file matches"),
-    (["a.csv", "--out-dir", "models", "--backend", "dask"], "--scheduler")])
-def test_what_cannot_be_meant_is_refused_before_the_work(piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["a.csv", "b.csv"], "Missing option '--out-dir'"),
+        (["a.csv", "b.csv", "--out", "m.json"], "--out-dir for many"),
+        (["a.csv", "--out", "m.json", "--out-dir", "models"], "--out-dir for many"),
+        (["a.csv", "--out-dir", "models", "--page", "p.html"], "--page"),
+        (
+            ["a.csv", "a.mat", "--out-dir", "models"],
+            "a.mat: what is made of it would have the name of what is made of a.csv",
+        ),
+        (["nowhere://a.csv", "--out-dir", "models"], "nowhere"),
+        (["*.xyz", "--out-dir", "models"], "*.xyz: no file matches"),
+        (["a.csv", "--out-dir", "models", "--backend", "dask"], "--scheduler"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_before_the_work(
+    piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
+) -> None:
     assert said in piezobench("identify", *words, folder=tmp_path).refusal
     assert not list(tmp_path.iterdir())
 
@@ -268,15 +325,25 @@ def test_what_cannot_be_meant_is_refused_before_the_work(piezobench: CommandLine
 def test_a_fleet_of_stages_that_all_differ_a_little_has_no_outliers_but_the_one_that_is(recordings: list[Path]) -> None:
     """Twenty weights a model, some of them at their bound in most models and anywhere in the others."""
     chance = np.random.default_rng(1)
-    rows = [{"recording": f"{i}.csv", "name": f"{i}", "refused": "", "rms_percent": 0.3 * 10.0 ** chance.normal(0.0, 0.1) * (20.0 if i == 9 else 1.0),
-             **{f"w_H{k}": chance.uniform(0.05, 0.15) * (6.0 if i == 4 else 1.0) for k in range(14)},
-             **{f"w_K{k}": max(chance.normal(-0.02, 0.03), 0.0) for k in range(6)}} for i in range(28)]
+    rows = [
+        {
+            "recording": f"{i}.csv",
+            "name": f"{i}",
+            "refused": "",
+            "rms_percent": 0.3 * 10.0 ** chance.normal(0.0, 0.1) * (20.0 if i == 9 else 1.0),
+            **{f"w_H{k}": chance.uniform(0.05, 0.15) * (6.0 if i == 4 else 1.0) for k in range(14)},
+            **{f"w_K{k}": max(chance.normal(-0.02, 0.03), 0.0) for k in range(6)},
+        }
+        for i in range(28)
+    ]
     table = table_of(rows)
     assert set(table.name[table.distance > DISTANT]) == {"4", "9"}
     assert dict(zip(table.name[:2], table.unlike[:2], strict=True)) == {"9": "error", "4": "weights"}
 
 
-def test_asked_again_the_page_shows_the_refused_rows_again(piezobench: CommandLine, recordings: list[Path], tmp_path: Path) -> None:
+def test_asked_again_the_page_shows_the_refused_rows_again(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path
+) -> None:
     words = ("identify", recordings[0], recordings[3], "--out-dir", tmp_path / "out", *ORDERS)
     pages = []
     for _ in range(2):

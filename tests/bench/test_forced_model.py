@@ -18,13 +18,21 @@ WARNING = "The model was forced although the output is noise that does not follo
 @pytest.fixture(scope="module")
 def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, chance, k = tmp_path_factory.mktemp("desk"), np.random.default_rng(0), np.arange(4000)
-    write_table(folder / "noise.csv", {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": chance.standard_normal(k.size)})
+    write_table(
+        folder / "noise.csv",
+        {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": chance.standard_normal(k.size)},
+    )
     write_table(folder / "wish.csv", {"time_s": k[:500] * SAMPLE_TIME, "reference_um": 0.1 * np.sin(k[:500] / 100)})
-    assert piezobench("identify", "noise.csv", "--out", "model.json", "--force", "--n", 2, "--m", 1, folder=folder).status == 0
+    assert (
+        piezobench("identify", "noise.csv", "--out", "model.json", "--force", "--n", 2, "--m", 1, folder=folder).status
+        == 0
+    )
     return folder
 
 
-def test_exported_sources_and_their_description_carry_the_warning(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_exported_sources_and_their_description_carry_the_warning(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
     call = piezobench("export-c", desk / "model.json", tmp_path / "c")
     assert call.status == 0
     assert WARNING in call.stderr.replace("\n", " ")
@@ -39,9 +47,17 @@ def test_an_fmu_carries_the_warning_in_its_description(piezobench: CommandLine, 
         assert WARNING in archive.read("modelDescription.xml").decode()
 
 
-@pytest.mark.parametrize("words", [("compensate", "model.json", "wish.csv", "--out", "drive.csv"),
-                                   ("simulate", "model.json", "noise.csv", "--out", "output.csv"), ("validate", "model.json", "noise.csv")])
-def test_what_a_forced_model_computes_is_said_with_the_warning(piezobench: CommandLine, desk: Path, words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("compensate", "model.json", "wish.csv", "--out", "drive.csv"),
+        ("simulate", "model.json", "noise.csv", "--out", "output.csv"),
+        ("validate", "model.json", "noise.csv"),
+    ],
+)
+def test_what_a_forced_model_computes_is_said_with_the_warning(
+    piezobench: CommandLine, desk: Path, words: tuple[str, ...]
+) -> None:
     assert WARNING in piezobench(*words, folder=desk).stdout
     found = json.loads(piezobench(*words, "--json", folder=desk).stdout)
     assert WARNING in (found["sentences"][0] if words[0] == "validate" else found["forced"])

@@ -46,8 +46,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savez(path / "indefinite.npz", P=np.diag([1.0, -1.0]), q=zero)
     np.savez(path / "infeasible.npz", P=eye, q=zero, lb=one, ub=-one)
     np.savez(path / "unbounded.npz", P=np.diag([1.0, 0.0]), q=-one, lb=zero)
-    np.savez(path / "large.npz", **{f"P/{part}": getattr(sp.identity(2500, format="csc"), part)
-                                    for part in ("data", "indices", "indptr", "shape")}, q=np.zeros(2500))
+    np.savez(
+        path / "large.npz",
+        **{
+            f"P/{part}": getattr(sp.identity(2500, format="csc"), part)
+            for part in ("data", "indices", "indptr", "shape")
+        },
+        q=np.zeros(2500),
+    )
     (path / "broken.npz").write_bytes(b"PK and no more")
     (path / "notes.txt").write_text("no program")
     return path
@@ -78,15 +84,26 @@ def test_a_saved_problem_with_a_constant_or_a_bound_that_is_no_number_is_left_ou
 def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: int) -> None:
     qp = read(write_mat(tmp_path / "drawn.mat", draw(seed))).qp
     badly = np.exp2(np.arange(qp.q.size) * 3 - 17)
-    qp = Problem(sp.csc_matrix(sp.diags(badly) @ qp.P @ sp.diags(badly)), badly * qp.q, qp.G @ sp.diags(badly), qp.h,
-                 qp.A @ sp.diags(badly), qp.b, qp.lb / badly, qp.ub / badly)
+    qp = Problem(
+        sp.csc_matrix(sp.diags(badly) @ qp.P @ sp.diags(badly)),
+        badly * qp.q,
+        qp.G @ sp.diags(badly),
+        qp.h,
+        qp.A @ sp.diags(badly),
+        qp.b,
+        qp.lb / badly,
+        qp.ub / badly,
+    )
     scaled = equilibrated(qp)
     D, kappa = scaled.unit, scaled.cost
     assert np.all(np.frexp(np.append(D, kappa))[0] == 0.5)
     back = sp.diags(1.0 / D)
     np.testing.assert_array_equal(dense(back @ scaled.qp.P @ back) / kappa, dense(qp.P))
     np.testing.assert_array_equal(scaled.qp.q / D / kappa, qp.q)
-    for M, right, M_scaled, right_scaled in ((qp.G, qp.h, scaled.qp.G, scaled.qp.h), (qp.A, qp.b, scaled.qp.A, scaled.qp.b)):
+    for M, right, M_scaled, right_scaled in (
+        (qp.G, qp.h, scaled.qp.G, scaled.qp.h),
+        (qp.A, qp.b, scaled.qp.A, scaled.qp.b),
+    ):
         E = dense(abs(M_scaled @ back)).max(axis=1) / dense(abs(M)).max(axis=1)
         np.testing.assert_array_equal(dense(sp.diags(1.0 / E) @ M_scaled @ back), dense(M))
         np.testing.assert_array_equal(right_scaled / E, right)
@@ -96,7 +113,9 @@ def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: in
     assert largest.max() < 5.0
 
 
-def test_programs_of_every_format_are_certified_in_both_scalings(foreign: tuple[dict[str, RaceProblem], dict[str, str]]) -> None:
+def test_programs_of_every_format_are_certified_in_both_scalings(
+    foreign: tuple[dict[str, RaceProblem], dict[str, str]],
+) -> None:
     assert set(foreign[0]) == {"drawn.mat", "drawn.QPS", "other", "dense"}
     for problem in foreign[0].values():
         raw, scaled = problem.forms["raw"], problem.forms["scaled"]
@@ -111,12 +130,19 @@ def test_programs_of_every_format_are_certified_in_both_scalings(foreign: tuple[
     assert foreign[0]["dense"].forms["raw"].c == 2.0
 
 
-@pytest.mark.parametrize(("name", "reason"), [
-    ("indefinite", "P is not convex"), ("infeasible", "contradict each other"), ("unbounded", "falls without bound"),
-    ("large", "2500 variables with 0 rows are too many"), ("broken", "cannot be read as NPZ"),
-])
-def test_what_cannot_be_certified_is_left_out_with_the_reason(foreign: tuple[dict[str, RaceProblem], dict[str, str]],
-                                                              name: str, reason: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("indefinite", "P is not convex"),
+        ("infeasible", "contradict each other"),
+        ("unbounded", "falls without bound"),
+        ("large", "2500 variables with 0 rows are too many"),
+        ("broken", "cannot be read as NPZ"),
+    ],
+)
+def test_what_cannot_be_certified_is_left_out_with_the_reason(
+    foreign: tuple[dict[str, RaceProblem], dict[str, str]], name: str, reason: str
+) -> None:
     assert name not in foreign[0]
     assert reason in foreign[1][name]
 
@@ -132,7 +158,8 @@ def test_a_proof_that_takes_too_much_work_is_given_up_and_said(tmp_path: Path) -
 
 
 def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_process(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.25]), lb=np.zeros(2))
     np.savez(tmp_path / "endless.npz", P=np.diag([2.0, 0.0]), q=np.array([-1.0, -1.25]), lb=np.zeros(2))
     options = {"folder": str(tmp_path)}
@@ -142,7 +169,8 @@ def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_proc
         patch.setattr(Prover, "prove", lambda *_: pytest.fail("a proof was looked for again"))
         again = make("foreign", options=options)
         assert [{s: f.certificate for s, f in problem.forms.items()} for problem in again.problems()] == [
-            {s: f.certificate for s, f in proven.forms.items()}]
+            {s: f.certificate for s, f in proven.forms.items()}
+        ]
         assert "falls without bound" in again.left_out["endless"]
     for kept in user_cache.folder("proofs").glob("*.json"):
         kept.write_text(kept.read_text()[:40])
@@ -157,15 +185,46 @@ def test_a_race_whose_proofs_cannot_be_kept_goes_on_and_says_so_once(tmp_path: P
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
     (tmp_path / "cache").write_text("a file, where a folder would have to be")
-    call = subprocess.run([sys.executable, "-m", "bench", "race", "--folder", "programs", "--solver", "daqp", "--lane", "direct",
-                           "--limit", "2", "--budget", "0.001", "--rounds", "0", "--out", "results", "--name", "run"], cwd=tmp_path,
-                          env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}, capture_output=True, text=True, check=False)
+    call = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "bench",
+            "race",
+            "--folder",
+            "programs",
+            "--solver",
+            "daqp",
+            "--lane",
+            "direct",
+            "--limit",
+            "2",
+            "--budget",
+            "0.001",
+            "--rounds",
+            "0",
+            "--out",
+            "results",
+            "--name",
+            "run",
+        ],
+        cwd=tmp_path,
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert call.returncode == 0, call.stderr
-    assert call.stderr == f"{tmp_path / 'cache' / 'piezobench'}: cannot be written (Not a directory), so nothing is kept for the next time\n"
+    assert call.stderr == (
+        f"{tmp_path / 'cache' / 'piezobench'}: cannot be written (Not a directory), so nothing is "
+        "kept for the next time\n"
+    )
     assert (tmp_path / "results" / "run" / "report.html").is_file()
 
 
-def test_a_race_lists_all_that_it_leaves_out_with_the_reason(piezobench: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_a_race_lists_all_that_it_leaves_out_with_the_reason(
+    piezobench: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     words = ("race", "--lane", "qpsolvers", "--solver", "daqp", "--budget", 0.001, "--rounds", 0, "--out", tmp_path)
     call = piezobench(*words, "--folder", folder, "--name", "run")
     assert call.status == 0, call.stderr
@@ -179,11 +238,15 @@ def test_a_race_lists_all_that_it_leaves_out_with_the_reason(piezobench: Command
         assert all(f"foreign/{name}" in page for page in pages)
     (tmp_path / "bad").mkdir()
     np.savez(tmp_path / "bad" / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
-    assert "no problem of the set 'foreign' can be raced; indefinite: P is not convex" in piezobench(
-        *words, "--folder", tmp_path / "bad", "--name", "none").refusal
+    assert (
+        "no problem of the set 'foreign' can be raced; indefinite: P is not convex"
+        in piezobench(*words, "--folder", tmp_path / "bad", "--name", "none").refusal
+    )
 
 
-def test_test_sets_of_qpbenchmark_are_read_from_their_class(piezobench: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_test_sets_of_qpbenchmark_are_read_from_their_class(
+    piezobench: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     pytest.importorskip("qpbenchmark", reason="qpbenchmark is not installed, and it is its test sets that are read")
     call = piezobench("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path)
     assert call.status == 0, call.stderr
@@ -195,20 +258,33 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(piezobench: CommandL
     for problem in saved:
         for scaling, form in problem.forms.items():
             assert found[f"foreign--{problem.name}--{scaling}"].forms["raw"].certificate.x == form.certificate.x
-    (tmp_path / "mine.py").write_text("from qpbenchmark import Problem\nclass Mine:\n    def __iter__(self):\n        raise OSError('no network')\n")
+    (tmp_path / "mine.py").write_text(
+        "from qpbenchmark import Problem\nclass Mine:\n    def __iter__(self):\n        raise OSError('no network')\n"
+    )
     with pytest.raises(ProblemSetError, match=r"mine\.py: OSError: no network"):
         list(make("test_set", options={"test_set": str(tmp_path / "mine.py")}).problems())
     (tmp_path / "mine.py").write_text("")
-    assert "has no class Mine" in piezobench("problems", "--set", "test_set", "--test-set", tmp_path / "mine.py").refusal
+    assert (
+        "has no class Mine" in piezobench("problems", "--set", "test_set", "--test-set", tmp_path / "mine.py").refusal
+    )
 
 
 def test_the_command_in_an_exported_set_saves_its_results(piezobench: CommandLine, tmp_path: Path) -> None:
     pytest.importorskip("qpbenchmark", reason="qpbenchmark is not installed, and it is what runs an exported set")
     call = piezobench("problems", "--set", "measured", "--limit", 1, "--export", tmp_path)
     assert call.status == 0, call.stderr
-    command = next(line.split() for line in (tmp_path / "piezobench_measured.py").read_text().splitlines() if "run --author" in line)
-    done = subprocess.run([sys.executable, *command[1:2], "run", "--author", "you", "--solver", "quadprog"],
-                          cwd=tmp_path, capture_output=True, text=True, check=False)
+    command = next(
+        line.split()
+        for line in (tmp_path / "piezobench_measured.py").read_text().splitlines()
+        if "run --author" in line
+    )
+    done = subprocess.run(
+        [sys.executable, *command[1:2], "run", "--author", "you", "--solver", "quadprog"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     rows = pd.read_csv(tmp_path / "piezobench_measured.csv")
     assert rows.problem.nunique() == 2
@@ -226,8 +302,9 @@ def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost(tmp_path: Path
         assert judge(problem, scaling, Outcome(found=True, x=x)).cost_gap == pytest.approx(1e-6)
 
 
-def test_sparse_problems_with_rows_are_saved_and_loaded_to_the_last_bit(foreign: tuple[dict[str, RaceProblem], dict[str, str]],
-                                                                       tmp_path: Path) -> None:
+def test_sparse_problems_with_rows_are_saved_and_loaded_to_the_last_bit(
+    foreign: tuple[dict[str, RaceProblem], dict[str, str]], tmp_path: Path
+) -> None:
     for problem in foreign[0].values():
         problem.save(tmp_path / "problem.npz")
         loaded = RaceProblem.load(tmp_path / "problem.npz")
@@ -252,7 +329,8 @@ def test_a_problem_that_was_saved_here_keeps_its_forms_and_its_proofs(tmp_path: 
 @pytest.mark.parametrize("scaling", SCALINGS)
 @pytest.mark.parametrize("name", ["drawn.mat", "dense"])
 def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
-        foreign: tuple[dict[str, RaceProblem], dict[str, str]], name: str, scaling: str) -> None:
+    foreign: tuple[dict[str, RaceProblem], dict[str, str]], name: str, scaling: str
+) -> None:
     problem = foreign[0][name]
     form = problem.forms[scaling]
     best = np.array(form.certificate.x)
@@ -267,7 +345,9 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
-def test_the_cost_gap_of_a_program_whose_optimal_cost_is_zero_is_measured_in_its_unit(tmp_path: Path, scaling: str) -> None:
+def test_the_cost_gap_of_a_program_whose_optimal_cost_is_zero_is_measured_in_its_unit(
+    tmp_path: Path, scaling: str
+) -> None:
     np.savez(tmp_path / "zero.npz", P=np.diag([2e4, 2e4]), q=np.zeros(2), A=np.ones((1, 2)), b=np.zeros(1))
     problem = next(make("foreign", options={"folder": str(tmp_path)}).problems())
     form = problem.forms[scaling]
@@ -281,7 +361,8 @@ def test_the_cost_gap_of_a_program_whose_optimal_cost_is_zero_is_measured_in_its
 
 @pytest.mark.parametrize(("solver", "status"), [("daqp", "ok"), ("clarabel", "ok"), ("box_active_set", "unsupported")])
 def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
-        foreign: tuple[dict[str, RaceProblem], dict[str, str]], solver: str, status: str) -> None:
+    foreign: tuple[dict[str, RaceProblem], dict[str, str]], solver: str, status: str
+) -> None:
     lane = Lane.DIRECT if solver == "box_active_set" else Lane.QPSOLVERS
     problem = foreign[0]["other"]
     with SolverChild(find(solver, lane)) as child:

@@ -3,7 +3,9 @@
 import fuzz
 import pytest
 
-KINDS = [pytest.param(kind, marks=pytest.mark.needs("gcc", "cc") if "C and FMU" in kind else ()) for kind in fuzz.PROPERTIES]
+KINDS = [
+    pytest.param(kind, marks=pytest.mark.needs("gcc", "cc") if "C and FMU" in kind else ()) for kind in fuzz.PROPERTIES
+]
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -39,9 +39,30 @@ def form_of(qp: Problem) -> CertifiedForm:
 def drift_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Two problems that follow each other, in two fresh processes; one solver has no use for a start."""
     folder = tmp_path_factory.mktemp("drift")
-    file = faulty_solvers.written(folder, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')")
-    return raced(piezobench, folder, "drift", "--set", "drift", "--limit", 2, "--lane", "kernel", "--solver", file,
-                 "--solver", "quadprog", "--solver", "box_active_set", "--scaling", "scaled", "--repeats", 2)
+    file = faulty_solvers.written(
+        folder, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')"
+    )
+    return raced(
+        piezobench,
+        folder,
+        "drift",
+        "--set",
+        "drift",
+        "--limit",
+        2,
+        "--lane",
+        "kernel",
+        "--solver",
+        file,
+        "--solver",
+        "quadprog",
+        "--solver",
+        "box_active_set",
+        "--scaling",
+        "scaled",
+        "--repeats",
+        2,
+    )
 
 
 def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race: Race) -> None:
@@ -51,22 +72,28 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
     assert (both.status == Status.OK).all()
-    assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)  # repeats, problems, settings in the lanes of either, then warm lanes
+    # repeats, problems, settings in the lanes of either, then warm lanes
+    assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)
 
 
-def test_a_warm_start_has_the_setting_whose_first_answers_reach_a_billionth_else_a_millionth_else_what_the_library_does_unasked(
-        drift_race: Race) -> None:
+def test_a_warm_start_has_the_setting_whose_first_answers_reach_a_billionth_else_a_millionth_else_the_default(
+    drift_race: Race,
+) -> None:
     found = drift_race.found
     first = tier_settings(drift_race.rows.assign(timed_gap=np.nan))
     reached = first[first.setting != ""].set_index(["solver", "lane", "tier"]).setting
     warm = drift_race.rows[drift_race.rows.start == "warm"]
     for who, part in warm.groupby(["solver", "lane"]):
-        unasked = found.rows[found.rows.is_default & (found.rows.solver == who[0]) & (found.rows.lane == who[1])].setting.iloc[0]
+        unasked = found.rows[
+            found.rows.is_default & (found.rows.solver == who[0]) & (found.rows.lane == who[1])
+        ].setting.iloc[0]
         assert set(part.setting) == {reached.get((*who, "high"), reached.get((*who, "mid"), unasked))}
         assert len(part) == 2 * 2  # repeats, problems
 
 
-def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_thousand_calls_in_all(drift_race: Race, clean_race: Race) -> None:
+def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_thousand_calls_in_all(
+    drift_race: Race, clean_race: Race
+) -> None:
     for race in (drift_race, clean_race):
         cold = race.rows[race.rows.start == "cold"]
         samples = cold.groupby(["scaling", "solver", "lane", "setting"]).samples.sum()
@@ -113,12 +140,17 @@ def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_eac
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
-    settings = tier_settings(clean_race.rows[clean_race.rows.solver != "null"].assign(timed_gap=np.nan))  # by first answers
+    # by first answers
+    settings = tier_settings(clean_race.rows[clean_race.rows.solver != "null"].assign(timed_gap=np.nan))
     high = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
     assert (high.setting != "").all()
     chosen = {*zip(high.scaling, high.solver, high.setting, strict=True)}
-    at = [(row.scaling, row.solver, row.setting) in chosen or (row.scaling == "raw" and row.is_default) or row.solver == "null"
-          for row in rows.itertuples()]
+    at = [
+        (row.scaling, row.solver, row.setting) in chosen
+        or (row.scaling == "raw" and row.is_default)
+        or row.solver == "null"
+        for row in rows.itertuples()
+    ]
     quick = rows[np.array(at) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
     assert len(quick) >= 5
     assert set(turns.index) == set(quick.index)
@@ -137,19 +169,29 @@ def test_a_tail_is_there_where_the_sample_supports_it_and_a_dash_elsewhere(clean
             assert np.isnan(row.solve_us_p99)
             assert np.isnan(row.solve_us_p99_high)
         else:
-            assert (row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high) == (wanted.low, wanted.value, wanted.high)
+            assert (row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high) == (
+                wanted.low,
+                wanted.value,
+                wanted.high,
+            )
     assert report.text(pd.Series({"answer_us_p99": np.nan, "status": "ok"}), "answer_us_p99") == "–"
 
 
-def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_leaves_the_others(tmp_path: Path) -> None:
+def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_leaves_the_others(
+    tmp_path: Path,
+) -> None:
     note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
     files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
     files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
-    unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)))  # a diagonal of one is what their faults look for
+    # a diagonal of one is what their faults look for
+    unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)))
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
-        children = {(entry.name, entry.lane): SolverChild(entry, ChildSettings(time_limit_s=5.0)) for entry in map(from_file, files)}
+        children = {
+            (entry.name, entry.lane): SolverChild(entry, ChildSettings(time_limit_s=5.0))
+            for entry in map(from_file, files)
+        }
         tasks = [Task("none", "none", "scaled", name, Lane(lane), NO_SETTING) for name, lane in children]
         times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())
@@ -159,15 +201,25 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
     assert orders[0] == orders[1] != orders[2]
 
 
-@pytest.mark.parametrize(("name", "lane"), [("daqp", "direct"), ("box_active_set", "kernel"), ("box_active_set", "direct"),
-                                            ("accelerated_projection", "kernel"), ("projected_difference", "kernel")])
+@pytest.mark.parametrize(
+    ("name", "lane"),
+    [
+        ("daqp", "direct"),
+        ("box_active_set", "kernel"),
+        ("box_active_set", "direct"),
+        ("accelerated_projection", "kernel"),
+        ("projected_difference", "kernel"),
+    ],
+)
 def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(name: str, lane: str) -> None:
     entry = find(name, lane)
     unasked = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
     task = Task("none", "none", "scaled", entry.name, entry.lane, unasked, start="warm")
     form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        outcome, tally = timed(child, idle, task, RaceProblem("none", "none", {"scaled": form}), FreshData(form, 7), Effort(0.0, 7, 7))
+        outcome, tally = timed(
+            child, idle, task, RaceProblem("none", "none", {"scaled": form}), FreshData(form, 7), Effort(0.0, 7, 7)
+        )
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated

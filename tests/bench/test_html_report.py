@@ -33,23 +33,35 @@ def written(run: Run) -> Path:
 
 def column(browser: Browser, heading: str) -> list[str]:
     """Texts of a column of the large table, as far as its rows are shown."""
-    return browser.run("""
+    return browser.run(
+        """
         const grid = document.querySelectorAll('.grid')[1];
-        const at = [...grid.querySelectorAll('th')].findIndex(head => head.innerText.trim().replace(/ [▲▼]$/, '') === arguments[0]);
-        return [...grid.querySelectorAll('tbody tr')].filter(row => !row.hidden).map(row => row.cells[at].textContent);""", heading)
+        const heads = [...grid.querySelectorAll('th')];
+        const at = heads.findIndex(head => head.innerText.trim().replace(/ [▲▼]$/, '') === arguments[0]);
+        const rows = [...grid.querySelectorAll('tbody tr')].filter(row => !row.hidden);
+        return rows.map(row => row.cells[at].textContent);""",
+        heading,
+    )
 
 
 def click(browser: Browser, heading: str) -> None:
-    browser.run("""[...document.querySelectorAll('.grid')[1].querySelectorAll('th button')]
-        .find(button => button.textContent.trim() === arguments[0]).click()""", heading)
+    browser.run(
+        """[...document.querySelectorAll('.grid')[1].querySelectorAll('th button')]
+        .find(button => button.textContent.trim() === arguments[0]).click()""",
+        heading,
+    )
 
 
 def choose(browser: Browser, label: str, value: str) -> None:
-    browser.run("""
+    browser.run(
+        """
         const box = [...document.querySelectorAll('.grid')[1].querySelectorAll('label')]
             .find(label => label.textContent.trim().startsWith(arguments[0]));
         const choice = box.querySelector('select');
-        choice.value = arguments[1]; choice.dispatchEvent(new Event('input', {bubbles: true}));""", label, value)
+        choice.value = arguments[1]; choice.dispatchEvent(new Event('input', {bubbles: true}));""",
+        label,
+        value,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +72,13 @@ def page(wide_race: Race) -> Path:
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every_plot(
-        browser: Browser, page: Path, width: str, dark: bool) -> None:
+    browser: Browser, page: Path, width: str, dark: bool
+) -> None:
     browser.open(page, width, dark)
     assert browser.console() == []
-    assert {address for address in browser.requests() if not address.startswith(("data:", "blob:", "chrome:"))} == {page.resolve().as_uri()}
+    assert {address for address in browser.requests() if not address.startswith(("data:", "blob:", "chrome:"))} == {
+        page.resolve().as_uri()
+    }
     plots = browser.plots()
     assert len(plots) >= 5
     for beside_table, plot in zip([width == "desktop", *[False] * len(plots)], plots, strict=False):
@@ -75,8 +90,9 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
     browser.picture(f"report-{width}{'-dark' if dark else ''}")
 
 
-def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(browser: Browser, page: Path,
-                                                                                      wide_race: Race) -> None:
+def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(
+    browser: Browser, page: Path, wide_race: Race
+) -> None:
     browser.open(page)
     table = summary(wide_race.found)
     for heading, values in (("solve, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
@@ -100,7 +116,12 @@ def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser,
     choose(browser, "tier", "high")
     choose(browser, "scaling", "scaled")
     choose(browser, "problem set", "orders")
-    asked = table[(table.lane == "direct") & (table.tier == "high") & (table.scaling == "scaled") & (table.problem_set == "orders")]
+    asked = table[
+        (table.lane == "direct")
+        & (table.tier == "high")
+        & (table.scaling == "scaled")
+        & (table.problem_set == "orders")
+    ]
     assert len(asked) >= 3
     assert sorted(column(browser, "solver")) == sorted(asked.solver.map(marked))
     choose(browser, "status", "ok")
@@ -108,7 +129,9 @@ def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser,
     browser.run("""const search = document.querySelectorAll('.grid')[1].querySelector('input');
         search.value = 'DAQP'; search.dispatchEvent(new Event('input'))""")
     assert set(column(browser, "solver")) == {"daqp"}
-    assert browser.run("return document.querySelectorAll('.grid')[1].querySelector('output').textContent").startswith("1 of ")
+    assert browser.run("return document.querySelectorAll('.grid')[1].querySelector('output').textContent").startswith(
+        "1 of "
+    )
 
 
 def test_the_button_turns_light_into_dark(browser: Browser, page: Path) -> None:
@@ -131,8 +154,11 @@ def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> No
 
 def test_a_name_that_is_typed_stands_out_among_the_lines_of_a_picture(browser: Browser, page: Path) -> None:
     browser.open(page)
-    strong = "return [...document.querySelectorAll('#work_precision .mark-line path')].filter(line => line.getAttribute('stroke-width') === '3.5' " \
-             "&& line.getAttribute('opacity') !== '0').length"
+    strong = (
+        "return [...document.querySelectorAll('#work_precision .mark-line path')].filter(line => "
+        "line.getAttribute('stroke-width') === '3.5' "
+        "&& line.getAttribute('opacity') !== '0').length"
+    )
     assert browser.run(strong) == 0
     browser.run("""const sought = document.querySelector('#work_precision input[type=search]');
         sought.value = 'DAQP'; sought.dispatchEvent(new Event('input'))""")
@@ -176,7 +202,10 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     assert browser.run("return document.title") == f"One-shot race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
     assert EVIL in column(browser, "solver")
-    assert any(EVIL[:16] in text for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)"))
+    assert any(
+        EVIL[:16] in text
+        for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)")
+    )
 
 
 def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
@@ -205,13 +234,24 @@ def test_a_logarithmic_axis_has_labels_however_short_it_is(values: tuple[float, 
     assert len(set(labels)) > 1
 
 
-def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_others_none(browser: Browser, tmp_path: Path) -> None:
+def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_others_none(
+    browser: Browser, tmp_path: Path
+) -> None:
     names = [f"solver {i:02}" for i in range(30)]
-    table = pd.DataFrame([{"name": name, "x": float(x), "y": float(i + x), "front": i < BEST} for i, name in enumerate(names) for x in (1, 2, 3)])
+    table = pd.DataFrame(
+        [
+            {"name": name, "x": float(x), "y": float(i + x), "front": i < BEST}
+            for i, name in enumerate(names)
+            for x in (1, 2, 3)
+        ]
+    )
     figure = Figure("crowd", "Crowd", "Many lines.", table, [Plot(Axis("x", "x"), Axis("y", "y"), best_lines())])
     browser.open(write_page(Report(["Lines."], figures=[figure], title="Crowd"), tmp_path / "page.html"))
     assert browser.console() == []
-    assert browser.run("return [...document.querySelectorAll('.role-legend-label text')].map(text => text.textContent)") == names[:BEST]
+    assert (
+        browser.run("return [...document.querySelectorAll('.role-legend-label text')].map(text => text.textContent)")
+        == names[:BEST]
+    )
     strokes = browser.run("""return [...document.querySelectorAll('.mark-line.role-mark path')]
         .map(path => [path.getAttribute('stroke'), path.getAttribute('stroke-dasharray')].join())""")
     counts = pd.Series(strokes).value_counts()

@@ -23,7 +23,9 @@ SAMPLE_TIME = 1e-3
 COLUMNS = ("<b>t</b>_s", "<script>x</script>_V", "y\"'><img src=x>_um")
 
 
-def signals(plant: str = "relay_preisach", low: float = 0.0, high: float = 150.0, duration_s: float = 6.0) -> tuple[np.ndarray, np.ndarray]:
+def signals(
+    plant: str = "relay_preisach", low: float = 0.0, high: float = 150.0, duration_s: float = 6.0
+) -> tuple[np.ndarray, np.ndarray]:
     x = multi_sine(duration_s=duration_s, sample_time=SAMPLE_TIME, low=low, high=high, highest_Hz=10.0)
     return x, plants.get(plant, sample_time=SAMPLE_TIME).run(x)
 
@@ -39,8 +41,21 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def said(piezobench: CommandLine, desk: Path) -> str:
     """What identify says; page and model are on the desk afterwards."""
-    call = piezobench("identify", "<u>stage.csv", "--time", COLUMNS[0], "--input", COLUMNS[1], "--output", COLUMNS[2], "--out",
-                      "model.json", "--page", "stage page.html", folder=desk)
+    call = piezobench(
+        "identify",
+        "<u>stage.csv",
+        "--time",
+        COLUMNS[0],
+        "--input",
+        COLUMNS[1],
+        "--output",
+        COLUMNS[2],
+        "--out",
+        "model.json",
+        "--page",
+        "stage page.html",
+        folder=desk,
+    )
     assert (call.status, call.stderr) == (0, "")
     return call.stdout
 
@@ -65,32 +80,56 @@ def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, des
         assert (desk / link.replace("%20", " ")).is_file()
 
 
-def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(browser: Browser, tmp_path: Path) -> None:
+def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(
+    browser: Browser, tmp_path: Path
+) -> None:
     x, y = signals()
     y[:40] += 30.0 * np.exp(-np.arange(40) / 10)
     measured = recording(x, y)
     found = review(measured, identify(measured, n=3, m=1))
     assert found.skipped
-    assert np.abs(found.error).max() > 5.0 * np.abs(found.error[found.skipped:]).max()
+    assert np.abs(found.error).max() > 5.0 * np.abs(found.error[found.skipped :]).max()
     browser.open(recording_page.write(tmp_path / "page.html", "stage.csv", found))
-    share = browser.run("""
+    share = browser.run(
+        """
         const plot = document.querySelector('#error svg');
-        const rules = [...plot.querySelectorAll('.mark-rule.role-mark line')].slice(arguments[0]).map(rule => rule.getBoundingClientRect());
-        return (Math.max(...rules.map(r => r.bottom)) - Math.min(...rules.map(r => r.top))) / plot.getBoundingClientRect().height;
-    """, found.skipped)  # no more stretches than samples are left out
+        const lines = [...plot.querySelectorAll('.mark-rule.role-mark line')].slice(arguments[0]);
+        const rules = lines.map(rule => rule.getBoundingClientRect());
+        const height = Math.max(...rules.map(r => r.bottom)) - Math.min(...rules.map(r => r.top));
+        return height / plot.getBoundingClientRect().height;
+    """,
+        found.skipped,
+    )  # no more stretches than samples are left out
     assert 0.3 < share < 1.0
 
 
 def test_the_structure_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:
     structure = HysteresisCreepModel.load(desk / "model.json").structure
     assert f"takes n = {structure.n}, m = {structure.dead_zones // 2} and " in " ".join(said.split())
-    assert sum(line.rstrip().endswith(("chosen", "without a choice", "smallest error")) for line in said.splitlines()) >= 2
+    assert (
+        sum(line.rstrip().endswith(("chosen", "without a choice", "smallest error")) for line in said.splitlines()) >= 2
+    )
     assert said.rstrip().endswith("Page: stage page.html")
 
 
 def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    call = piezobench("identify", desk / "<u>stage.csv", "--time", COLUMNS[0], "--input", COLUMNS[1], "--output", COLUMNS[2],
-                      "--out", tmp_path / "m.json", "--n", 2, "--m", 1, "--json")
+    call = piezobench(
+        "identify",
+        desk / "<u>stage.csv",
+        "--time",
+        COLUMNS[0],
+        "--input",
+        COLUMNS[1],
+        "--output",
+        COLUMNS[2],
+        "--out",
+        tmp_path / "m.json",
+        "--n",
+        2,
+        "--m",
+        1,
+        "--json",
+    )
     found = json.loads(call.stdout)
     assert found["report"] == json.loads((tmp_path / "m.json").read_text())["report"]
     assert found["report"]["selection"]["table"][0]["n"] == 2
@@ -111,7 +150,7 @@ def test_the_review_repeats_the_fit_that_the_report_speaks_of() -> None:
     for lag in ("estimate", "remove"):
         model = identify(recording(x, np.concatenate([y[:1], y[:1], y[:-2]])), lag=lag)
         found = review(recording(x, np.concatenate([y[:1], y[:1], y[:-2]])), model)
-        counted = found.error[found.skipped:]
+        counted = found.error[found.skipped :]
         assert np.sqrt(np.mean(counted**2)) == pytest.approx(model.report["fit"]["rms"], rel=0.02)
     assert any("lag of the sensor" in sentence for sentence in found.advice())
 
@@ -144,10 +183,14 @@ def test_intervals_of_weights_hold_the_truth_when_the_model_is_true() -> None:
     assert held >= 0.75 * counted
 
 
-def creeping(rates: tuple[float, ...], w_K: tuple[float, ...], noise: float = 0.01) -> tuple[ModelStructure, np.ndarray, np.ndarray]:
-    """A structure of the usual orders and rates, and drive and output of a true model of n = 2, m = 0 and other rates."""
+def creeping(
+    rates: tuple[float, ...], w_K: tuple[float, ...], noise: float = 0.01
+) -> tuple[ModelStructure, np.ndarray, np.ndarray]:
+    """A structure of the usual orders and rates, and drive and output of a true model of n = 2, m = 0 and other
+    rates."""
     truth = HysteresisCreepModel.from_weights(
-        ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), rates, SAMPLE_TIME), [0.5, 0.4, 1.0, *w_K])
+        ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), rates, SAMPLE_TIME), [0.5, 0.4, 1.0, *w_K]
+    )
     x = multi_sine(duration_s=16.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=5.0)
     y = truth.simulate(x) + np.random.default_rng(0).normal(0.0, noise, x.size)
     usual = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), SAMPLE_TIME, offset=True)
@@ -155,7 +198,9 @@ def creeping(rates: tuple[float, ...], w_K: tuple[float, ...], noise: float = 0.
 
 
 @pytest.mark.parametrize("rates", [(31.6228,), (10.0, 0.316228)])
-def test_cross_validation_finds_the_orders_and_creep_rates_that_the_data_were_made_with(rates: tuple[float, ...]) -> None:
+def test_cross_validation_finds_the_orders_and_creep_rates_that_the_data_were_made_with(
+    rates: tuple[float, ...],
+) -> None:
     usual, x, y = creeping(rates, (0.05, 0.03, 0.02))
     found = select(x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set")
     assert found is not None
@@ -175,7 +220,9 @@ def test_what_is_known_of_orders_and_rates_is_kept() -> None:
 
 def test_errors_of_candidates_are_those_of_fits_to_the_samples_themselves() -> None:
     usual, x, y = creeping((10.0, 0.3), (0.05, 0.03, 0.02))
-    found = select(x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set", ns=(5,), ms=(3,), rates=usual.creep_rates)
+    found = select(
+        x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set", ns=(5,), ms=(3,), rates=usual.creep_rates
+    )
     assert found is not None
     (only,) = found.candidates
     bottoms = excursions(x)
@@ -205,6 +252,8 @@ def test_a_recording_of_few_excursions_keeps_the_usual_structure() -> None:
 
 
 def test_a_page_cannot_be_written_where_there_is_no_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    sentence = piezobench("identify", desk / "<u>stage.csv", "--out", tmp_path / "m.json", "--page", tmp_path / "no" / "p.html").refusal
+    sentence = piezobench(
+        "identify", desk / "<u>stage.csv", "--out", tmp_path / "m.json", "--page", tmp_path / "no" / "p.html"
+    ).refusal
     assert "--page" in sentence
     assert not (tmp_path / "m.json").exists()

@@ -19,7 +19,9 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     """A stage that had rested high and is recorded from there on, its model, and the output as a reference."""
     folder = tmp_path_factory.mktemp("desk")
     structure = ModelStructure.equidistant(4, 1, (0.0, 100.0), (0.0, 20.0), (1.0, 0.1), SAMPLE_TIME)
-    truth = HysteresisCreepModel.from_weights(structure, [0.2, 0.15, 0.1, 0.1, 0.1, 0.8, 0.1, 0.1, 0.05, 0.03, 0.02, 0.01])
+    truth = HysteresisCreepModel.from_weights(
+        structure, [0.2, 0.15, 0.1, 0.1, 0.1, 0.8, 0.1, 0.1, 0.05, 0.03, 0.02, 0.01]
+    )
     t = np.arange(12_000) * SAMPLE_TIME
     x = 50.0 + 48.0 * np.cos(2 * np.pi * 0.7 * t) * (0.5 + 0.5 * np.cos(2 * np.pi * 0.11 * t))
     y = truth.simulate(x, OperatorState.at_rest(structure, 0.9, branch=0.8))
@@ -38,28 +40,64 @@ def rms_percent(found: np.ndarray, expected: np.ndarray) -> float:
     return 100.0 * float(np.sqrt(np.mean((found - expected) ** 2)) / np.ptp(expected))
 
 
-def test_a_simulated_drive_has_the_error_that_identify_reports(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    call = piezobench("simulate", desk / "model.json", desk / "stage.csv", "--input", "voltage_V", "--out", tmp_path / "y.csv")
+def test_a_simulated_drive_has_the_error_that_identify_reports(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    call = piezobench(
+        "simulate", desk / "model.json", desk / "stage.csv", "--input", "voltage_V", "--out", tmp_path / "y.csv"
+    )
     assert "Begins with the states that identify found before its recording." in call.stdout
     reported = json.loads((desk / "model.json").read_text())["report"]["fit"]["rms_percent"]
-    assert rms_percent(column(tmp_path / "y.csv", 2), column(desk / "stage.csv", 2)) == pytest.approx(reported, rel=1e-6)
+    assert rms_percent(column(tmp_path / "y.csv", 2), column(desk / "stage.csv", 2)) == pytest.approx(
+        reported, rel=1e-6
+    )
 
 
-def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
     errors = {}
     for start in ("identified", "rest"):
-        call = piezobench("compensate", desk / "model.json", desk / "wanted.csv", "--start", start, "--out", tmp_path / "x.csv")
-        assert ("Begins with the states" if start == "identified" else "Begins at rest at the centre of the range.") in call.stdout
+        call = piezobench(
+            "compensate", desk / "model.json", desk / "wanted.csv", "--start", start, "--out", tmp_path / "x.csv"
+        )
+        assert (
+            "Begins with the states" if start == "identified" else "Begins at rest at the centre of the range."
+        ) in call.stdout
         errors[start] = rms_percent(column(tmp_path / "x.csv", 1), column(desk / "stage.csv", 1))
     assert errors["identified"] < 1.0
     assert errors["rest"] > 3.0 * errors["identified"]
 
 
-def test_a_model_without_a_start_says_that_it_begins_at_rest(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_a_model_without_a_start_says_that_it_begins_at_rest(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
     saved = json.loads((desk / "model.json").read_text())
     (tmp_path / "model.json").write_text(json.dumps({**saved, "start": None}))
-    call = piezobench("simulate", "model.json", desk / "stage.csv", "--input", "voltage_V", "--out", "y.csv", "--json", folder=tmp_path)
+    call = piezobench(
+        "simulate",
+        "model.json",
+        desk / "stage.csv",
+        "--input",
+        "voltage_V",
+        "--out",
+        "y.csv",
+        "--json",
+        folder=tmp_path,
+    )
     assert json.loads(call.stdout)["start"] == "rest"
-    begun = json.loads(piezobench("simulate", desk / "model.json", desk / "stage.csv", "--input", "voltage_V", "--out", tmp_path / "z.csv",
-                                  "--start", "rest", "--json").stdout)
+    begun = json.loads(
+        piezobench(
+            "simulate",
+            desk / "model.json",
+            desk / "stage.csv",
+            "--input",
+            "voltage_V",
+            "--out",
+            tmp_path / "z.csv",
+            "--start",
+            "rest",
+            "--json",
+        ).stdout
+    )
     assert begun["start"] == "rest"

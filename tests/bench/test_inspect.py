@@ -9,7 +9,9 @@ import pytest
 from bench.cli.app import run
 
 T = np.arange(600) * 1e-3
-LINES = [f"{t:.3f};{np.round(50 + 50 * np.sin(20 * t), 4)};{np.round(-3 * np.sin(20 * t - 0.3), 4)}" for t in T.tolist()]
+LINES = [
+    f"{t:.3f};{np.round(50 + 50 * np.sin(20 * t), 4)};{np.round(-3 * np.sin(20 * t - 0.3), 4)}" for t in T.tolist()
+]
 
 
 def recorded(folder: Path, header: str) -> Path:
@@ -18,7 +20,9 @@ def recorded(folder: Path, header: str) -> Path:
     return path
 
 
-def test_a_file_is_described_with_its_columns_units_and_roles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_is_described_with_its_columns_units_and_roles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(["inspect", str(recorded(tmp_path, "time [s];drive [V];height [um]"))]) == 0
     shown = capsys.readouterr().out
     assert "separated by semicolons, header in row 1; 600 samples over 0.599 s, one every 1 ms by 'time [s]'" in shown
@@ -27,21 +31,28 @@ def test_a_file_is_described_with_its_columns_units_and_roles(tmp_path: Path, ca
 
 
 @pytest.mark.parametrize("names", [("t [s]", "[bold]u[/bold]", "[/] y"), ("time", "voltage [V]", ":smile: [um]")])
-def test_names_are_shown_as_they_are_and_are_no_markup(tmp_path: Path, names: tuple[str, ...],
-                                                       capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_are_shown_as_they_are_and_are_no_markup(
+    tmp_path: Path, names: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
     path = recorded(tmp_path, ";".join(names))
     assert run(["inspect", str(path), "--input", "2", "--output", "3"]) == 0
     shown = capsys.readouterr().out
     assert all(name in shown for name in (*names, path.name))
 
 
-def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "stage.csv"
     path.write_text("time,a,b,c\n" + "".join(f"{k},{k % 3},{k % 5},{k % 7}\n" for k in range(50)))
     assert run(["inspect", str(path)]) == 2
     shown = capsys.readouterr()
     assert "cannot tell which column is the input and which the output" in shown.err
-    assert [line.split() for line in shown.out.splitlines()[-3:]] == [["2", "a", "0", "2"], ["3", "b", "0", "4"], ["4", "c", "0", "6"]]
+    assert [line.split() for line in shown.out.splitlines()[-3:]] == [
+        ["2", "a", "0", "2"],
+        ["3", "b", "0", "4"],
+        ["4", "c", "0", "6"],
+    ]
 
 
 def test_options_say_what_the_file_does_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,6 +61,11 @@ def test_options_say_what_the_file_does_not(tmp_path: Path, capsys: pytest.Captu
     words = ["inspect", str(path), "--json", "--sample-rate", "1000", "--decimal", ",", "--header-row", "0"]
     assert run(words) == 0
     said = json.loads(capsys.readouterr().out)
-    assert (said["sample_time_s"], said["samples"], said["input"], said["output"]) == (1e-3, 600, "column 1", "column 2")
+    assert (said["sample_time_s"], said["samples"], said["input"], said["output"]) == (
+        1e-3,
+        600,
+        "column 1",
+        "column 2",
+    )
     assert run([*words, "--sample-time", "1"]) == 2
     assert "say either a positive rate or --sample-time" in capsys.readouterr().err

@@ -23,8 +23,22 @@ from piezo_model.recordings.writer import write_table
 def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(tmp_path: Path, verb: str) -> None:
     chance = random.Random(verb)
     for _ in range(2):
-        call = subprocess.Popen([sys.executable, "-X", "importtime", "-m", "bench", verb, str(tmp_path / "none"), "--out", str(tmp_path / "o")],
-                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        call = subprocess.Popen(
+            [
+                sys.executable,
+                "-X",
+                "importtime",
+                "-m",
+                "bench",
+                verb,
+                str(tmp_path / "none"),
+                "--out",
+                str(tmp_path / "o"),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         assert call.stderr is not None
         while "typer" not in call.stderr.readline():  # which the program imports first
             assert call.poll() is None
@@ -36,35 +50,65 @@ def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(t
 
 
 def test_an_interrupted_race_says_how_to_carry_on(tmp_path: Path) -> None:
-    words = ("race", "--set", "paper", "--limit", "1", "--solver", "daqp", "--lane", "direct", "--out", str(tmp_path), "--name", "run")
-    call = subprocess.Popen([sys.executable, "-m", "bench", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    words = (
+        "race",
+        "--set",
+        "paper",
+        "--limit",
+        "1",
+        "--solver",
+        "daqp",
+        "--lane",
+        "direct",
+        "--out",
+        str(tmp_path),
+        "--name",
+        "run",
+    )
+    call = subprocess.Popen(
+        [sys.executable, "-m", "bench", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     while not (tmp_path / "run" / "run.json").is_file():
         assert call.poll() is None
         time.sleep(0.01)
     call.send_signal(signal.SIGINT)
     shown, said = call.communicate()
     assert call.returncode == 130, said
-    assert (shown, said.splitlines()) == ("", [f"Interrupted; what is done is kept, and 'piezobench resume {tmp_path / 'run'}' carries on."])
+    assert (shown, said.splitlines()) == (
+        "",
+        [f"Interrupted; what is done is kept, and 'piezobench resume {tmp_path / 'run'}' carries on."],
+    )
 
 
 def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: Path) -> None:
     temporary = tmp_path / ("t" * 90)
     temporary.mkdir()
-    call = subprocess.run([sys.executable, "-m", "bench", "race", "--solver", "daqp", "--out", str(tmp_path / "results")], check=False,
-                          env={**os.environ, "TMPDIR": str(temporary)}, capture_output=True, text=True)
+    call = subprocess.run(
+        [sys.executable, "-m", "bench", "race", "--solver", "daqp", "--out", str(tmp_path / "results")],
+        check=False,
+        env={**os.environ, "TMPDIR": str(temporary)},
+        capture_output=True,
+        text=True,
+    )
     assert call.returncode == 2
     (said,) = call.stderr.splitlines()
-    assert f"{temporary} has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder" in said
+    assert (
+        f"{temporary} has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder"
+        in said
+    )
     assert not (tmp_path / "results").exists()
     assert not list(temporary.iterdir())
 
 
 SHARED_MEMORY = Path("/dev/shm")
 FEW = ("--solver", "daqp", "--lane", "direct", "--out", "results", "--name", "run")
-KINDS = {"race": ("race", "--set", "paper", "--repeats", 9, *FEW), "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
-         "batch": ("race", "--race", "batch", "--limit", 2, *FEW),
-         "fleet": ("identify", "stage.csv", "another.csv", "--out-dir", "models", "--workers", 2),
-         "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000, "--no-cost")}
+KINDS = {
+    "race": ("race", "--set", "paper", "--repeats", 9, *FEW),
+    "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
+    "batch": ("race", "--race", "batch", "--limit", 2, *FEW),
+    "fleet": ("identify", "stage.csv", "another.csv", "--out-dir", "models", "--workers", 2),
+    "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000, "--no-cost"),
+}
 CARRIES_ON = "Interrupted; what is done is kept, and {} carries on."
 SAYS = {"fleet": CARRIES_ON.format("the same command"), "realtime": ""}
 
@@ -85,7 +129,9 @@ def in_shared_memory(session: int) -> set[Path]:
 def is_at_work(kind: str, folder: Path, session: int) -> bool:
     """Whether a call has started and made what it should not leave."""
     if kind == "realtime":
-        return any("/realtime-" in words and "piezobench-realtime-" in words for words in command_lines(of_session(session)))
+        return any(
+            "/realtime-" in words and "piezobench-realtime-" in words for words in command_lines(of_session(session))
+        )
     if kind == "fleet":
         return sum("loky" in words for words in command_lines(of_session(session))) >= 2
     return any((folder / "results" / "run" / "tasks").glob("[!.]*.npz"))
@@ -97,21 +143,37 @@ def hears_its_terminal() -> None:
 
 
 @TWO_CORES
-@pytest.mark.parametrize(("kind", "ending"), [
-    ("race", signal.SIGTERM), ("workers", signal.SIGHUP), ("batch", signal.SIGTERM), ("fleet", signal.SIGTERM),
-    pytest.param("realtime", signal.SIGTERM, marks=pytest.mark.needs("cc")), pytest.param("realtime", signal.SIGHUP, marks=pytest.mark.needs("cc"))],
-    ids=str)
+@pytest.mark.parametrize(
+    ("kind", "ending"),
+    [
+        ("race", signal.SIGTERM),
+        ("workers", signal.SIGHUP),
+        ("batch", signal.SIGTERM),
+        ("fleet", signal.SIGTERM),
+        pytest.param("realtime", signal.SIGTERM, marks=pytest.mark.needs("cc")),
+        pytest.param("realtime", signal.SIGHUP, marks=pytest.mark.needs("cc")),
+    ],
+    ids=str,
+)
 def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_its_temporary_files_along(
-        tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, kind: str, ending: signal.Signals) -> None:
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, kind: str, ending: signal.Signals
+) -> None:
     a_model().save(tmp_path / "model.json")
     x = 5.0 + 4.0 * np.sin(np.arange(20_000) / 200.0) * np.linspace(1.0, 0.5, 20_000)
     y = plants.get("bouc_wen", sample_time=1e-3).run(10.0 * x)
     for name in ("stage.csv", "another.csv"):
         write_table(tmp_path / name, {"time_s": np.arange(x.size) * 1e-3, "drive_V": x, "y_um": y})
     temporary = tmp_path_factory.mktemp("tmp")
-    with subprocess.Popen([sys.executable, "-m", "bench", *map(str, KINDS[kind])], cwd=tmp_path, start_new_session=True, text=True,
-                          env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": os.pathsep.join(sys.path)},
-                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, preexec_fn=hears_its_terminal) as call:
+    with subprocess.Popen(
+        [sys.executable, "-m", "bench", *map(str, KINDS[kind])],
+        cwd=tmp_path,
+        start_new_session=True,
+        text=True,
+        env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        preexec_fn=hears_its_terminal,
+    ) as call:
         while not is_at_work(kind, tmp_path, call.pid):
             assert call.poll() is None, call.stderr and call.stderr.read()
             time.sleep(0.01)
@@ -123,7 +185,8 @@ def test_a_call_that_is_told_to_end_takes_its_processes_its_shared_memory_and_it
     assert said.strip() == SAYS.get(kind, CARRIES_ON.format("'piezobench resume results/run'"))
     assert shared or kind != "batch"
     assert not [path for path in shared if path.exists()]
-    assert not [path.name for path in temporary.iterdir() if not path.name.endswith(".lock")]  # a lock's file stays, free
+    # a lock's file stays, free
+    assert not [path.name for path in temporary.iterdir() if not path.name.endswith(".lock")]
 
 
 LOST = """
@@ -164,8 +227,15 @@ def test_an_interrupt_that_a_library_swallows_comes_again_and_does_not_cut_the_t
 def test_a_call_that_was_started_with_nohup_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
     a_model().save(tmp_path / "model.json")
     words = ("realtime", "model.json", "--rate", "1000", "--seconds", "2", "--no-cost", "--out", "figures.json")
-    with subprocess.Popen(["nohup", sys.executable, "-m", "bench", *words], cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-                          start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as call:
+    with subprocess.Popen(
+        ["nohup", sys.executable, "-m", "bench", *words],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as call:
         while not any("/realtime-" in words for words in command_lines(of_session(call.pid))):
             assert call.poll() is None
             time.sleep(0.01)
@@ -183,17 +253,32 @@ def tree(folder: Path) -> dict[str, bytes]:
 def words_of(verb: str, folder: Path) -> tuple[object, ...]:
     """A call that writes into a folder; the model lies beside it."""
     model = folder.parent / "model.json"
-    return {"report": ("report", folder / "run"), "export-c": ("export-c", model, folder / "c"),
-            "export-fmu": ("export-fmu", model, folder / "stage.fmu"),
-            "identify": ("identify", folder.parent / "stage.csv", "--out", folder / "model.json", "--page", folder / "page.html")}[verb]
+    return {
+        "report": ("report", folder / "run"),
+        "export-c": ("export-c", model, folder / "c"),
+        "export-fmu": ("export-fmu", model, folder / "stage.fmu"),
+        "identify": (
+            "identify",
+            folder.parent / "stage.csv",
+            "--out",
+            folder / "model.json",
+            "--page",
+            folder / "page.html",
+        ),
+    }[verb]
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("verb", ["report", "export-c", pytest.param("export-fmu", marks=pytest.mark.needs("cc")), "identify"])
+@pytest.mark.parametrize(
+    "verb", ["report", "export-c", pytest.param("export-fmu", marks=pytest.mark.needs("cc")), "identify"]
+)
 def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_process(
-        piezobench: CommandLine, clean_race: Race, tmp_path: Path, verb: str) -> None:
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path, verb: str
+) -> None:
     x = 5.0 + 4.0 * np.sin(np.arange(4000) / 200.0) * np.linspace(1.0, 0.5, 4000)
-    model = identify(Recording.from_arrays(x, plants.get("dense_prandtl_ishlinskii", sample_time=1e-3).run(10.0 * x), 1e-3), n=3, m=1)
+    model = identify(
+        Recording.from_arrays(x, plants.get("dense_prandtl_ishlinskii", sample_time=1e-3).run(10.0 * x), 1e-3), n=3, m=1
+    )
     model.save(tmp_path / "model.json")
     write_table(tmp_path / "stage.csv", {"time_s": np.arange(x.size) * 1e-3, "drive_V": x, "y_um": model.simulate(x)})
     chance, whole, took = random.Random(verb), {}, 0.0
@@ -215,10 +300,16 @@ def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_proc
             continue
         assert ended.status in (0, 130, 143, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
         assert "Traceback" not in ended.stderr
-        found = {name: data for name, data in tree(folder).items() if not any(part.startswith(".") for part in Path(name).parts)}
+        found = {
+            name: data
+            for name, data in tree(folder).items()
+            if not any(part.startswith(".") for part in Path(name).parts)
+        }
         assert found.keys() <= whole.keys()
         for name, data in found.items():
-            assert len(data) in (len(whole[name]), len(before.get(name, b"-"))) or (name.endswith((".html", ".svg")) and data.rstrip().endswith(b">"))
+            assert len(data) in (len(whole[name]), len(before.get(name, b"-"))) or (
+                name.endswith((".html", ".svg")) and data.rstrip().endswith(b">")
+            )
         again = piezobench(*words_of(verb, folder))  # nothing that was left is in the way
         assert again.status == 0 or "already" in again.stderr, again.stderr
         assert tree(folder).keys() >= whole.keys()

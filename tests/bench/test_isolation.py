@@ -22,21 +22,52 @@ from solvers import Status, Tier
 from solvers.registry import from_file
 
 STATUS = {
-    "segfaults": Status.CRASHED, "aborts": Status.CRASHED, "exits": Status.CRASHED, "hangs": Status.TIMED_OUT,
-    "hoards": Status.OUT_OF_MEMORY, "raises": Status.ADAPTER_FAILED, "raises_in_setup": Status.ADAPTER_FAILED,
-    "raises_in_update": Status.ADAPTER_FAILED, "answers_nan": Status.MISSED, "lies": Status.OK,
-    "infeasible": Status.OK, "short": Status.MISSED, "nothing": Status.SOLVER_FAILED,
-    "odd_duals": Status.ADAPTER_FAILED, "writes": Status.OK, "writes_later": Status.OK, "unrepeatable": Status.OK,
-    "noisy": Status.OK, "unsupported": Status.UNSUPPORTED, "boasts": Status.OK, "miscounts": Status.OK,
-    "answers_complex": Status.ADAPTER_FAILED, "prints_much": Status.OK, "starts_others": Status.OK, "forks": Status.OK,
-    "closes_descriptors": Status.CRASHED, "starts_threads": Status.OK, "ignores_signals": Status.TIMED_OUT}
+    "segfaults": Status.CRASHED,
+    "aborts": Status.CRASHED,
+    "exits": Status.CRASHED,
+    "hangs": Status.TIMED_OUT,
+    "hoards": Status.OUT_OF_MEMORY,
+    "raises": Status.ADAPTER_FAILED,
+    "raises_in_setup": Status.ADAPTER_FAILED,
+    "raises_in_update": Status.ADAPTER_FAILED,
+    "answers_nan": Status.MISSED,
+    "lies": Status.OK,
+    "infeasible": Status.OK,
+    "short": Status.MISSED,
+    "nothing": Status.SOLVER_FAILED,
+    "odd_duals": Status.ADAPTER_FAILED,
+    "writes": Status.OK,
+    "writes_later": Status.OK,
+    "unrepeatable": Status.OK,
+    "noisy": Status.OK,
+    "unsupported": Status.UNSUPPORTED,
+    "boasts": Status.OK,
+    "miscounts": Status.OK,
+    "answers_complex": Status.ADAPTER_FAILED,
+    "prints_much": Status.OK,
+    "starts_others": Status.OK,
+    "forks": Status.OK,
+    "closes_descriptors": Status.CRASHED,
+    "starts_threads": Status.OK,
+    "ignores_signals": Status.TIMED_OUT,
+}
 SAID = {
-    "segfaults": "SIGSEGV", "aborts": "SIGABRT, after printing 'about to fall'", "exits": "exit status 3",
-    "hangs": "no answer within 4 s", "ignores_signals": "no answer within 4 s", "hoards": "memory limit", "raises": "RuntimeError: a | b",
-    "raises_in_setup": "KeyError: 'no such setting'", "raises_in_update": "ValueError: cannot update",
-    "answers_nan": "says solved and returned NaN", "short": "says solved and returned no answer of the right shape", "nothing": "as I say",
-    "odd_duals": "duals z_box are of shape (3,) and not (18,)", "unsupported": "takes no | scaled data",
-    "answers_complex": "answers with complex numbers"}
+    "segfaults": "SIGSEGV",
+    "aborts": "SIGABRT, after printing 'about to fall'",
+    "exits": "exit status 3",
+    "hangs": "no answer within 4 s",
+    "ignores_signals": "no answer within 4 s",
+    "hoards": "memory limit",
+    "raises": "RuntimeError: a | b",
+    "raises_in_setup": "KeyError: 'no such setting'",
+    "raises_in_update": "ValueError: cannot update",
+    "answers_nan": "says solved and returned NaN",
+    "short": "says solved and returned no answer of the right shape",
+    "nothing": "as I say",
+    "odd_duals": "duals z_box are of shape (3,) and not (18,)",
+    "unsupported": "takes no | scaled data",
+    "answers_complex": "answers with complex numbers",
+}
 
 
 def test_every_fault_is_tried() -> None:
@@ -54,7 +85,9 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
 
 @pytest.mark.parametrize(("name", "figure"), [("lies", "cost_gap"), ("infeasible", "violation")])
 def test_an_answer_that_is_wrong_is_measured_and_misses_every_tier(faulty_race: Race, name: str, figure: str) -> None:
-    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].to_dict("records")
+    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].to_dict(
+        "records"
+    )
     assert row[figure] > 1e-2
     found = faulty_race.found
     assert (found.settings[(found.settings.solver == name) & (found.settings.scaling == "scaled")].setting == "").all()
@@ -76,8 +109,21 @@ def test_the_task_after_a_fault_gets_a_process_that_works(faulty_race: Race, nam
 
 
 def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race: Race, faulty_race: Race) -> None:
-    columns = ["task", "status", "message", "cost_gap", "violation", "primal_residual", "dual_residual", "duality_gap",
-               "weight_error", "model_error_percent", "iterations", "mutates_input", "repeatable"]
+    columns = [
+        "task",
+        "status",
+        "message",
+        "cost_gap",
+        "violation",
+        "primal_residual",
+        "dual_residual",
+        "duality_gap",
+        "weight_error",
+        "model_error_percent",
+        "iterations",
+        "mutates_input",
+        "repeatable",
+    ]
     others = faulty_race.rows[faulty_race.rows.solver.isin(["daqp", "osqp"])]
     assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and what they do unasked on raw
     clean = clean_race.rows[clean_race.rows.task.isin(others.task)]
@@ -107,10 +153,26 @@ def test_nothing_that_solvers_print_reaches_the_terminal(faulty_race: Race) -> N
 
 
 def test_a_solver_that_hangs_does_not_outlive_a_killed_race(piezobench: CommandLine, tmp_path: Path) -> None:
-    file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)",
-                                  "open(__file__ + '.asleep', 'w').close(); ctypes.PyDLL(None).pause()")
-    call = piezobench.start("race", "--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--solver", file,
-                            "--time-limit", 2, "--out", tmp_path)
+    file = faulty_solvers.written(
+        tmp_path, "sleeper", "solve(self)", "open(__file__ + '.asleep', 'w').close(); ctypes.PyDLL(None).pause()"
+    )
+    call = piezobench.start(
+        "race",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--lane",
+        "kernel",
+        "--solver",
+        "box_active_set",
+        "--solver",
+        file,
+        "--time-limit",
+        2,
+        "--out",
+        tmp_path,
+    )
     while not (tmp_path / "sleeper.py.asleep").exists():
         assert call.running(), call.stderr.read_text()
         time.sleep(0.02)
@@ -126,10 +188,29 @@ def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
 
 
 def test_processes_that_a_solver_started_do_not_outlive_a_killed_race(piezobench: CommandLine, tmp_path: Path) -> None:
-    file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)",
-                                  "open(__file__ + '.pid', 'w').write(str(subprocess.Popen(['sleep', '1001']).pid)); time.sleep(1000)")
-    call = piezobench.start("race", "--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--solver", file,
-                            "--time-limit", 60, "--out", tmp_path)
+    file = faulty_solvers.written(
+        tmp_path,
+        "sleeper",
+        "solve(self)",
+        "open(__file__ + '.pid', 'w').write(str(subprocess.Popen(['sleep', '1001']).pid)); time.sleep(1000)",
+    )
+    call = piezobench.start(
+        "race",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--lane",
+        "kernel",
+        "--solver",
+        "box_active_set",
+        "--solver",
+        file,
+        "--time-limit",
+        60,
+        "--out",
+        tmp_path,
+    )
     pid = tmp_path / "sleeper.py.pid"
     while not (pid.exists() and pid.read_text()):
         assert call.running(), call.stderr.read_text()
@@ -158,8 +239,10 @@ def test_a_file_that_cannot_be_loaded_is_refused_with_its_name(tmp_path: Path, n
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "said"), [("daqp", "there is a solver daqp in the lane direct already"),
-                                            ("../daqp", "a solver is named with letters")])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("daqp", "there is a solver daqp in the lane direct already"), ("../daqp", "a solver is named with letters")],
+)
 def test_a_name_that_is_taken_or_no_file_name_is_refused(tmp_path: Path, name: str, said: str) -> None:
     path = faulty_solvers.written(tmp_path, "mine")
     path.write_text(path.read_text().replace('name = "mine"', f'name = "{name}"'))

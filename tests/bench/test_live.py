@@ -1,4 +1,5 @@
-"""A compensator on a stage: what is refused, how every end brings the stage to rest, what the recording holds, and the page in a browser."""
+"""A compensator on a stage: what is refused, how every end brings the stage to rest, what the recording holds, and the
+page in a browser."""
 
 import os
 import random
@@ -489,7 +490,8 @@ def text_of(browser: Browser) -> str:
         """const texts = [];
         const walk = node => {
             if (node.shadowRoot) walk(node.shadowRoot);
-            if (node.nodeType === 3 && !['STYLE', 'SCRIPT'].includes(node.parentNode.nodeName)) texts.push(node.textContent);
+            const hidden = ['STYLE', 'SCRIPT'];
+            if (node.nodeType === 3 && !hidden.includes(node.parentNode.nodeName)) texts.push(node.textContent);
             node.childNodes.forEach(walk);
         };
         walk(document.body);
@@ -499,7 +501,8 @@ def text_of(browser: Browser) -> str:
 
 def press(browser: Browser, label: str) -> None:
     browser.run(
-        """const find = node => { if (node.nodeName === 'BUTTON' && node.textContent.trim() === arguments[0]) { node.click(); }
+        """const find = node => { if (node.nodeName === 'BUTTON' && node.textContent.trim() === arguments[0]) {
+                node.click(); }
         if (node.shadowRoot) find(node.shadowRoot); node.childNodes.forEach(find); }; find(document.body);""",
         label,
     )

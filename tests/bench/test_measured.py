@@ -36,7 +36,9 @@ def test_measured_actuators_are_raced_by_default_and_each_has_its_source_and_lic
         assert "MIT License" in licence.read_text()
 
 
-def test_every_proof_holds_and_other_seeds_see_other_samples_of_the_same_actuator(by_seed: list[dict[str, RaceProblem]]) -> None:
+def test_every_proof_holds_and_other_seeds_see_other_samples_of_the_same_actuator(
+    by_seed: list[dict[str, RaceProblem]],
+) -> None:
     first = by_seed[0]
     for problem in first.values():
         for form in problem.forms.values():
@@ -49,7 +51,8 @@ def test_every_proof_holds_and_other_seeds_see_other_samples_of_the_same_actuato
 
 
 def test_the_model_of_an_optimum_follows_the_samples_after_it_and_the_noise_is_below_its_error(
-        by_seed: list[dict[str, RaceProblem]]) -> None:
+    by_seed: list[dict[str, RaceProblem]],
+) -> None:
     for problem in by_seed[0].values():
         v = problem.validation
         assert v is not None
@@ -63,7 +66,9 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     plant = plants.get("relay_preisach", sample_time=sample_time)
     x = SIGNALS["multi_sine"](duration_s=3.5, sample_time=sample_time, low=0.0, high=150.0, seed=3)
     y = plant.run(x) + 7.0
-    write_table(tmp_path / "stage.csv", {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": y})
+    write_table(
+        tmp_path / "stage.csv", {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": y}
+    )
     made_from("stage", tmp_path / "stage.csv", tmp_path)
     found = [read(tmp_path / "stage.npz", seed) for seed in range(PROGRAMS)]
     unseen = found[0][1]
@@ -76,8 +81,11 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     mean_q = sum(problem.q for problem in whole) / PROGRAMS
     reference = DataBasis(unseen.structure)
     reference.update(x[:fitted], y[:fitted])
-    settled = np.arange(unseen.structure.n, unseen.structure.n + unseen.structure.dead_zones)  # of y alone, whatever the states were
-    np.testing.assert_allclose(mean_P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12)
+    # of y alone, whatever the states were
+    settled = np.arange(unseen.structure.n, unseen.structure.n + unseen.structure.dead_zones)
+    np.testing.assert_allclose(
+        mean_P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12
+    )
     np.testing.assert_allclose(mean_q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
     assert sum(problem.c for problem in whole) / PROGRAMS == pytest.approx(reference.c)
 
@@ -86,7 +94,15 @@ def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> Non
     folder = Path(__file__).parents[2]
 
     def recipe(*words: str) -> str:
-        return subprocess.run(["make", "-n", "--no-print-directory", "bench", *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+        return subprocess.run(
+            ["make", "-n", "--no-print-directory", "bench", *words],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
 
     assert recipe().strip().endswith("piezobench race")
-    assert '--recording "my stage.csv" --input voltage_V' in recipe("RECORDING=my stage.csv", "OPTIONS=--input voltage_V")
+    assert '--recording "my stage.csv" --input voltage_V' in recipe(
+        "RECORDING=my stage.csv", "OPTIONS=--input voltage_V"
+    )

@@ -1,4 +1,5 @@
-"""What a run holds: one row for all repeats, times of the host with most rows, and the rows of the settings that stand for tiers."""
+"""What a run holds: one row for all repeats, times of the host with most rows, and the rows of the settings that stand
+for tiers."""
 
 import numpy as np
 import pytest
@@ -12,10 +13,42 @@ NAN = float("nan")
 
 
 def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() -> None:
-    rows = table([
-        row(repeat=0, solve_us_p50=2.0, setup_us=9.0, solve_us_max=5.0, samples=5, preemptions=1, cost_gap=1e-9, timed_gap=1e-8, mutates_input=True),
-        row(repeat=1, solve_us_p50=4.0, setup_us=1.0, solve_us_max=80.0, samples=6, preemptions=0, cost_gap=1e-7, timed_gap=1e-9),
-        row(repeat=2, solve_us_p50=3.0, setup_us=2.0, solve_us_max=4.0, samples=7, preemptions=2, cost_gap=1e-8, timed_gap=1e-9, repeatable=False)])
+    rows = table(
+        [
+            row(
+                repeat=0,
+                solve_us_p50=2.0,
+                setup_us=9.0,
+                solve_us_max=5.0,
+                samples=5,
+                preemptions=1,
+                cost_gap=1e-9,
+                timed_gap=1e-8,
+                mutates_input=True,
+            ),
+            row(
+                repeat=1,
+                solve_us_p50=4.0,
+                setup_us=1.0,
+                solve_us_max=80.0,
+                samples=6,
+                preemptions=0,
+                cost_gap=1e-7,
+                timed_gap=1e-9,
+            ),
+            row(
+                repeat=2,
+                solve_us_p50=3.0,
+                setup_us=2.0,
+                solve_us_max=4.0,
+                samples=7,
+                preemptions=2,
+                cost_gap=1e-8,
+                timed_gap=1e-9,
+                repeatable=False,
+            ),
+        ]
+    )
     merged = over_repeats(rows)
     (one,) = merged.to_dict("records")
     assert (one["repeats"], one["samples"], one["preemptions"], one["repeat"]) == (3, 18, 3, 0)
@@ -37,12 +70,24 @@ def test_what_goes_wrong_in_one_repeat_is_what_the_row_says() -> None:
 
 
 def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was() -> None:
-    skipped = row(status="not_run", message="a looser setting took longer than 0.1 s on this problem", cost_gap=NAN, solve_us_p50=NAN, samples=0)
+    skipped = row(
+        status="not_run",
+        message="a looser setting took longer than 0.1 s on this problem",
+        cost_gap=NAN,
+        solve_us_p50=NAN,
+        samples=0,
+    )
     for at in range(3):
         repeats = [row(solve_us_p50=2.0, samples=5), row(solve_us_p50=4.0, samples=5)]
         repeats.insert(at, skipped)
         (one,) = over_repeats(table([{**each, "repeat": i} for i, each in enumerate(repeats)])).to_dict("records")
-        assert (one["status"], one["message"], one["cost_gap"], one["repeats"], one["samples"]) == ("ok", "", 0.0, 2, 10)
+        assert (one["status"], one["message"], one["cost_gap"], one["repeats"], one["samples"]) == (
+            "ok",
+            "",
+            0.0,
+            2,
+            10,
+        )
         assert one["solve_us_p50"] == 3.0
     crashed = row(repeat=2, status="crashed", cost_gap=NAN)
     assert over_repeats(table([row(), {**skipped, "repeat": 1}, crashed])).status.tolist() == ["crashed"]
@@ -58,8 +103,13 @@ def test_without_repeats_rows_stay_as_they_are_and_have_no_spread() -> None:
 
 
 def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_all() -> None:
-    found = measured([*ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12]}, host="here", solve_us_p50=1.0),
-                      *ladder({"p1": [1e-5, 1e-12]}, host="there", solve_us_p50=50.0), row(solver="null", host="there")])
+    found = measured(
+        [
+            *ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12]}, host="here", solve_us_p50=1.0),
+            *ladder({"p1": [1e-5, 1e-12]}, host="there", solve_us_p50=50.0),
+            row(solver="null", host="there"),
+        ]
+    )
     assert found.host == "here"
     assert set(found.rows.host) == {"here"}
     assert (found.field.solve_us_p50 == 1.0).all()
@@ -76,19 +126,36 @@ def test_problems_are_counted_by_set_and_name() -> None:
     assert measured([row(), row(setting="s1", rung=1), row(problem="p2"), row(problem_set="orders")]).problems == 3
 
 
-@pytest.mark.parametrize(("scalings", "told"), [
-    (["scaled", "scaled", "raw"], "scaled"), (["raw", "raw", "scaled"], "raw"), (["raw", "scaled"], "scaled"), (["raw"], "raw"), ([], "scaled")])
+@pytest.mark.parametrize(
+    ("scalings", "told"),
+    [
+        (["scaled", "scaled", "raw"], "scaled"),
+        (["raw", "raw", "scaled"], "raw"),
+        (["raw", "scaled"], "scaled"),
+        (["raw"], "raw"),
+        ([], "scaled"),
+    ],
+)
 def test_the_scaling_of_the_first_screen_is_that_in_which_most_was_measured(scalings: list[str], told: str) -> None:
     assert scaling_of(table([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)])) == told
 
 
 def test_a_tier_has_the_rows_of_its_setting_once_and_the_default_is_judged_like_low() -> None:
-    found = measured([*ladder({"p1": [1e-5, 1e-12], "p2": [1e-8, 1e-12]}), row(setting="d", rung=-1, is_default=True, cost_gap=1e-4),
-                      row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=2e-3)])
+    found = measured(
+        [
+            *ladder({"p1": [1e-5, 1e-12], "p2": [1e-8, 1e-12]}),
+            row(setting="d", rung=-1, is_default=True, cost_gap=1e-4),
+            row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=2e-3),
+        ]
+    )
     by_tier = {tier: part.sort_values("problem") for tier, part in found.tiers.groupby("tier")}
     assert set(by_tier) == {Tier.DEFAULT, Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT}
     assert {tier: part.setting.tolist() for tier, part in by_tier.items() if tier != Tier.DEFAULT} == {
-        Tier.LOW: ["s0", "s0"], Tier.MID: ["s1", "s1"], Tier.HIGH: ["s1", "s1"], Tier.EXACT: ["s1", "s1"]}
+        Tier.LOW: ["s0", "s0"],
+        Tier.MID: ["s1", "s1"],
+        Tier.HIGH: ["s1", "s1"],
+        Tier.EXACT: ["s1", "s1"],
+    }
     assert by_tier[Tier.DEFAULT].right.tolist() == [True, False]
     assert by_tier[Tier.DEFAULT].status.tolist() == ["ok", "missed"]
     assert by_tier[Tier.MID].right.all()
@@ -106,7 +173,11 @@ def test_a_tier_that_is_not_reached_has_rows_of_the_furthest_setting_only_where_
     assert Tier.HIGH not in set(at_tiers(rows, settings).tier)
     furthest = at_tiers(rows, settings, "furthest")
     part = furthest[furthest.tier == Tier.HIGH].sort_values("problem")
-    assert (part.setting.tolist(), part.right.tolist(), part.status.tolist()) == (["s1", "s1"], [True, False], ["ok", "missed"])
+    assert (part.setting.tolist(), part.right.tolist(), part.status.tolist()) == (
+        ["s1", "s1"],
+        [True, False],
+        ["ok", "missed"],
+    )
 
 
 def test_the_stage_has_rows_only_of_problems_whose_noise_is_known() -> None:
@@ -121,8 +192,12 @@ def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselve
 
 
 def test_a_cheat_at_one_setting_is_right_at_no_other_not_even_unasked_or_elsewhere_caught() -> None:
-    rows = [*ladder({"p1": [1e-14, 1e-14], "p2": [1e-14, 1e-14]}), row(setting="d", rung=-1, is_default=True),
-            row(problem="p2", setting="d", rung=-1, is_default=True), row(problem="p2", setting="s1", rung=1, host="there", status="cached")]
+    rows = [
+        *ladder({"p1": [1e-14, 1e-14], "p2": [1e-14, 1e-14]}),
+        row(setting="d", rung=-1, is_default=True),
+        row(problem="p2", setting="d", rung=-1, is_default=True),
+        row(problem="p2", setting="s1", rung=1, host="there", status="cached"),
+    ]
     found = measured(rows)
     assert (found.settings.setting == "").all()
     default = found.tiers.set_index("problem")

@@ -32,8 +32,9 @@ def drawn(seed: int, d: int = 6, rows: bool = False) -> Problem:
     rng = np.random.default_rng(seed)
     M = rng.normal(size=(2 * d, d))
     general = {"G": rng.normal(size=(3, d)), "h": np.full(3, 0.1), "A": rng.normal(size=(1, d)), "b": np.array([0.2])}
-    return Problem(M.T @ M, rng.normal(size=d) * 5.0, lb=np.full(d, -0.5), ub=np.full(d, 0.7),
-                   **(general if rows else {}))
+    return Problem(
+        M.T @ M, rng.normal(size=d) * 5.0, lb=np.full(d, -0.5), ub=np.full(d, 0.7), **(general if rows else {})
+    )
 
 
 BOX = race_problem(drawn(0))
@@ -53,15 +54,29 @@ def answered(x: np.ndarray, **more: object) -> Outcome:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_residuals_equal_those_of_qpsolvers(solver: str, rows: bool, seed: int) -> None:
     qp = drawn(seed, rows=rows)
-    data = qp if solver in qpsolvers.dense_solvers else Problem(
-        *(csc_matrix(value) if value is not None and value.ndim == 2 else value for value in qp.unpack()))
+    data = (
+        qp
+        if solver in qpsolvers.dense_solvers
+        else Problem(*(csc_matrix(value) if value is not None and value.ndim == 2 else value for value in qp.unpack()))
+    )
     options = {"raise_error": False} if solver == "osqp" else {}
     found = qpsolvers.solve_problem(data, solver=solver, **options)
-    theirs = Solution(qp, found=True, x=found.x, **{
-        name: None if dual is None else np.array(dual) for name, dual in vars(found).items() if name in ("y", "z", "z_box")})
+    theirs = Solution(
+        qp,
+        found=True,
+        x=found.x,
+        **{
+            name: None if dual is None else np.array(dual)
+            for name, dual in vars(found).items()
+            if name in ("y", "z", "z_box")
+        },
+    )
     ours = judged(answered(theirs.x, y=theirs.y, z=theirs.z, z_box=theirs.z_box), problem=race_problem(qp))
     assert (ours.primal_residual, ours.dual_residual, ours.duality_gap) == (
-        theirs.primal_residual(), theirs.dual_residual(), theirs.duality_gap())
+        theirs.primal_residual(),
+        theirs.dual_residual(),
+        theirs.duality_gap(),
+    )
 
 
 def test_residuals_are_missing_and_not_zero_without_duals() -> None:
@@ -108,7 +123,9 @@ def test_a_violation_on_either_side_of_the_tolerance_is_told(tier: Tier, factor:
 
 
 @pytest.mark.parametrize(("excess", "unnoticed"), [(-3.0, True), (0.009, True), (0.011, False), (np.nan, False)])
-def test_the_stage_notices_a_model_error_of_more_than_a_hundredth_of_the_noise_above_the_optimums(excess: float, unnoticed: bool) -> None:
+def test_the_stage_notices_a_model_error_of_more_than_a_hundredth_of_the_noise_above_the_optimums(
+    excess: float, unnoticed: bool
+) -> None:
     inexact = replace(judged(answered(BEST)), cost_gap=0.5, stage_excess=excess)
     assert is_right(inexact, Tier.STAGE) == unnoticed
     assert not is_right(inexact, Tier.LOW)
@@ -155,8 +172,9 @@ def test_a_right_answer_that_the_solver_does_not_claim_is_its_failure() -> None:
     assert (ours.status, ours.message) == (Status.SOLVER_FAILED, "gave up")
 
 
-@pytest.mark.parametrize("status", [Status.UNSUPPORTED, Status.ADAPTER_FAILED, Status.CRASHED, Status.TIMED_OUT,
-                                    Status.OUT_OF_MEMORY])
+@pytest.mark.parametrize(
+    "status", [Status.UNSUPPORTED, Status.ADAPTER_FAILED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY]
+)
 def test_what_happened_to_the_process_is_handed_through(status: Status) -> None:
     ours = judged(Outcome(str(status), "said why"))
     assert (ours.status, ours.message) == (status, "said why")

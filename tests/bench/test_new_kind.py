@@ -1,4 +1,5 @@
-"""A new kind of race is one new folder and nothing else: that of the documentation, and one with problems, settings and times of its own."""
+"""A new kind of race is one new folder and nothing else: that of the documentation, and one with problems, settings and
+times of its own."""
 
 import re
 import subprocess
@@ -25,7 +26,8 @@ STOP = """        if task.repeat and (self.run.path.parent / "stop").exists():
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package as it is, by links, and two folders beside those of the other races; the race of the page can be stopped after a task."""
+    """The package as it is, by links, and two folders beside those of the other races; the race of the page can be
+    stopped after a task."""
     root, real = tmp_path_factory.mktemp("root"), Path(bench.__file__).parent
     races = root / "bench" / "races"
     for name in ("toss", "restart"):
@@ -50,13 +52,29 @@ def test_the_page_lists_every_kind_of_race() -> None:
 
 
 def piezobench(root: Path, *words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "bench", *map(str, words)], cwd=root, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-m", "bench", *map(str, words)], cwd=root, capture_output=True, text=True, check=False
+    )
 
 
 def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
     (root / "stop").touch()
     run = root / "run"
-    asked = ("race", "--race", "toss", "--tosses", 4, "--solver", "daqp", "--lane", "direct", "--out", root, "--name", "run")
+    asked = (
+        "race",
+        "--race",
+        "toss",
+        "--tosses",
+        4,
+        "--solver",
+        "daqp",
+        "--lane",
+        "direct",
+        "--out",
+        root,
+        "--name",
+        "run",
+    )
     stopped = piezobench(root, *asked)
     assert stopped.returncode == 2, stopped.stderr
     assert "the coin rolled away; what is done is kept" in stopped.stderr
@@ -80,9 +98,34 @@ def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> No
 
 def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed_like_any_other(root: Path) -> None:
     run = Run(root / "jumped")
-    words = ("race", "--race", "restart", "--jumps", 3, "--known-s", 0.25, "--solver", "daqp", "--solver", "osqp", "--lane", "direct", "--repeats", 2,
-             "--tier", "default", "--tier", "high", "--out", root, "--name", "jumped")
-    with subprocess.Popen([sys.executable, "-m", "bench", *map(str, words)], cwd=root, stdout=subprocess.DEVNULL) as race:
+    words = (
+        "race",
+        "--race",
+        "restart",
+        "--jumps",
+        3,
+        "--known-s",
+        0.25,
+        "--solver",
+        "daqp",
+        "--solver",
+        "osqp",
+        "--lane",
+        "direct",
+        "--repeats",
+        2,
+        "--tier",
+        "default",
+        "--tier",
+        "high",
+        "--out",
+        root,
+        "--name",
+        "jumped",
+    )
+    with subprocess.Popen(
+        [sys.executable, "-m", "bench", *map(str, words)], cwd=root, stdout=subprocess.DEVNULL
+    ) as race:
         while race.poll() is None and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 3:
             time.sleep(0.01)
         race.kill()

@@ -1,4 +1,5 @@
-"""What a one-shot race measures: every setting of a ladder on scaled data, the default on raw data, and where a ladder ends."""
+"""What a one-shot race measures: every setting of a ladder on scaled data, the default on raw data, and where a ladder
+ends."""
 
 import json
 from dataclasses import dataclass
@@ -25,7 +26,13 @@ LADDER = """
     def ladder(cls, c):
         return tuple({"k": k} for k in (2, 4, 6, 8, 10))
 """
-ENDS = {"crashes": "os._exit(3)", "hangs": "time.sleep(1000)", "lingers": "time.sleep(0.11)", "goes_on": "time.sleep(0.02)", "fails": "1 / 0"}
+ENDS = {
+    "crashes": "os._exit(3)",
+    "hangs": "time.sleep(1000)",
+    "lingers": "time.sleep(0.11)",
+    "goes_on": "time.sleep(0.02)",
+    "fails": "1 / 0",
+}
 """What a solver does at its third setting and at those behind it."""
 STATUS = {"crashes": "crashed", "hangs": "timed_out", "lingers": "ok", "goes_on": "ok", "fails": "adapter_failed"}
 
@@ -33,7 +40,9 @@ STATUS = {"crashes": "crashed", "hangs": "timed_out", "lingers": "ok", "goes_on"
 def with_ladder(folder: Path, name: str) -> Path:
     """A solver of five settings that writes down which of them it is asked for."""
     note = "open(__file__ + '.asked', 'a').write(str(self.settings.get('k', 0)) + ' ')"
-    path = faulty_solvers.written(folder, name, "solve(self)", f"{note}; self.settings.get('k', 0) >= 6 and {ENDS[name]}")
+    path = faulty_solvers.written(
+        folder, name, "solve(self)", f"{note}; self.settings.get('k', 0) >= 6 and {ENDS[name]}"
+    )
     path.write_text(path.read_text() + LADDER)
     return path
 
@@ -43,8 +52,25 @@ def asked(folder: Path, name: str) -> set[int]:
     return set(map(int, (folder / f"{name}.py.asked").read_text().split()))
 
 
-WORDS = ("race", "--set", "paper", "--limit", 1, "--scaling", "scaled", "--budget", 0.002, "--lane", "direct", "--solver", "daqp", "--rounds", 0,
-         "--time-limit", 2)
+WORDS = (
+    "race",
+    "--set",
+    "paper",
+    "--limit",
+    1,
+    "--scaling",
+    "scaled",
+    "--budget",
+    0.002,
+    "--lane",
+    "direct",
+    "--solver",
+    "daqp",
+    "--rounds",
+    0,
+    "--time-limit",
+    2,
+)
 
 
 @dataclass(frozen=True)
@@ -82,8 +108,12 @@ def test_every_setting_is_measured_on_scaled_data_and_only_what_a_library_does_u
     assert rows.solve_us_p50.notna().all()
 
 
-def test_a_setting_says_in_each_row_what_its_ladder_has_for_the_constant_one_and_what_it_was_there(clean_race: Race) -> None:
-    row = clean_race.rows[(clean_race.rows.solver == "clarabel") & (clean_race.rows.rung == 2) & (clean_race.rows.scaling == "scaled")].iloc[0]
+def test_a_setting_says_in_each_row_what_its_ladder_has_for_the_constant_one_and_what_it_was_there(
+    clean_race: Race,
+) -> None:
+    row = clean_race.rows[
+        (clean_race.rows.solver == "clarabel") & (clean_race.rows.rung == 2) & (clean_race.rows.scaling == "scaled")
+    ].iloc[0]
     c = clean_race.run.problem("paper", row.problem).forms["scaled"].unit
     named, given = json.loads(row.setting), json.loads(row.settings)
     assert named["tol_gap_abs"] == 1e-8
@@ -92,7 +122,9 @@ def test_a_setting_says_in_each_row_what_its_ladder_has_for_the_constant_one_and
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_a_second_end_a_ladder_and_nothing_else_does(ended: Ended, name: str) -> None:
+def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_a_second_end_a_ladder_and_nothing_else_does(
+    ended: Ended, name: str
+) -> None:
     rows = ended.race.rows[ended.race.rows.solver == name].sort_values("rung")
     assert rows.rung.tolist() == [-1, 0, 1, 2, 3, 4]
     goes_on = name in ("goes_on", "fails")
@@ -100,7 +132,11 @@ def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_a_second_end_a_
     assert asked(ended.folder, name) == ({0, 2, 4, 6, 8, 10} if goes_on else {0, 2, 4, 6})
     behind = rows[rows.status == "not_run"]
     assert behind[["cost_gap", "solve_us_p50"]].isna().all(axis=None)
-    why = "a looser setting took longer than 0.1 s on this problem" if name == "lingers" else f"a looser setting ended with {STATUS[name]} on this"
+    why = (
+        "a looser setting took longer than 0.1 s on this problem"
+        if name == "lingers"
+        else (f"a looser setting ended with {STATUS[name]} on this")
+    )
     assert all(why in message for message in behind.message)
 
 
@@ -113,11 +149,13 @@ def test_settings_that_were_not_run_stand_for_no_tier_and_are_no_failure_of_the_
 
 
 def test_a_race_killed_in_the_middle_of_a_ladder_that_ended_learns_so_from_its_rows_and_ends_with_the_same_rows(
-        piezobench: CommandLine, tmp_path: Path, ended: Ended) -> None:
+    piezobench: CommandLine, tmp_path: Path, ended: Ended
+) -> None:
     files = [word for name in ("crashes", "goes_on") for word in ("--solver", with_ladder(tmp_path, name))]
     run = Run(tmp_path / "run")
     piezobench.start(*WORDS, *files, "--out", tmp_path, "--name", "run").kill_once(
-        lambda: len(list((run.path / "tasks").glob("crashes-*.npz"))) >= 4)
+        lambda: len(list((run.path / "tasks").glob("crashes-*.npz"))) >= 4
+    )
     for path in (run.path / "tasks").glob("crashes-*.npz"):
         with np.load(path) as data:
             ((row,),) = [json.loads(str(data["rows"]))]

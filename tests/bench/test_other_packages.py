@@ -30,14 +30,36 @@ def installed(target: Path, entry_points: str, package: str = "tiny-solvers", ve
 
 def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
-    return subprocess.run([sys.executable, "-m", "bench", *map(str, words)], env=environment, capture_output=True, text=True,
-                          check=False, cwd=target)
+    return subprocess.run(
+        [sys.executable, "-m", "bench", *map(str, words)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=target,
+    )
 
 
 def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
-    call = piezobench(target, "race", "--solver", "tiny", "--set", "paper", "--limit", 1, "--budget", 0.001, "--scaling", "scaled",
-                      "--out", tmp_path, "--name", "run")
+    call = piezobench(
+        target,
+        "race",
+        "--solver",
+        "tiny",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--budget",
+        0.001,
+        "--scaling",
+        "scaled",
+        "--out",
+        tmp_path,
+        "--name",
+        "run",
+    )
     assert call.returncode == 0, call.stderr
     run = Run(tmp_path / "run")
     assert run.settings["field"] == {"tiny (direct)": "1.2.3"}
@@ -47,36 +69,78 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
 def listed(target: Path, code: str) -> str:
     """What Python prints with the folder on its path."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
-    return subprocess.run([sys.executable, "-c", f"import solvers\nfrom solvers.registry import describe, find\n{code}"], env=environment,
-                          capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", f"import solvers\nfrom solvers.registry import describe, find\n{code}"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
 
 
-def test_a_name_without_a_lane_is_in_the_lane_direct_and_what_does_not_keep_its_promise_is_absent_with_the_reason(tmp_path: Path) -> None:
-    target = installed(tmp_path / "site", "tiny = tiny_solvers:Mine\ndirect.yours = tiny_solvers:Yours\nkernel.lost = tiny_solvers:Mine\n"
-                       "direct.gone = no_such_module:Mine")
-    first, *absent = listed(target, "print(find('tiny').lane, solvers.get('tiny').name)\n"
-                            "for name in ('yours', 'lost', 'gone'): print(describe(find(name)).absent)").splitlines()
+def test_a_name_without_a_lane_is_in_the_lane_direct_and_what_does_not_keep_its_promise_is_absent_with_the_reason(
+    tmp_path: Path,
+) -> None:
+    target = installed(
+        tmp_path / "site",
+        "tiny = tiny_solvers:Mine\ndirect.yours = tiny_solvers:Yours\nkernel.lost = "
+        "tiny_solvers:Mine\n"
+        "direct.gone = no_such_module:Mine",
+    )
+    first, *absent = listed(
+        target,
+        "print(find('tiny').lane, solvers.get('tiny').name)\n"
+        "for name in ('yours', 'lost', 'gone'): print(describe(find(name)).absent)",
+    ).splitlines()
     assert first.split() == ["direct", "tiny"]
-    promised = ("has no Solver class Yours", "calls itself tiny in the lane direct, and is registered as lost in the lane kernel",
-                "No module named 'no_such_module'")
+    promised = (
+        "has no Solver class Yours",
+        "calls itself tiny in the lane direct, and is registered as lost in the lane kernel",
+        "No module named 'no_such_module'",
+    )
     assert [said in reason for said, reason in zip(promised, absent, strict=True)] == [True] * 3
 
 
 def test_a_solver_that_was_asked_for_by_its_name_and_is_absent_ends_the_race_with_the_reason(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = no_such_module:Mine")
-    call = piezobench(target, "race", "--solver", "tiny", "--solver", "daqp", "--lane", "direct", "--set", "paper", "--limit", 1,
-                      "--out", tmp_path, "--name", "run")
+    call = piezobench(
+        target,
+        "race",
+        "--solver",
+        "tiny",
+        "--solver",
+        "daqp",
+        "--lane",
+        "direct",
+        "--set",
+        "paper",
+        "--limit",
+        1,
+        "--out",
+        tmp_path,
+        "--name",
+        "run",
+    )
     assert call.returncode == 2
     assert "the solver tiny that was asked for is absent: No module named 'no_such_module'" in call.stderr
     assert "Traceback" not in call.stderr
     assert not (tmp_path / "run").exists(), "nothing is left of a race that did not begin"
 
 
-@pytest.mark.parametrize(("entry_point", "said"), [
-    ("direct.daqp = tiny_solvers:Mine", "the package tiny-solvers registers a solver daqp in the lane direct, where there is one"),
-    ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
-    ("direct.tiny = tiny_solvers", "the name is lane.name and the value module:Class")])
-def test_a_registration_that_cannot_be_is_refused_with_the_package_named(tmp_path: Path, entry_point: str, said: str) -> None:
+@pytest.mark.parametrize(
+    ("entry_point", "said"),
+    [
+        (
+            "direct.daqp = tiny_solvers:Mine",
+            "the package tiny-solvers registers a solver daqp in the lane direct, where there is one",
+        ),
+        ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
+        ("direct.tiny = tiny_solvers", "the name is lane.name and the value module:Class"),
+    ],
+)
+def test_a_registration_that_cannot_be_is_refused_with_the_package_named(
+    tmp_path: Path, entry_point: str, said: str
+) -> None:
     target = installed(tmp_path / "site", entry_point)
     call = piezobench(target, "race", "--solver", "daqp", "--out", tmp_path, "--name", "run")
     assert call.returncode == 2

@@ -12,14 +12,14 @@ from bench.timing.percentiles import QUANTILES, needed, percentile, ranks, rate_
 
 def below(k: int, samples: int, q: Fraction) -> Fraction:
     """P(K ≤ k) of a binomial K, term by term."""
-    return sum((comb(samples, i) * q**i * (1 - q)**(samples - i) for i in range(k + 1)), Fraction(0))
+    return sum((comb(samples, i) * q**i * (1 - q) ** (samples - i) for i in range(k + 1)), Fraction(0))
 
 
 def test_a_percentile_needs_as_many_samples_as_its_range_takes_to_cover_it() -> None:
     assert [needed(q) for q in QUANTILES] == [6, 299, 2995, 29956]
     for q in (0.1, 0.5, 0.9, 0.99, 0.999, 0.9999):
         N = needed(q)
-        assert q**N + (1 - q)**N <= 0.05 < q**(N - 1) + (1 - q)**(N - 1)
+        assert q**N + (1 - q) ** N <= 0.05 < q ** (N - 1) + (1 - q) ** (N - 1)
 
 
 @pytest.mark.parametrize("q", [0.5, 0.75, 0.9, 0.99, 0.999, 0.9999])
@@ -49,9 +49,10 @@ def test_the_interval_is_the_tightest_that_covers_by_exhaustive_sums(q: Fraction
         tail_below, tail_above = below(low - 1, N, q), 1 - below(high - 1, N, q)
         assert tail_below + tail_above <= Fraction(1, 20) + Fraction(1, 10**12)
         half = Fraction(1, 40)
-        # Neither end can move inwards: its tail would be more than its share, which is one half where the other allows it.
+        # Neither end can move inwards: its tail would be more than its share, which is one half where the other allows
+        # it.
         share_above = max(half, q**N)
-        share_below = max(half, (1 - q)**N) if share_above == half else Fraction(1, 20) - share_above
+        share_below = max(half, (1 - q) ** N) if share_above == half else Fraction(1, 20) - share_above
         share_above = share_above if share_below <= half else Fraction(1, 20) - share_below
         assert below(low, N, q) > share_below
         assert 1 - below(high - 2, N, q) > share_above

@@ -44,7 +44,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plant = plants.get("relay_preisach", sample_time=sample_time)
     x = SIGNALS["multi_sine"](duration_s=6.0, sample_time=sample_time, low=0.0, high=150.0, seed=3)
     path = tmp_path_factory.mktemp("recording") / "stage.csv"
-    write_table(path, {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": plant.run(x) + 7.0})
+    write_table(
+        path, {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": plant.run(x) + 7.0}
+    )
     return path
 
 
@@ -59,10 +61,13 @@ def test_every_proof_of_the_excitation_set_holds_and_is_counted(excitation: tupl
 
 
 def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_ones(
-        excitation: tuple[str, dict[str, RaceProblem]]) -> None:
+    excitation: tuple[str, dict[str, RaceProblem]],
+) -> None:
     bare = [problem for name, problem in excitation[1].items() if name.endswith("bare")]
-    assert all(np.allclose(problem.forms["scaled"].qp.P.diagonal()[problem.forms["scaled"].qp.P.diagonal() > 0], 1.0)
-               for problem in bare)
+    assert all(
+        np.allclose(problem.forms["scaled"].qp.P.diagonal()[problem.forms["scaled"].qp.P.diagonal() > 0], 1.0)
+        for problem in bare
+    )
     finite = [problem.condition for problem in bare if np.isfinite(problem.condition)]
     assert min(finite) < 3e4
     assert max(finite) > 5e11
@@ -86,8 +91,9 @@ def test_singular_and_rounding_indefinite_problems_are_stated(excitation: tuple[
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
-def test_weights_are_not_judged_where_the_data_leave_them_open(excitation: tuple[str, dict[str, RaceProblem]],
-                                                               scaling: str) -> None:
+def test_weights_are_not_judged_where_the_data_leave_them_open(
+    excitation: tuple[str, dict[str, RaceProblem]], scaling: str
+) -> None:
     for problem in excitation[1].values():
         form = problem.forms[scaling]
         verdict = judge(problem, scaling, Outcome(found=True, x=np.array(form.certificate.x)))
@@ -111,7 +117,8 @@ def test_a_warm_start_is_the_optimum_before_it_and_feasible(drift: list[RaceProb
 
 
 def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_the_start_of_the_drift(
-        drift: list[RaceProblem]) -> None:
+    drift: list[RaceProblem],
+) -> None:
     moved = [float(np.max(np.abs(problem.optimal_weights - drift[0].optimal_weights))) for problem in drift[16:]]
     steps = [float(np.max(np.abs(b.optimal_weights - a.optimal_weights))) for a, b in pairwise(drift[15:])]
     assert 0.0 < np.median(steps) < np.median(moved)
@@ -137,10 +144,14 @@ def test_the_offset_of_a_recording_is_a_free_variable_and_found(recorded: list[R
     for problem in recorded:
         assert problem.validation is not None
         assert problem.validation.structure.offset
-        assert [np.isneginf(form.qp.lb).nonzero()[0].tolist() for form in problem.forms.values()] == [[problem.d - 1]] * 2
+        assert [np.isneginf(form.qp.lb).nonzero()[0].tolist() for form in problem.forms.values()] == [
+            [problem.d - 1]
+        ] * 2
 
 
-def test_the_last_fifth_of_a_recording_is_what_the_model_is_judged_with(recorded: list[RaceProblem], recording: Path) -> None:
+def test_the_last_fifth_of_a_recording_is_what_the_model_is_judged_with(
+    recorded: list[RaceProblem], recording: Path
+) -> None:
     x, y = np.loadtxt(recording, delimiter=",", skiprows=1, unpack=True)[1:]
     for problem in recorded:
         assert problem.validation is not None
@@ -155,15 +166,49 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
     """Semicolons, decimal commas, no header, no times, and the output before the input."""
     x = SIGNALS["multi_sine"](duration_s=3.0, sample_time=1e-3, low=0.0, high=150.0, seed=3)
     y = plants.get("relay_preisach", sample_time=1e-3).run(x)
-    (tmp_path / "stage.txt").write_text("".join(f"{b:.6f};{a:.6f}\n".replace(".", ",") for a, b in zip(x, y, strict=True)))
-    said = ("--recording", tmp_path / "stage.txt", "--header-row", 0, "--decimal", ",", "--sample-rate", 1000, "--input", 2, "--output", 1)
+    (tmp_path / "stage.txt").write_text(
+        "".join(f"{b:.6f};{a:.6f}\n".replace(".", ",") for a, b in zip(x, y, strict=True))
+    )
+    said = (
+        "--recording",
+        tmp_path / "stage.txt",
+        "--header-row",
+        0,
+        "--decimal",
+        ",",
+        "--sample-rate",
+        1000,
+        "--input",
+        2,
+        "--output",
+        1,
+    )
     listed = piezobench("problems", "--set", "recorded", "--limit", 1, *said)
     assert "n5-m3-whole" in listed.stdout, listed.stderr
-    raced = piezobench("race", *said, "--solver", "box_active_set", "--lane", "kernel", "--limit", 1, "--out", tmp_path, "--name", "run")
+    raced = piezobench(
+        "race",
+        *said,
+        "--solver",
+        "box_active_set",
+        "--lane",
+        "kernel",
+        "--limit",
+        1,
+        "--out",
+        tmp_path,
+        "--name",
+        "run",
+    )
     assert raced.status == 0, raced.stderr
     options = json.loads((tmp_path / "run/run.json").read_text())["settings"]["set_options"]
-    assert options == {"recording": str(tmp_path / "stage.txt"), "input": "2", "output": "1", "sample_time": "0.001", "header_row": "0",
-                       "decimal": ","}
+    assert options == {
+        "recording": str(tmp_path / "stage.txt"),
+        "input": "2",
+        "output": "1",
+        "sample_time": "0.001",
+        "header_row": "0",
+        "decimal": ",",
+    }
     refused = piezobench("race", *said[:2], "--sheet", "two", "--sample-time", "later", "--out", tmp_path)
     assert refused.status == 2
     assert "--sample-time" in refused.stderr
@@ -188,17 +233,21 @@ def test_sets_that_need_a_file_are_listed_apart_and_say_what_is_missing() -> Non
         make("drfit")
 
 
-@pytest.mark.parametrize(("words", "sentence"), [
-    (("--set", "recorded"), "needs --recording"),
-    (("--set", "foreign"), "needs --folder"),
-    (("--set", "recorded", "--recording", "none.csv"), "none.csv: no such file"),
-    (("--set", "foreign", "--folder", "nowhere"), "nowhere: is not a folder"),
-    (("--set", "unheard"), "there is no problem set 'unheard'"),
-    (("--from", "nowhere"), "nowhere: is not a folder"),
-    (("--verify",), "needs problems; name a --set"),
-])
-def test_what_is_missing_is_one_sentence_at_the_command_line(piezobench: CommandLine, words: tuple[str, ...],
-                                                             sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--set", "recorded"), "needs --recording"),
+        (("--set", "foreign"), "needs --folder"),
+        (("--set", "recorded", "--recording", "none.csv"), "none.csv: no such file"),
+        (("--set", "foreign", "--folder", "nowhere"), "nowhere: is not a folder"),
+        (("--set", "unheard"), "there is no problem set 'unheard'"),
+        (("--from", "nowhere"), "nowhere: is not a folder"),
+        (("--verify",), "needs problems; name a --set"),
+    ],
+)
+def test_what_is_missing_is_one_sentence_at_the_command_line(
+    piezobench: CommandLine, words: tuple[str, ...], sentence: str
+) -> None:
     assert sentence in piezobench("problems", *words).refusal
 
 

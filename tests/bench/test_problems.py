@@ -31,7 +31,8 @@ def same_bits(a: RaceProblem, b: RaceProblem) -> bool:
 
     pairs = zip(arrays(a), arrays(b), strict=True)
     return all(x.dtype == y.dtype and x.tobytes() == y.tobytes() for x, y in pairs) and all(
-        a.forms[s].certificate == b.forms[s].certificate and a.forms[s].c == b.forms[s].c for s in a.forms)
+        a.forms[s].certificate == b.forms[s].certificate and a.forms[s].c == b.forms[s].c for s in a.forms
+    )
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
@@ -68,8 +69,8 @@ def test_the_optimum_fits_unseen_data_better_than_no_hysteresis_and_creep(paper:
     assert problem.validation is not None
     n = problem.validation.structure.play_thresholds
     straight = problem.optimal_weights.copy()
-    straight[:len(n)] = 0.0
-    straight[-len(n) - 1:] = 0.0
+    straight[: len(n)] = 0.0
+    straight[-len(n) - 1 :] = 0.0
     assert problem.validation.error_percent(problem.optimal_weights) < problem.validation.error_percent(straight)
 
 

@@ -1,4 +1,5 @@
-"""Files of programs in QPS, MATLAB and NPZ: read to the last bit, or refused in a sentence that says where they are wrong."""
+"""Files of programs in QPS, MATLAB and NPZ: read to the last bit, or refused in a sentence that says where they are
+wrong."""
 
 from __future__ import annotations
 
@@ -72,8 +73,9 @@ def test_rows_ranges_bounds_and_the_quadratic_part_of_a_qps_file_are_read(tmp_pa
 
 
 def test_all_of_p_and_a_maximum_are_read_too(tmp_path: Path) -> None:
-    whole = SMALL.replace("QUADOBJ", "QMATRIX").replace("    C2        C2        10.0",
-                                                      "    C2        C1        2.0\n    C2        C2        10.0")
+    whole = SMALL.replace("QUADOBJ", "QMATRIX").replace(
+        "    C2        C2        10.0", "    C2        C1        2.0\n    C2        C2        10.0"
+    )
     assert same(read(qps(tmp_path, whole)).qp, read(qps(tmp_path, SMALL)).qp)
     least, most = read(qps(tmp_path, SMALL)), read(qps(tmp_path, SMALL.replace("ROWS", "OBJSENSE\n    MAX\nROWS", 1)))
     assert np.array_equal(most.qp.q, -least.qp.q)
@@ -86,37 +88,65 @@ def test_names_of_vectors_may_be_left_out_and_names_may_hold_blanks_in_fixed_col
     for name in ("RHS       ", "RNG       ", "BND       "):
         unnamed = unnamed.replace(f"    {name}", "    ").replace(f" {name}", " ")
     assert same(read(qps(tmp_path, unnamed)).qp, read(qps(tmp_path, SMALL)).qp)
-    lines = ["NAME", "ROWS", " N  THE COST", " L  ROW 1", "COLUMNS", "    COL 1     THE COST  -1.0           ROW 1     2.0",
-             "RHS", "    RHS       ROW 1     3.0", "QUADOBJ", "    COL 1     COL 1     4.0", "ENDATA"]
+    lines = [
+        "NAME",
+        "ROWS",
+        " N  THE COST",
+        " L  ROW 1",
+        "COLUMNS",
+        "    COL 1     THE COST  -1.0           ROW 1     2.0",
+        "RHS",
+        "    RHS       ROW 1     3.0",
+        "QUADOBJ",
+        "    COL 1     COL 1     4.0",
+        "ENDATA",
+    ]
     found = read(qps(tmp_path, "\n".join(lines))).qp
     assert (found.q.tolist(), dense(found.G).tolist(), found.h.tolist(), dense(found.P).tolist()) == (
-        [-1.0], [[2.0]], [3.0], [[4.0]])
+        [-1.0],
+        [[2.0]],
+        [3.0],
+        [[4.0]],
+    )
 
 
-@pytest.mark.parametrize(("old", "new", "sentence"), [
-    ("ENDATA", "", "ends without ENDATA"),
-    ("20.0", "2o", "line 23: '2o' is no number"),
-    (" UP BND       C1", " BV BND       C1", "line 23: the kind of bound 'BV'"),
-    ("R4        1.0D0", "R9        1.0", "line 15: there is no row 'R9'"),
-    ("    C3        C3        1E-12", "    C9        C3        1.0", "there is no column 'C9'"),
-    ("    C2        C2        10.0", "    C2        C1        10.0", "both sides of the diagonal"),
-    (" L  R2", " X  R2", "line 5: the kind of row 'X'"),
-    ("    C1        R2        -1.0       R3        1E-11", "    C1        R1        -1.0", "the element R1, C1 is given twice"),
-    ("    RHS       R2        6.0", "    OTHER     R2        6.0", "a second vector 'OTHER'"),
-    ("RANGES", "CONES", "the section 'CONES' is not one of"),
-    ("    C3        R3", "    M  'MARKER'  'INTORG'\n    C3        R3", "integer variables"),
-    ("R2        6.0", "R2        nan", "line 18: 'nan' is no number"),
-    ("R2        6.0", "R2        -1E30", "line 18: no number is -1E30 or below, which the row 'R2' asks for"),
-    ("COST      -4.0", "COST      inf", "line 17: 'inf' is no finite number"),
-    ("R1        5.0", "R1        NaN", "line 20: 'NaN' is no number"),
-    ("C1        20.0", "C1        nan", "line 23: 'nan' is no number"),
-    ("C1        20.0", "C1        1_0", "line 23: '1_0' is no number"),
-    ("C1        20.0", "C1        -inf", "line 23: no number of the column 'C1' is within the bound -inf"),
-    (" MI BND       C4", " UP BND       C2        9.0", "line 26: the upper bound of the column 'C2' is given twice, as -3 and as 9"),
-    ("    C3        C3        1E-12", "    C3        C3        inf", "'inf' is no finite number"),
-    ("QUADOBJ", "RHS\n    RHS       R4        9.0\nQUADOBJ", "line 28: a second RHS section"),
-])
-def test_what_is_wrong_with_a_qps_file_is_said_with_file_and_line(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("ENDATA", "", "ends without ENDATA"),
+        ("20.0", "2o", "line 23: '2o' is no number"),
+        (" UP BND       C1", " BV BND       C1", "line 23: the kind of bound 'BV'"),
+        ("R4        1.0D0", "R9        1.0", "line 15: there is no row 'R9'"),
+        ("    C3        C3        1E-12", "    C9        C3        1.0", "there is no column 'C9'"),
+        ("    C2        C2        10.0", "    C2        C1        10.0", "both sides of the diagonal"),
+        (" L  R2", " X  R2", "line 5: the kind of row 'X'"),
+        (
+            "    C1        R2        -1.0       R3        1E-11",
+            "    C1        R1        -1.0",
+            "the element R1, C1 is given twice",
+        ),
+        ("    RHS       R2        6.0", "    OTHER     R2        6.0", "a second vector 'OTHER'"),
+        ("RANGES", "CONES", "the section 'CONES' is not one of"),
+        ("    C3        R3", "    M  'MARKER'  'INTORG'\n    C3        R3", "integer variables"),
+        ("R2        6.0", "R2        nan", "line 18: 'nan' is no number"),
+        ("R2        6.0", "R2        -1E30", "line 18: no number is -1E30 or below, which the row 'R2' asks for"),
+        ("COST      -4.0", "COST      inf", "line 17: 'inf' is no finite number"),
+        ("R1        5.0", "R1        NaN", "line 20: 'NaN' is no number"),
+        ("C1        20.0", "C1        nan", "line 23: 'nan' is no number"),
+        ("C1        20.0", "C1        1_0", "line 23: '1_0' is no number"),
+        ("C1        20.0", "C1        -inf", "line 23: no number of the column 'C1' is within the bound -inf"),
+        (
+            " MI BND       C4",
+            " UP BND       C2        9.0",
+            "line 26: the upper bound of the column 'C2' is given twice, as -3 and as 9",
+        ),
+        ("    C3        C3        1E-12", "    C3        C3        inf", "'inf' is no finite number"),
+        ("QUADOBJ", "RHS\n    RHS       R4        9.0\nQUADOBJ", "line 28: a second RHS section"),
+    ],
+)
+def test_what_is_wrong_with_a_qps_file_is_said_with_file_and_line(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
     assert old in SMALL
     with pytest.raises(ProblemFileError, match=r"small\.qps: ") as refused:
         read(qps(tmp_path, SMALL.replace(old, new, 1)))
@@ -125,7 +155,9 @@ def test_what_is_wrong_with_a_qps_file_is_said_with_file_and_line(tmp_path: Path
 
 @pytest.mark.parametrize("seed", range(4))
 def test_highs_reads_the_same_program_from_the_same_file(tmp_path: Path, seed: int) -> None:
-    highspy = pytest.importorskip("highspy", reason="highspy is not installed, and it is what our reader is compared with")
+    highspy = pytest.importorskip(
+        "highspy", reason="highspy is not installed, and it is what our reader is compared with"
+    )
     path = write_qps(tmp_path / "drawn.mps", draw(seed))
     engine = highspy.Highs()
     engine.silent()
@@ -142,7 +174,9 @@ def test_highs_reads_the_same_program_from_the_same_file(tmp_path: Path, seed: i
     np.testing.assert_array_equal(found.qp.ub, lp.col_upper_)
     equal = low == high
     np.testing.assert_array_equal(dense(found.qp.A), C[equal])
-    np.testing.assert_array_equal(dense(found.qp.G), np.vstack([C[~equal & np.isfinite(high)], -C[~equal & np.isfinite(low)]]))
+    np.testing.assert_array_equal(
+        dense(found.qp.G), np.vstack([C[~equal & np.isfinite(high)], -C[~equal & np.isfinite(low)]])
+    )
     assert found.constant == lp.offset_
 
 
@@ -164,15 +198,23 @@ def test_files_that_hold_no_program_are_refused_with_the_reason(tmp_path: Path) 
     savemat(tmp_path / "shape.mat", {"P": np.eye(2), "q": np.ones(2), "A": np.eye(3), "l": np.ones(3), "u": np.ones(3)})
     (tmp_path / "text.mat").write_text("no MATLAB file at all")
     whole = write_mat(tmp_path / "cut.mat", draw(0)).read_bytes()
-    (tmp_path / "cut.mat").write_bytes(whole[:len(whole) // 2])
+    (tmp_path / "cut.mat").write_bytes(whole[: len(whole) // 2])
     np.savez(tmp_path / "half.npz", P=np.eye(2), q=np.ones(2), G=np.eye(2))
     np.savez(tmp_path / "triangle.npz", P=np.triu(np.ones((2, 2))), q=np.ones(2))
     np.savez(tmp_path / "nan.npz", P=np.eye(2), q=np.array([1.0, np.nan]))
-    for name, sentence in (("no.mat", "holds no variable 'q'"), ("shape.mat", "A is of shape"), ("half.npz", "G without h"),
-                           ("text.mat", "cannot be read"), ("cut.mat", "cannot be read"),
-                           ("triangle.npz", "P is not symmetric"),
-                           ("nan.npz", "q has an element that is not a finite number"), ("qp.xml", "unknown suffix"),
-                           ("none.npz", "No such file"), ("none.mat", "No such file"), ("none.qps", "No such file")):
+    for name, sentence in (
+        ("no.mat", "holds no variable 'q'"),
+        ("shape.mat", "A is of shape"),
+        ("half.npz", "G without h"),
+        ("text.mat", "cannot be read"),
+        ("cut.mat", "cannot be read"),
+        ("triangle.npz", "P is not symmetric"),
+        ("nan.npz", "q has an element that is not a finite number"),
+        ("qp.xml", "unknown suffix"),
+        ("none.npz", "No such file"),
+        ("none.mat", "No such file"),
+        ("none.qps", "No such file"),
+    ):
         with pytest.raises(ProblemFileError, match=name) as refused:
             read(tmp_path / name)
         assert sentence in str(refused.value)
@@ -181,10 +223,21 @@ def test_files_that_hold_no_program_are_refused_with_the_reason(tmp_path: Path) 
 def test_index_arrays_that_lie_are_refused_before_anything_follows_them(tmp_path: Path) -> None:
     right = {"data": np.ones(2), "indices": np.array([0, 1]), "indptr": np.array([0, 1, 2]), "shape": np.array([2, 2])}
     for part, wrong, sentence in (
-            ("indices", [0, 7], "P has an element outside its 2 rows"), ("indptr", [0, 3, 2], "P has columns that do not begin"),
-            ("shape", [2, 9], r"P is of shape \(2, 9\) and its index arrays are not"), ("data", [1.0 + 1j, 1.0], "P holds complex numbers")):
-        np.savez(tmp_path / "lies.npz", q=np.ones(2), **{f"P/{name}": value for name, value in {**right, part: np.array(wrong)}.items()})
-        with pytest.raises(ProblemFileError, match=rf"lies\.npz: cannot be read as NPZ: {sentence}|lies\.npz: {sentence}"):
+        ("indices", [0, 7], "P has an element outside its 2 rows"),
+        ("indptr", [0, 3, 2], "P has columns that do not begin"),
+        ("shape", [2, 9], r"P is of shape \(2, 9\) and its index arrays are not"),
+        ("data", [1.0 + 1j, 1.0], "P holds complex numbers"),
+    ):
+        np.savez(
+            tmp_path / "lies.npz",
+            q=np.ones(2),
+            **{f"P/{name}": value for name, value in {**right, part: np.array(wrong)}.items()},
+        )
+        with pytest.raises(
+            ProblemFileError,
+            match=rf"lies\.npz: cannot be read as NPZ: {sentence}|lies\.npz: "
+            rf"{sentence}",
+        ):
             read(tmp_path / "lies.npz")
 
 
@@ -200,22 +253,34 @@ def test_index_arrays_that_lie_in_a_matlab_file_are_refused_too(tmp_path: Path) 
 WHOLE = {"P": np.eye(2), "q": np.ones(2)}
 
 
-@pytest.mark.parametrize(("arrays", "sentence"), [
-    ({"P": np.eye(2) * 1j}, "P holds complex numbers"), ({"q": np.ones(2) + 1j}, "q holds complex numbers"),
-    ({"P": np.diag([1.0, np.inf])}, "P has an element that is not a finite number"),
-    ({"q": np.array(["1", "2"])}, "q holds no numbers"), ({"q": np.array([2**63 - 1, 1])}, "q holds numbers that no double is equal to"),
-    ({"q": np.ones((2, 2))}, "q is of shape (2, 2) and no vector"),
-    ({"r": np.nan}, "the constant r is not one finite number"), ({"r": [1.0, 2.0]}, "the constant r is not one finite number"),
-    ({"A": np.eye(2), "l": [0.0, np.nan], "u": np.ones(2)}, "l[1] is nan, and nothing is within that"),
-    ({"A": np.eye(2), "l": np.zeros(2), "u": [-1e30, 1.0]}, "u[0] is -inf, and nothing is within that"),
-    ({"G": np.eye(2), "h": [np.nan, 1.0]}, "h[0] is nan, and nothing is within that"),
-    ({"lb": [0.0, np.inf]}, "lb[1] is inf, and nothing is within that"), ({"ub": [np.nan, 1.0]}, "ub[0] is nan"),
-], ids=str)
-def test_numbers_that_would_change_the_program_are_refused(tmp_path: Path, arrays: dict[str, object], sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("arrays", "sentence"),
+    [
+        ({"P": np.eye(2) * 1j}, "P holds complex numbers"),
+        ({"q": np.ones(2) + 1j}, "q holds complex numbers"),
+        ({"P": np.diag([1.0, np.inf])}, "P has an element that is not a finite number"),
+        ({"q": np.array(["1", "2"])}, "q holds no numbers"),
+        ({"q": np.array([2**63 - 1, 1])}, "q holds numbers that no double is equal to"),
+        ({"q": np.ones((2, 2))}, "q is of shape (2, 2) and no vector"),
+        ({"r": np.nan}, "the constant r is not one finite number"),
+        ({"r": [1.0, 2.0]}, "the constant r is not one finite number"),
+        ({"A": np.eye(2), "l": [0.0, np.nan], "u": np.ones(2)}, "l[1] is nan, and nothing is within that"),
+        ({"A": np.eye(2), "l": np.zeros(2), "u": [-1e30, 1.0]}, "u[0] is -inf, and nothing is within that"),
+        ({"G": np.eye(2), "h": [np.nan, 1.0]}, "h[0] is nan, and nothing is within that"),
+        ({"lb": [0.0, np.inf]}, "lb[1] is inf, and nothing is within that"),
+        ({"ub": [np.nan, 1.0]}, "ub[0] is nan"),
+    ],
+    ids=str,
+)
+def test_numbers_that_would_change_the_program_are_refused(
+    tmp_path: Path, arrays: dict[str, object], sentence: str
+) -> None:
     formats = [".mat"] if "l" in arrays else [".npz"] if arrays.keys() & {"h", "lb", "ub"} else [".mat", ".npz"]
     for suffix in formats:
         path = tmp_path / f"wrong{suffix}"
-        (savemat if suffix == ".mat" else np.savez)(path, **({"mdict": {**WHOLE, **arrays}} if suffix == ".mat" else {**WHOLE, **arrays}))
+        (savemat if suffix == ".mat" else np.savez)(
+            path, **({"mdict": {**WHOLE, **arrays}} if suffix == ".mat" else {**WHOLE, **arrays})
+        )
         with pytest.raises(ProblemFileError, match=path.name) as refused:
             read(path)
         assert sentence in str(refused.value)

@@ -1,4 +1,5 @@
-"""Beside qpbenchmark on the same exported problems: the residuals and verdicts of its judge and of ours are the same."""
+"""Beside qpbenchmark on the same exported problems: the residuals and verdicts of its judge and of ours are the
+same."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ COLUMNS = ("primal_residual", "dual_residual", "duality_gap")
 
 
 def test_residuals_and_verdicts_are_those_of_qpbenchmark(tmp_path: Path) -> None:
-    benchmark = pytest.importorskip("qpbenchmark.benchmark", reason="qpbenchmark is not installed, and our judge is held against its own")
+    benchmark = pytest.importorskip(
+        "qpbenchmark.benchmark", reason="qpbenchmark is not installed, and our judge is held against its own"
+    )
     from qpbenchmark.results import Results
     from qpbenchmark.run import run
 
@@ -45,12 +48,17 @@ def test_residuals_and_verdicts_are_those_of_qpbenchmark(tmp_path: Path) -> None
                         answer = qpsolvers.solve_problem(form.qp, solver, **parameters)
                     tolerance = test_set.tolerances[settings]
                     limits = np.array([tolerance.primal, tolerance.dual, tolerance.gap])
-                    ours, row = np.array(_residuals(answer)), theirs.loc[f"measured--{problem.name}--{scaling}", solver, settings]
+                    ours, row = (
+                        np.array(_residuals(answer)),
+                        theirs.loc[f"measured--{problem.name}--{scaling}", solver, settings],
+                    )
                     assert answer.found == row.found, (solver, settings, problem.name)
                     if not answer.found:
                         continue
                     found = row[list(COLUMNS)].to_numpy(dtype=float)
-                    np.testing.assert_array_equal(ours <= limits, found <= limits, err_msg=f"{solver}, {settings}, {problem.name}, {scaling}")
+                    np.testing.assert_array_equal(
+                        ours <= limits, found <= limits, err_msg=f"{solver}, {settings}, {problem.name}, {scaling}"
+                    )
                     if solver != "proxqp":  # which is not repeatable to the last bit
                         x = np.abs(answer.x)
                         terms = np.abs(form.qp.P) @ x + np.abs(form.qp.q)

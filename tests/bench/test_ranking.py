@@ -25,13 +25,15 @@ def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
     return {str(line[0]): [str(cell) for cell in line[2:]] for line in shown}
 
 
-def test_the_most_exact_that_is_reached_counts_first_and_the_time_for_it_second_and_the_papers_method_comes_before_all() -> None:
-    rows = [*ladder({"p1": [1e-8], "p2": [1e-8]}, solver="quick", solve_us_p50=1.0),
-            *ladder({"p1": [1e-12], "p2": [1e-12]}, solver="slow", solve_us_p50=90.0),
-            *ladder({"p1": [1e-12], "p2": [1e-12]}, solver="exact", solve_us_p50=20.0),
-            *ladder({"p1": [1e-12], "p2": [1e-1]}, solver="lost", solve_us_p50=0.5),
-            *ladder({"p1": [1e-4], "p2": [1e-4]}, solver="loose", solve_us_p50=0.1),
-            *steps({"p1": [0.5, 1e-4], "p2": [0.5, 1e-4]})]
+def test_the_most_exact_reached_counts_first_then_the_time_and_the_papers_method_comes_before_all() -> None:
+    rows = [
+        *ladder({"p1": [1e-8], "p2": [1e-8]}, solver="quick", solve_us_p50=1.0),
+        *ladder({"p1": [1e-12], "p2": [1e-12]}, solver="slow", solve_us_p50=90.0),
+        *ladder({"p1": [1e-12], "p2": [1e-12]}, solver="exact", solve_us_p50=20.0),
+        *ladder({"p1": [1e-12], "p2": [1e-1]}, solver="lost", solve_us_p50=0.5),
+        *ladder({"p1": [1e-4], "p2": [1e-4]}, solver="loose", solve_us_p50=0.1),
+        *steps({"p1": [0.5, 1e-4], "p2": [0.5, 1e-4]}),
+    ]
     lines = ranking(measured(rows))
     assert [line.name for line in lines] == [PACE, "exact", "slow", "quick", "loose", f"{PAPER}†", "lost"]
     assert lines[0].results[Tier.LOW].us == 15_200 * 125.0
@@ -39,9 +41,14 @@ def test_the_most_exact_that_is_reached_counts_first_and_the_time_for_it_second_
     assert lines[5].results[Tier.LOW].us == 1.0
 
 
-def test_a_time_is_the_median_over_the_problems_of_update_and_solve_at_the_one_setting_that_stands_for_the_tier() -> None:
-    rows = [one for problem, us in (("p1", 3.0), ("p2", 50.0), ("p3", 10.0))
-            for one in ladder({problem: [1e-5, 1e-12]}, update_us=1.0, solve_us_p50=[0.1, us])]
+def test_a_time_is_the_median_over_the_problems_of_update_and_solve_at_the_one_setting_that_stands_for_the_tier() -> (
+    None
+):
+    rows = [
+        one
+        for problem, us in (("p1", 3.0), ("p2", 50.0), ("p3", 10.0))
+        for one in ladder({problem: [1e-5, 1e-12]}, update_us=1.0, solve_us_p50=[0.1, us])
+    ]
     (line,) = ranking(measured(rows))
     result = line.results[Tier.HIGH]
     assert (result.us, result.right, result.problems, result.setting, result.left_out) == (11.0, 3, 3, "s1", 1.0)
@@ -67,7 +74,12 @@ def test_the_same_setting_is_printed_once_and_what_comes_after_a_gap_again() -> 
 def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_result_a_dash() -> None:
     noisy = ladder({"p1": [1e-14]}, noise_um=0.01, stage_excess=0.0)
     assert short_table(ranking(measured(ladder({"p1": [1e-14]}))), "").headings[2:] == [
-        "to 1e-3", "to 1e-6", "to 1e-9", "to 1e-12", "default gap"]
+        "to 1e-3",
+        "to 1e-6",
+        "to 1e-9",
+        "to 1e-12",
+        "default gap",
+    ]
     other = ladder({"p2": [1e-14]}, solver="osqp", noise_um=0.0)
     assert short_table(ranking(measured([*noisy, *other])), "").headings[-2] == "stage"
     assert cells([*noisy, *other])["osqp"][-2] == "–"
@@ -75,22 +87,35 @@ def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_re
 
 def test_the_default_has_its_worst_gap_and_none_where_it_has_no_answer_on_a_problem() -> None:
     def unasked(gap: float) -> list[Row]:
-        return [row(setting="d", rung=-1, is_default=True, cost_gap=3e-4), row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=gap)]
+        return [
+            row(setting="d", rung=-1, is_default=True, cost_gap=3e-4),
+            row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=gap),
+        ]
 
     assert ranking(measured(unasked(5e-2)))[0].default_gap == 5e-2
     assert np.isnan(ranking(measured(unasked(NAN)))[0].default_gap)
 
 
 def test_a_terminal_shows_the_lanes_with_a_ladder_and_all_where_there_is_none() -> None:
-    rows = [row(), row(solver="quadprog", lane="qpsolvers"), row(solver="clarabel", lane="cvxpy"), row(solver="box_active_set", lane="kernel")]
+    rows = [
+        row(),
+        row(solver="quadprog", lane="qpsolvers"),
+        row(solver="clarabel", lane="cvxpy"),
+        row(solver="box_active_set", lane="kernel"),
+    ]
     assert set(cells(rows)) == {"daqp", "quadprog", "clarabel", "box_active_set†"}
     assert set(cells(rows, terminal=True)) == {"daqp", "box_active_set†"}
     assert set(cells(rows[1:3], terminal=True)) == {"quadprog", "clarabel"}
 
 
 def test_only_cold_rows_of_the_first_scaling_are_in_the_table() -> None:
-    rows = [*ladder({"p1": [1e-14]}, solve_us_p50=5.0), row(start="warm", solve_us_p50=1.0), row(scaling="raw", solve_us_p50=2.0),
-            row(solver="raw_alone", scaling="raw"), row(solver="warm_alone", start="warm")]
+    rows = [
+        *ladder({"p1": [1e-14]}, solve_us_p50=5.0),
+        row(start="warm", solve_us_p50=1.0),
+        row(scaling="raw", solve_us_p50=2.0),
+        row(solver="raw_alone", scaling="raw"),
+        row(solver="warm_alone", start="warm"),
+    ]
     (line,) = ranking(measured(rows))
     assert (line.name, line.results[Tier.HIGH].us) == ("daqp", 5.0)
 
@@ -100,10 +125,19 @@ def test_the_papers_method_has_no_pace_where_it_takes_none_of_the_problems() -> 
     assert PACE not in [line.name for line in ranking(measured([row(), *refused]))]
 
 
-@pytest.mark.parametrize(("us", "wide", "narrow"), [
-    (0.934, "0.934 (0.007)", "0.93 0.007"), (6.57, "6.57 (0.05)", "6.57  0.05"), (1900.0, "1900 (15)", "1900    15"),
-    (1.9e6, "1.9e6 (15200)", "1.9s 15200"), (25_000.0, "25000 (200)", "25ms   200")])
-def test_a_time_is_in_microseconds_and_sampling_periods_in_eleven_letters_of_a_terminal(us: float, wide: str, narrow: str) -> None:
+@pytest.mark.parametrize(
+    ("us", "wide", "narrow"),
+    [
+        (0.934, "0.934 (0.007)", "0.93 0.007"),
+        (6.57, "6.57 (0.05)", "6.57  0.05"),
+        (1900.0, "1900 (15)", "1900    15"),
+        (1.9e6, "1.9e6 (15200)", "1.9s 15200"),
+        (25_000.0, "25000 (200)", "25ms   200"),
+    ],
+)
+def test_a_time_is_in_microseconds_and_sampling_periods_in_eleven_letters_of_a_terminal(
+    us: float, wide: str, narrow: str
+) -> None:
     line = Line("daqp", "daqp", "direct", {Tier.HIGH: Result(us, 3, 3, "s0")}, NAN)
     assert short_table([line], "").rows[0][2] == wide
     assert short_table([line], "", terminal=True).rows[0][2] == narrow

@@ -87,9 +87,15 @@ def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
 
     descriptor = os.open(built, os.O_RDONLY)  # whoever it runs as need not see the folder
     try:
-        done = subprocess.run([f"/proc/self/fd/{descriptor}", "1000", "0.05", "80", "4000", "/dev/null"], pass_fds=[descriptor],
-                              user=NOBODY if os.geteuid() == 0 else None, preexec_fn=without_rights, capture_output=True, text=True,
-                              check=True)
+        done = subprocess.run(
+            [f"/proc/self/fd/{descriptor}", "1000", "0.05", "80", "4000", "/dev/null"],
+            pass_fds=[descriptor],
+            user=NOBODY if os.geteuid() == 0 else None,
+            preexec_fn=without_rights,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
     finally:
         os.close(descriptor)
     allowed = dict(line.split(" ", 1) for line in done.stdout.splitlines())
@@ -98,7 +104,9 @@ def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
     assert allowed["core"] == "Invalid argument"  # there is no core 4000
 
 
-@pytest.mark.parametrize(("limit", "found"), [(50e3, 45255.0), (8000.0, 8000.0), (3000.0, 2828.43), (2e6, 861078.0), (100.0, 0.0)])
+@pytest.mark.parametrize(
+    ("limit", "found"), [(50e3, 45255.0), (8000.0, 8000.0), (3000.0, 2828.43), (2e6, 861078.0), (100.0, 0.0)]
+)
 def test_the_highest_rate_is_found_to_a_quarter_of_an_octave(limit: float, found: float) -> None:
     tried: list[float] = []
 
@@ -111,15 +119,27 @@ def test_the_highest_rate_is_found_to_a_quarter_of_an_octave(limit: float, found
     assert len(tried) == len(set(tried)) < 20
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["nothing.json"], "nothing.json: there is no such file"),
-    (["model.json", "--rate", 0], "--rate"), (["model.json", "--seconds", "nan"], "--seconds"),
-    pytest.param(["model.json", "--rate", 1, "--seconds", 0.5], "0.5 s at 1 Hz hold no sample; the shortest run is 1 s",
-                 marks=pytest.mark.needs("cc")),
-    (["model.json", "--solver", "box_active_set"], "--solver: is for --part learning"),
-    (["model.json", "--priority", 100], "--priority"), (["model.json", "--core", -1], "--core"),
-    (["model.json", "--out", "nowhere/figures.json"], "the folder nowhere does not exist")], ids=str)
-def test_bad_input_is_refused_in_one_sentence(piezobench: CommandLine, model_file: Path, words: list[object], said: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nothing.json"], "nothing.json: there is no such file"),
+        (["model.json", "--rate", 0], "--rate"),
+        (["model.json", "--seconds", "nan"], "--seconds"),
+        pytest.param(
+            ["model.json", "--rate", 1, "--seconds", 0.5],
+            "0.5 s at 1 Hz hold no sample; the shortest run is 1 s",
+            marks=pytest.mark.needs("cc"),
+        ),
+        (["model.json", "--solver", "box_active_set"], "--solver: is for --part learning"),
+        (["model.json", "--priority", 100], "--priority"),
+        (["model.json", "--core", -1], "--core"),
+        (["model.json", "--out", "nowhere/figures.json"], "the folder nowhere does not exist"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_refused_in_one_sentence(
+    piezobench: CommandLine, model_file: Path, words: list[object], said: str
+) -> None:
     assert said in piezobench("realtime", *words, folder=model_file.parent).refusal
     assert list(model_file.parent.iterdir()) == [model_file]
 
@@ -150,7 +170,8 @@ def test_a_cycle_in_blocks_has_those_of_the_settings() -> None:
 
 
 def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
-        piezobench: CommandLine, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    piezobench: CommandLine, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("gcc", "as", "ld"):
         (tmp_path / name).symlink_to(program(name))
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -158,8 +179,11 @@ def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
     assert cost.ns > 0.0
     assert cost.instructions is None
     assert cost.controllers == ()
-    assert [sentence.partition(": ")[0] for sentence in cost.absent] == ["Instructions here were not counted",
-                                                                         "Cortex-M4F was left out", "Cortex-M7 was left out"]
+    assert [sentence.partition(": ")[0] for sentence in cost.absent] == [
+        "Instructions here were not counted",
+        "Cortex-M4F was left out",
+        "Cortex-M7 was left out",
+    ]
     assert "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi" in cost.absent[1]
     monkeypatch.setenv("PATH", str(tmp_path / "nowhere"))
     with pytest.raises(ExportError, match="there is no cc or gcc or clang on this machine"):
@@ -171,8 +195,14 @@ def test_without_valgrind_and_cross_compiler_their_part_is_left_out_and_said(
 
 def emulate(image: Path, samples: np.ndarray) -> np.ndarray:
     """Drives (N,) for samples, (N,) or (N, 2) as of `building.replay`, by an emulated controller."""
-    return np.frombuffer(subprocess.run([cortex_m.EMULATOR, "-cpu", "max", str(image)], input=np.ascontiguousarray(samples).tobytes(),
-                                        capture_output=True, check=True).stdout)
+    return np.frombuffer(
+        subprocess.run(
+            [cortex_m.EMULATOR, "-cpu", "max", str(image)],
+            input=np.ascontiguousarray(samples).tobytes(),
+            capture_output=True,
+            check=True,
+        ).stdout
+    )
 
 
 @needs_arm
@@ -217,4 +247,4 @@ def test_the_list_of_instructions_ends_where_there_are_enough(tmp_path: Path) ->
     (whole, _), (part, _) = instructions(image, samples), instructions(image, samples, enough=20_000)
     assert whole.size == 50
     assert 5 < part.size < 20
-    np.testing.assert_array_equal(part, whole[:part.size])
+    np.testing.assert_array_equal(part, whole[: part.size])

@@ -1,4 +1,5 @@
-"""The model of a recording that is raced on: kept with its error on the last fifth, deployed, and what a worse one is told."""
+"""The model of a recording that is raced on: kept with its error on the last fifth, deployed, and what a worse one is
+told."""
 
 import json
 from dataclasses import dataclass
@@ -33,12 +34,18 @@ def stage(folder: Path, kind: str, samples: int = 12_000) -> Stage:
     """A simulated actuator with a noisy sensor, recorded for a while."""
     chance, plant = np.random.default_rng(3), plants.get(kind, sample_time=1e-3)
     t, (low, high) = np.arange(2 * samples) * 1e-3, plant.x_range
-    waves = 0.5 * np.sin(2 * np.pi * 0.7 * t) + 0.3 * np.sin(2 * np.pi * 1.9 * t + 1) + 0.2 * np.sin(2 * np.pi * 3.7 * t + 2)
+    waves = (
+        0.5 * np.sin(2 * np.pi * 0.7 * t)
+        + 0.3 * np.sin(2 * np.pi * 1.9 * t + 1)
+        + 0.2 * np.sin(2 * np.pi * 3.7 * t + 2)
+    )
     x = 0.5 * (low + high) + 0.5 * (high - low) * waves
     y = plant.run(x) + 1e-3 * np.ptp(plant.y_range) * chance.normal(size=t.size)
     path = folder / f"{kind}.csv"
     write_table(path, {"time_s": t[:samples], "voltage_V": x[:samples], "displacement_um": y[:samples]})
-    return Stage(path, Recording.from_arrays(x[samples:], y[samples:], 1e-3, input_unit="V", output_unit="um", name="later"))
+    return Stage(
+        path, Recording.from_arrays(x[samples:], y[samples:], 1e-3, input_unit="V", output_unit="um", name="later")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +57,19 @@ def recorded(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) 
     return made, Run.open(folder / "run")
 
 
-def test_a_race_on_a_recording_keeps_the_model_of_its_first_four_fifths_with_the_error_on_the_last(recorded: tuple[Stage, Run]) -> None:
+def test_a_race_on_a_recording_keeps_the_model_of_its_first_four_fifths_with_the_error_on_the_last(
+    recorded: tuple[Stage, Run],
+) -> None:
     made, run = recorded
     x, y = Recording.open(made.path).arrays()
     fitted = round(0.8 * x.size)
     rates = choose_creep_rates(1e-3, 1e-3 * (fitted - 1))  # those of the problems, whose times the race measures
-    expected = identify(Recording.from_arrays(x[:fitted], y[:fitted], 1e-3, input_unit="V", output_unit="um"), n=5, m=3, creep_rates=rates)
+    expected = identify(
+        Recording.from_arrays(x[:fitted], y[:fitted], 1e-3, input_unit="V", output_unit="um"),
+        n=5,
+        m=3,
+        creep_rates=rates,
+    )
     model = HysteresisCreepModel.load(run.model_path("recorded"))
     assert model.weights.tolist() == expected.weights.tolist()
     unseen = Recording.from_arrays(x[fitted:], y[fitted:], 1e-3, input_unit="V", output_unit="um")
@@ -69,24 +83,34 @@ def test_every_problem_carries_what_was_kept_back(recorded: tuple[Stage, Run]) -
     x, y = Recording.open(made.path).arrays()
     for name in run.settings["problems"]["recorded"]:
         back = kept_back(run.problem("recorded", name))
-        assert (back.arrays()[0].tolist(), back.arrays()[1].tolist()) == (x[round(0.8 * x.size):].tolist(), y[round(0.8 * x.size):].tolist())
+        assert (back.arrays()[0].tolist(), back.arrays()[1].tolist()) == (
+            x[round(0.8 * x.size) :].tolist(),
+            y[round(0.8 * x.size) :].tolist(),
+        )
         assert (back.sample_time, back.input_unit, back.output_unit) == (pytest.approx(1e-3), "V", "um")
 
 
-def test_deploy_takes_that_model_and_prints_its_error(piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path) -> None:
+def test_deploy_takes_that_model_and_prints_its_error(
+    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+) -> None:
     _, run = recorded
     call = piezobench("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     assert call.status == 0, call.stderr
     error = run.settings["models"]["recorded"]["error_percent"]
     said = " ".join(call.stdout.split())
-    assert (f"Model: from the first four fifths of the recording. On the last fifth of the recording, which was kept back, it errs by "
-            f"{error:.3g} % of the range (RMS).") in said
+    assert (
+        "Model: from the first four fifths of the recording. On the last fifth of the recording, which was kept "
+        "back, it errs by "
+        f"{error:.3g} % of the range (RMS)."
+    ) in said
     deployed = Deployment.load(tmp_path / "c.json")
     assert deployed.model.weights.tolist() == HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist()
     assert deployed.evidence["unseen_error_percent"] == error
 
 
-def test_its_error_on_what_the_actuator_does_later_is_that_of_an_identification_of_the_whole(recorded: tuple[Stage, Run]) -> None:
+def test_its_error_on_what_the_actuator_does_later_is_that_of_an_identification_of_the_whole(
+    recorded: tuple[Stage, Run],
+) -> None:
     made, run = recorded
     opened = Recording.open(made.path)
     whole = identify(opened, n=5, m=3, creep_rates=choose_creep_rates(opened.sample_time, opened.duration_s))
@@ -97,7 +121,7 @@ def worse(model: HysteresisCreepModel, unseen: Recording, at_least: float) -> Hy
     """The model with its play weights made larger until it errs so much."""
     for share in np.linspace(0.0, 1.0, 101):
         w = model.weights.copy()
-        w[:model.structure.n] *= 1.0 + share
+        w[: model.structure.n] *= 1.0 + share
         spoiled = HysteresisCreepModel.from_weights(model.structure, w)
         if unseen_error(spoiled, unseen) > at_least:
             return spoiled
@@ -105,24 +129,33 @@ def worse(model: HysteresisCreepModel, unseen: Recording, at_least: float) -> Hy
 
 
 def test_a_model_that_errs_more_than_a_tenth_more_is_refused_with_both_figures(
-        piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path) -> None:
+    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+) -> None:
     _, run = recorded
     kept = run.settings["models"]["recorded"]["error_percent"]
     unseen = kept_back(run.problem("recorded", run.settings["problems"]["recorded"][0]))
     bad = worse(model_for(run).model, unseen, WORSE * kept)
     bad.save(tmp_path / "bad.json")
-    sentence = piezobench("deploy", run.path, *LONG, "--model", tmp_path / "bad.json", "--out", tmp_path / "c.json").refusal
-    assert (f"bad.json errs by {unseen_error(bad, unseen):.3g} % of the range on the last fifth of the recording, and the one that the run keeps "
-            f"by {kept:.3g} %; leave out --model and --problem to take that one") in sentence
+    sentence = piezobench(
+        "deploy", run.path, *LONG, "--model", tmp_path / "bad.json", "--out", tmp_path / "c.json"
+    ).refusal
+    assert (
+        f"bad.json errs by {unseen_error(bad, unseen):.3g} % of the range on the last fifth of the recording, and "
+        "the one that the run keeps "
+        f"by {kept:.3g} %; leave out --model and --problem to take that one"
+    ) in sentence
     assert not (tmp_path / "c.json").exists()
 
 
 def test_a_model_of_a_file_or_of_a_problem_that_is_as_good_is_taken_with_its_error(
-        piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path) -> None:
+    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+) -> None:
     made, run = recorded
     identify(Recording.open(made.path)).save(tmp_path / "model.json")
-    for words, source in ((("--model", tmp_path / "model.json"), str(tmp_path / "model.json")),
-                          (("--problem", "recorded/n5-m3-whole"), "the problem recorded/n5-m3-whole, a recording of yours")):
+    for words, source in (
+        (("--model", tmp_path / "model.json"), str(tmp_path / "model.json")),
+        (("--problem", "recorded/n5-m3-whole"), "the problem recorded/n5-m3-whole, a recording of yours"),
+    ):
         call = piezobench("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json", "--json")
         assert call.status == 0, call.stderr
         said = json.loads(call.stdout)
@@ -131,7 +164,8 @@ def test_a_model_of_a_file_or_of_a_problem_that_is_as_good_is_taken_with_its_err
 
 
 def test_a_race_that_was_killed_and_resumed_has_the_same_model(
-        piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path) -> None:
+    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+) -> None:
     made, run = recorded
     words = ("race", "--recording", made.path, *FEW, "--out", tmp_path, "--name", "run")
     killed_and_resumed(piezobench, Run(tmp_path / "run"), "solve", 1, *words)
@@ -140,16 +174,30 @@ def test_a_race_that_was_killed_and_resumed_has_the_same_model(
     assert again.settings["models"] == run.settings["models"]
 
 
-def test_a_recording_that_gives_no_model_is_raced_on_and_deploy_says_why(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_a_recording_that_gives_no_model_is_raced_on_and_deploy_says_why(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
     chance, t = np.random.default_rng(0), np.arange(4000) * 1e-3
-    write_table(tmp_path / "noise.csv", {"time_s": t, "voltage_V": 50 - 50 * np.cos(2 * np.pi * t), "displacement_um": chance.normal(size=t.size)})
-    assert piezobench("race", "--recording", tmp_path / "noise.csv", *FEW, "--out", tmp_path, "--name", "run").status == 0
+    write_table(
+        tmp_path / "noise.csv",
+        {"time_s": t, "voltage_V": 50 - 50 * np.cos(2 * np.pi * t), "displacement_um": chance.normal(size=t.size)},
+    )
+    assert (
+        piezobench("race", "--recording", tmp_path / "noise.csv", *FEW, "--out", tmp_path, "--name", "run").status == 0
+    )
     run = Run.open(tmp_path / "run")
     reason = run.settings["models"]["recorded"]["refused"]
     assert reason.startswith(f"{tmp_path / 'noise.csv'}, samples 0 to 3199: ")
     assert not run.model_path("recorded").exists()
-    assert "There is no model of the recording for deploy, since identify refused it: " in (run.path / "report.md").read_text()
+    assert (
+        "There is no model of the recording for deploy, since identify refused it: "
+        in (run.path / "report.md").read_text()
+    )
     sentence = piezobench("deploy", run.path, *LONG).refusal
-    assert f"keeps no model of its recording, since identify refused it ({reason}); give a model with --model, or name a problem" in sentence
+    assert (
+        f"keeps no model of its recording, since identify refused it ({reason}); give a model with --model, or "
+        "name "
+        "a problem"
+    ) in sentence
     with pytest.raises(RunError, match="holds no model of a simulated actuator"):
         model_for(run, simulated=True)

@@ -24,21 +24,32 @@ from bench.report.console import PlainConsole, print_table
 from piezo_model.signals import multi_sine
 
 RUN = "int system(const char *); __attribute__((constructor)) static void run_it(void) {{ if (system({touch})) {{ }} }}"
-UNITS = (('V\\n", k, lowest, highest); int system(const char *); system({touch}); fprintf(stderr, "',
-          f"um */\n#ifndef RUN\n#define RUN\n{RUN}\n#endif\n/*"),
-         ('"/><x y="<&>" %s %n \\" ??/ \N{DEGREE SIGN}\x01', "*/ %s ??/"))
-"""Units that end a comment, a string and an attribute, and name signs that formats, C and XML do not take as they are."""
+UNITS = (
+    (
+        'V\\n", k, lowest, highest); int system(const char *); system({touch}); fprintf(stderr, "',
+        f"um */\n#ifndef RUN\n#define RUN\n{RUN}\n#endif\n/*",
+    ),
+    ('"/><x y="<&>" %s %n \\" ??/ \N{DEGREE SIGN}\x01', "*/ %s ??/"),
+)
+"""Units that end a comment, a string and an attribute, and name signs that formats, C and XML do not take as they
+are."""
 
 
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(("unit", "output_unit"), UNITS)
-def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLine, tmp_path: Path, unit: str,
-                                                               output_unit: str) -> None:
+def test_a_unit_that_is_a_program_is_written_and_never_run(
+    piezobench: CommandLine, tmp_path: Path, unit: str, output_unit: str
+) -> None:
     touched = tmp_path / "touched"
     unit, output_unit = (text.format(touch=f'"touch {touched}"') for text in (unit, output_unit))
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
-    pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, f"voltage [{unit}]": x, f"displacement [{output_unit}]": a_model().simulate(x)},
-                 ).to_parquet(tmp_path / "stage.parquet")
+    pd.DataFrame(
+        {
+            "time_s": np.arange(x.size) * 1e-3,
+            f"voltage [{unit}]": x,
+            f"displacement [{output_unit}]": a_model().simulate(x),
+        },
+    ).to_parquet(tmp_path / "stage.parquet")
 
     def call(*words: object) -> str:
         done = piezobench(*words, folder=tmp_path)
@@ -46,7 +57,8 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(piezobench: CommandLi
         return done.stdout
 
     call("identify", "stage.parquet", "--out", "m.json")
-    file = json.loads((tmp_path / "m.json").read_text())  # a reader of recordings drops what is no unit, a model file may hold anything
+    # a reader of recordings drops what is no unit, a model file may hold anything
+    file = json.loads((tmp_path / "m.json").read_text())
     file["structure"] |= {"input_unit": unit, "output_unit": output_unit}
     (tmp_path / "m.json").write_text(json.dumps(file))
     call("export-c", "m.json", "c")
@@ -90,14 +102,18 @@ def test_hostile_text_stays_text_in_markdown_wherever_a_template_names_it() -> N
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(piezobench: CommandLine, tmp_path: Path, encoding: str) -> None:
+def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
+    piezobench: CommandLine, tmp_path: Path, encoding: str
+) -> None:
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)
     recording, model = tmp_path / "stage\x1b[2J[red].csv", tmp_path / "m.json"
     y = a_model().simulate(x)
-    pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, "[red]drive \x1b[2J[/blue] [V]": x, "h [/] [µm]": y}).to_csv(recording, index=False)
+    pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, "[red]drive \x1b[2J[/blue] [V]": x, "h [/] [µm]": y}).to_csv(
+        recording, index=False
+    )
     done = piezobench("identify", recording, "--out", model, encoding=encoding)
     assert done.status == 0, done.stderr
-    assert not {0x1b, 0x9b} & set((done.stdout + done.stderr).encode(encoding))
+    assert not {0x1B, 0x9B} & set((done.stdout + done.stderr).encode(encoding))
     assert "[red]drive " in done.stdout
     assert model.is_file()
 

@@ -41,7 +41,8 @@ def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: 
     raced = faulty_race.found.tiers
     assert {(*line[:3], line[scaling]) for line in shown[2:]} == {
         *((rendering.markdown(row.solver), row.lane, row.tier, row.scaling) for row in raced.itertuples()),
-        *(("floor", "direct", "default", scaling) for scaling in ("scaled", "raw"))}
+        *(("floor", "direct", "default", scaling) for scaling in ("scaled", "raw")),
+    }
     assert set(raced.solver) == set(faulty_race.rows.solver) - {"null"}
 
 
@@ -61,8 +62,11 @@ def test_the_csv_holds_every_tier_of_the_race_and_the_floor(faulty_race: Race) -
     assert csv.problems.sum() == len(tiers) + 2
     assert csv.right.sum() == tiers.right.sum() == (tiers.status == Status.OK).sum()
     keys = ["scaling", "solver", "lane", "tier"]
-    assert set(csv[keys].itertuples(index=False)) == {*tiers[keys].itertuples(index=False), ("scaled", "floor", "direct", "default"),
-                                                      ("raw", "floor", "direct", "default")}
+    assert set(csv[keys].itertuples(index=False)) == {
+        *tiers[keys].itertuples(index=False),
+        ("scaled", "floor", "direct", "default"),
+        ("raw", "floor", "direct", "default"),
+    }
     messages = {" ".join(str(message).split()) for message in csv.message.dropna()}
     assert any("</script>" in message for message in messages)
 
@@ -77,7 +81,9 @@ def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
     settings = clean_race.found.settings
     asked = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
     assert len(asked) == 3
-    assert verdict(clean_race.found)[0].startswith(f"{(asked.setting != '').sum()} of 3 solver lanes reach 1e-9 on the problem")
+    assert verdict(clean_race.found)[0].startswith(
+        f"{(asked.setting != '').sum()} of 3 solver lanes reach 1e-9 on the problem"
+    )
 
 
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
@@ -89,7 +95,9 @@ def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
 
 def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path: Path) -> None:
     run = Run.create(tmp_path, faulty_race.run.settings, "run")
-    lost = faulty_race.rows[faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")]
+    lost = faulty_race.rows[
+        faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")
+    ]
     lost.to_parquet(run.path / "rows.parquet")
     faulty_race.run.times().to_parquet(run.path / "times.parquet")
     report, path = kind_of(run).write(run)

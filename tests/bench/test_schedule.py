@@ -27,8 +27,13 @@ class Clock:
         self.slept += 1
 
 
-def run_on(clock: Clock, samples: int, service: Callable[[int], int], data: int = 0, **options: Any,
-           ) -> tuple[Timeline, list[tuple[int, int]], list[tuple[int, int]]]:
+def run_on(
+    clock: Clock,
+    samples: int,
+    service: Callable[[int], int],
+    data: int = 0,
+    **options: Any,
+) -> tuple[Timeline, list[tuple[int, int]], list[tuple[int, int]]]:
     """A timeline of solves that take ``service(j)`` ns, and which samples were absorbed and handed over."""
     absorbed: list[tuple[int, int]] = []
     updated: list[tuple[int, int]] = []
@@ -40,8 +45,16 @@ def run_on(clock: Clock, samples: int, service: Callable[[int], int], data: int 
     def solve() -> None:
         clock.now += service(len(updated) - 1)
 
-    timeline = follow(samples, absorb_rows, lambda first, last: updated.append((first, last)), solve, lambda j: None,
-                      clock=clock, sleep=clock.sleep, **options)
+    timeline = follow(
+        samples,
+        absorb_rows,
+        lambda first, last: updated.append((first, last)),
+        solve,
+        lambda j: None,
+        clock=clock,
+        sleep=clock.sleep,
+        **options,
+    )
     return timeline, absorbed, updated
 
 
@@ -120,6 +133,8 @@ def test_the_loop_sleeps_only_where_more_than_the_spin_remains() -> None:
     assert slow.slept == 20
 
 
-@pytest.mark.parametrize(("late", "count"), [([], 0), ([0], 0), ([1], 1), ([1, 1, 0, 1], 2), ([0, 1, 1, 0, 0, 1, 0], 2)])
+@pytest.mark.parametrize(
+    ("late", "count"), [([], 0), ([0], 0), ([1], 1), ([1, 1, 0, 1], 2), ([0, 1, 1, 0, 0, 1, 0], 2)]
+)
 def test_stalls_are_runs_of_late_samples(late: list[int], count: int) -> None:
     assert runs(np.array(late, dtype=bool)) == count

@@ -16,19 +16,32 @@ def settings(rows: list[Row]) -> dict[str, str]:
     return {str(each["solver"]): str(each["setting"]) for each in planned(table(rows))}
 
 
-@pytest.mark.parametrize(("gaps", "setting"), [
-    ([1e-5, 1e-8, 1e-11], "s2"), ([1e-5, 1e-8, 1e-8], "s1"), ([1e-5, 1e-5, 1e-5], "d"), ([NAN, NAN, NAN], "d")])
-def test_turns_are_at_the_setting_of_1e_9_else_of_1e_6_else_of_what_the_solver_does_unasked(gaps: list[float], setting: str) -> None:
+@pytest.mark.parametrize(
+    ("gaps", "setting"),
+    [([1e-5, 1e-8, 1e-11], "s2"), ([1e-5, 1e-8, 1e-8], "s1"), ([1e-5, 1e-5, 1e-5], "d"), ([NAN, NAN, NAN], "d")],
+)
+def test_turns_are_at_the_setting_of_1e_9_else_of_1e_6_else_of_what_the_solver_does_unasked(
+    gaps: list[float], setting: str
+) -> None:
     assert settings([*ladder({"p1": gaps}), UNASKED]) == {"daqp": setting}
 
 
 def test_races_that_draw_other_data_for_their_timed_answers_take_turns_at_the_same_setting() -> None:
     rng = np.random.default_rng(0)
-    plans = [settings(ladder({"p1": [1e-10, 1e-12], "p2": [1e-11, 1e-12]}, timed_gap=[float(rng.choice([1e-11, 1e-3])), 1e-12])) for _ in range(8)]
+    plans = [
+        settings(
+            ladder({"p1": [1e-10, 1e-12], "p2": [1e-11, 1e-12]}, timed_gap=[float(rng.choice([1e-11, 1e-3])), 1e-12])
+        )
+        for _ in range(8)
+    ]
     assert plans == [{"daqp": "s0"}] * 8
 
 
 def test_who_is_near_the_fastest_of_its_lane_is_timed_longer() -> None:
-    rows = [*ladder({"p1": [1e-12]}, solve_us_p50=1.0), *ladder({"p1": [1e-12]}, solver="near", solve_us_p50=NEAR, timed_gap=1e-3),
-            *ladder({"p1": [1e-12]}, solver="far", solve_us_p50=1.1 * NEAR), *ladder({"p1": [1e-12]}, solver="wrapped", lane="qpsolvers")]
+    rows = [
+        *ladder({"p1": [1e-12]}, solve_us_p50=1.0),
+        *ladder({"p1": [1e-12]}, solver="near", solve_us_p50=NEAR, timed_gap=1e-3),
+        *ladder({"p1": [1e-12]}, solver="far", solve_us_p50=1.1 * NEAR),
+        *ladder({"p1": [1e-12]}, solver="wrapped", lane="qpsolvers"),
+    ]
     assert {str(each["solver"]) for each in planned(table(rows)) if each["longer"]} == {"daqp", "near"}

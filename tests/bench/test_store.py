@@ -25,13 +25,29 @@ from bench.timing import machine
 SETTINGS = {"settings": {}, "machine": machine.describe()}
 KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
 SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
-TIMES = ["setup_us", "update_us", "solve_us_p50", "solve_us_p50_low", "solve_us_p50_high", "solve_us_p99",
-         "solve_us_p99_low", "solve_us_p99_high", "solve_us_max", "samples", "interleaved_us_p50", "interleaved_us_p99",
-         "periods", "reported_us", "preemptions", "timed_gap"]
+TIMES = [
+    "setup_us",
+    "update_us",
+    "solve_us_p50",
+    "solve_us_p50_low",
+    "solve_us_p50_high",
+    "solve_us_p99",
+    "solve_us_p99_low",
+    "solve_us_p99_high",
+    "solve_us_max",
+    "samples",
+    "interleaved_us_p50",
+    "interleaved_us_p99",
+    "periods",
+    "reported_us",
+    "preemptions",
+    "timed_gap",
+]
 
 
 def without_times(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows without what timing gave; the answers that were timed are among that, since each race draws their data anew."""
+    """Rows without what timing gave; the answers that were timed are among that, since each race draws their data
+    anew."""
     return rows.drop(columns=TIMES)
 
 
@@ -46,8 +62,9 @@ def temporary(piezobench: CommandLine) -> set[str]:
     return {path.name for path in piezobench.folder.rglob("*piezobench*")}
 
 
-def test_a_race_killed_at_random_moments_leaves_nothing_behind_and_ends_as_an_unbroken_one(piezobench: CommandLine, tmp_path: Path,
-                                                                                           clean_race: Race) -> None:
+def test_a_race_killed_at_random_moments_leaves_nothing_behind_and_ends_as_an_unbroken_one(
+    piezobench: CommandLine, tmp_path: Path, clean_race: Race
+) -> None:
     chance, run, before = random.Random(SEED), Run(tmp_path / "run"), temporary(piezobench)
     for after in sorted(chance.choices(range(TASKS + 1), k=KILLS)):
         if (run.path / "run.json").is_file():
@@ -84,15 +101,21 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A disk that holds the problem and a few tasks; where none may be mounted, an ordinary folder."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    mounted = os.geteuid() == 0 and subprocess.run(["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(disk)],
-                                                   check=False, capture_output=True).returncode == 0
+    mounted = (
+        os.geteuid() == 0
+        and subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(disk)], check=False, capture_output=True
+        ).returncode
+        == 0
+    )
     yield disk
     if mounted:
         subprocess.run(["umount", str(disk)], check=True)
 
 
-def test_a_full_disk_is_one_sentence_and_the_race_carries_on_when_there_is_room(piezobench: CommandLine, small_disk: Path,
-                                                                                clean_race: Race) -> None:
+def test_a_full_disk_is_one_sentence_and_the_race_carries_on_when_there_is_room(
+    piezobench: CommandLine, small_disk: Path, clean_race: Race
+) -> None:
     run, full = Run(small_disk / "run"), small_disk.is_mount()
     call = piezobench("race", *SMALL, *THIRD, "--out", small_disk, "--name", "run", largest_file=0 if full else 100_000)
     assert ("No space left on device" if full else "File too large") in call.refusal
@@ -130,7 +153,9 @@ def test_a_run_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize(("text", "said"), [("{", "is not a whole JSON file"), ("[]", "expected `object`, got `array`")])
+@pytest.mark.parametrize(
+    ("text", "said"), [("{", "is not a whole JSON file"), ("[]", "expected `object`, got `array`")]
+)
 def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, text: str, said: str) -> None:
     run = Run.create(tmp_path, SETTINGS, "run")
     (run.path / "run.json").write_text(text)
@@ -141,7 +166,7 @@ def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Pat
 def test_tables_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, clean_race: Race) -> None:
     run = Run.create(tmp_path, SETTINGS, "run")
     table = (clean_race.run.path / "rows.parquet").read_bytes()
-    (run.path / "rows.parquet").write_bytes(table[:len(table) // 2])
+    (run.path / "rows.parquet").write_bytes(table[: len(table) // 2])
     with pytest.raises(RunError, match=r"rows\.parquet: cannot be read"):
         run.rows(ONESHOT)
     clean_race.rows.drop(columns="status").to_parquet(run.path / "rows.parquet")
@@ -151,14 +176,23 @@ def test_tables_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path,
 
 @pytest.mark.parametrize("version", [1, 2, 4])
 def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
-        clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int) -> None:
+    clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int
+) -> None:
     run = Run(tmp_path / "run")
     shutil.copytree(clean_race.run.path, run.path)
     noted = {name: value for name, value in clean_race.run.settings.items() if name != "version"}
     (run.path / "run.json").write_text(json.dumps(noted if version == 1 else {**noted, "version": version}))
-    for words in (["report", run.path], ["resume", run.path], ["compare", run.path, clean_race.run.path, "--out", tmp_path / "c"],
-                  ["deploy", run.path, "--out", tmp_path / "d.json"], ["race", "--race", "stream", "--settings", run.path, "--out", tmp_path]):
-        assert f"{run.path / 'run.json'}: version {version} is not 3, the one this program reads" in piezobench(*words).refusal
+    for words in (
+        ["report", run.path],
+        ["resume", run.path],
+        ["compare", run.path, clean_race.run.path, "--out", tmp_path / "c"],
+        ["deploy", run.path, "--out", tmp_path / "d.json"],
+        ["race", "--race", "stream", "--settings", run.path, "--out", tmp_path],
+    ):
+        assert (
+            f"{run.path / 'run.json'}: version {version} is not 3, the one this program reads"
+            in piezobench(*words).refusal
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 

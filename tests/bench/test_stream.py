@@ -34,7 +34,7 @@ from solvers import Lane, Status, Tier
 
 # The race.
 
-SLOW = '''
+SLOW = """
 import time
 import numpy as np
 from qpsolvers import Problem, Solution, solve_problem
@@ -64,11 +64,15 @@ class Slow(Solver):
 
     def solution(self):
         return box_solution(Problem(self.P, self.q, lb=self.lb), self.x, True)
-'''
-FAULTS = {"sleeps_1_ms": "time.sleep(1e-3)", "has_no_answer": "return np.full(18, np.nan)",
-          "gives_up_later": "assert self.calls < 30, 'no more'", "too_short": "return np.zeros(3)",
-          "answers_later": "return type('Later', (), {'__array__': lambda *_, **__: (time.sleep(1e-3), np.zeros(18))[1]})()",
-          "asks_for_its_last": "assert self.calls == 1 or np.array_equal(warm_start, self.x), 'another start'"}
+"""
+FAULTS = {
+    "sleeps_1_ms": "time.sleep(1e-3)",
+    "has_no_answer": "return np.full(18, np.nan)",
+    "gives_up_later": "assert self.calls < 30, 'no more'",
+    "too_short": "return np.zeros(3)",
+    "answers_later": "return type('Later', (), {'__array__': lambda *_, **__: (time.sleep(1e-3), np.zeros(18))[1]})()",
+    "asks_for_its_last": "assert self.calls == 1 or np.array_equal(warm_start, self.x), 'another start'",
+}
 SAMPLES, KERNEL, GIVE_UP = 400, 1000, 150
 
 
@@ -101,11 +105,22 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
         (folder / f"{name}.py").write_text(SLOW.format(name=name, fault=fault))
     settings = StreamSettings(
         solvers=("daqp", "box_active_set", "recursive_active_set", "accelerated_projection"),
-        lanes=(Lane.KERNEL, Lane.DIRECT), samples=SAMPLES, kernel_samples=KERNEL, give_up=GIVE_UP, certified=12, repeats=2,
-        solver_files=(*(str(folder / f"{name}.py") for name in FAULTS), str(cheating_solvers.written(folder, "times_itself"))))
+        lanes=(Lane.KERNEL, Lane.DIRECT),
+        samples=SAMPLES,
+        kernel_samples=KERNEL,
+        give_up=GIVE_UP,
+        certified=12,
+        repeats=2,
+        solver_files=(
+            *(str(folder / f"{name}.py") for name in FAULTS),
+            str(cheating_solvers.written(folder, "times_itself")),
+        ),
+    )
     run = kinds()["stream"].start(folder, settings, "run")
     kinds()["stream"].carry_on(run, silent)
-    return Streamed(run, run.rows(STREAM), run.times(), make(settings.experiment, SAMPLES, settings.time_constant_s, 12))
+    return Streamed(
+        run, run.rows(STREAM), run.times(), make(settings.experiment, SAMPLES, settings.time_constant_s, 12)
+    )
 
 
 def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_each_round(streamed: Streamed) -> None:
@@ -184,7 +199,9 @@ def test_histograms_hold_the_raw_times(streamed: Streamed) -> None:
 
 
 @pytest.mark.parametrize("solver", ["box_active_set", "recursive_active_set", "daqp"])
-def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_paced(streamed: Streamed, solver: str) -> None:
+def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_paced(
+    streamed: Streamed, solver: str
+) -> None:
     row = streamed.row(solver, "kernel")
     assert not row.paced
     assert row.samples == streamed.ns(row, "service").size == KERNEL > SAMPLES
@@ -196,7 +213,8 @@ def test_a_users_file_that_says_it_is_compiled_is_timed_from_outside_on_the_sche
     row = streamed.row("times_itself", "kernel")
     assert row.paced
     assert (row.status, row.message) == (Status.OK, "")
-    assert streamed.ns(row, "service").min() > 10_000  # it asks another solver five times; of itself it says a nanosecond
+    # it asks another solver five times; of itself it says a nanosecond
+    assert streamed.ns(row, "service").min() > 10_000
 
 
 def test_an_answer_that_is_computed_when_it_becomes_an_array_is_computed_inside_its_time(streamed: Streamed) -> None:
@@ -232,10 +250,19 @@ def race_of(streamed: Streamed, settings: StreamSettings) -> StreamRace:
 
 def test_tasks_are_shuffled_anew_in_each_round_by_the_seed(streamed: Streamed) -> None:
     settings = StreamSettings(repeats=2, seed=3)
-    field = [solvers.registry.describe(entry) for entry in solvers.registry.entries()
-             if entry.lane in (Lane.KERNEL, Lane.DIRECT) and entry.name in ("box_active_set", "projected_difference")]
-    orders = [[(task.solver, task.lane, task.setting.rung) for task in race_of(streamed, settings).tasks(field)
-               if task.repeat == repeat and task.solver != "null"] for repeat in range(2)]
+    field = [
+        solvers.registry.describe(entry)
+        for entry in solvers.registry.entries()
+        if entry.lane in (Lane.KERNEL, Lane.DIRECT) and entry.name in ("box_active_set", "projected_difference")
+    ]
+    orders = [
+        [
+            (task.solver, task.lane, task.setting.rung)
+            for task in race_of(streamed, settings).tasks(field)
+            if task.repeat == repeat and task.solver != "null"
+        ]
+        for repeat in range(2)
+    ]
     assert sorted(orders[0]) == sorted(orders[1])
     assert orders[0] != orders[1]
     again = list(race_of(streamed, settings).tasks(field))
@@ -262,15 +289,25 @@ def test_one_process_answers_for_several_tiers_each_with_its_grounds(streamed: S
     assert task.basis == {Tier.DEFAULT: "default", Tier.LOW: "reference", Tier.EXACT: "reference"}
     rows = race.rows(task, Outcome("crashed", "gone"))
     assert [(row["tier"], row["basis"], row["status"]) for row in rows] == [
-        ("default", "default", "crashed"), ("low", "reference", "crashed"), ("exact", "reference", "crashed")]
+        ("default", "default", "crashed"),
+        ("low", "reference", "crashed"),
+        ("exact", "reference", "crashed"),
+    ]
 
 
 def test_a_method_of_steps_has_a_row_for_each_number_of_them_though_its_process_crashed(streamed: Streamed) -> None:
     field = [solvers.registry.describe(solvers.find("projected_difference", "kernel"))]
     race = race_of(streamed, StreamSettings())
-    rows = [row for task in race.tasks(field) if task.solver != "null" for row in race.rows(task, Outcome("crashed", "gone"))]
+    rows = [
+        row
+        for task in race.tasks(field)
+        if task.solver != "null"
+        for row in race.rows(task, Outcome("crashed", "gone"))
+    ]
     assert {row["basis"] for row in rows} == {"each"}
-    assert sorted(row["settings"] for row in rows) == sorted(f'{{"steps": {steps}}}' for steps in (1, 10, 100, 1000, 15200))
+    assert sorted(row["settings"] for row in rows) == sorted(
+        f'{{"steps": {steps}}}' for steps in (1, 10, 100, 1000, 15200)
+    )
 
 
 # Figures and report.
@@ -278,20 +315,46 @@ def test_a_method_of_steps_has_a_row_for_each_number_of_them_though_its_process_
 
 def paced_row(solver: str, samples: int, missed: int, stalls: int, **more: Any) -> dict[str, Any]:
     row: dict[str, Any] = dict.fromkeys(STREAM.columns, float("nan"))
-    return {**row, "task": solver, "solver": solver, "lane": "direct", "tier": "high", "setting": "{}", "basis": "reference", "settings": "{}",
-            "repeat": 0,
-            "status": "ok", "message": "", "paced": True, "samples": samples, "solves": samples, "stopped": "",
-            "missed": missed, "stalls": stalls, "unanswered": 0, "service_histogram": "", "response_histogram": "", **more}
+    return {
+        **row,
+        "task": solver,
+        "solver": solver,
+        "lane": "direct",
+        "tier": "high",
+        "setting": "{}",
+        "basis": "reference",
+        "settings": "{}",
+        "repeat": 0,
+        "status": "ok",
+        "message": "",
+        "paced": True,
+        "samples": samples,
+        "solves": samples,
+        "stopped": "",
+        "missed": missed,
+        "stalls": stalls,
+        "unanswered": 0,
+        "service_histogram": "",
+        "response_histogram": "",
+        **more,
+    }
 
 
 def summary_of(rows: list[dict[str, Any]], **response: np.ndarray) -> pd.DataFrame:
-    times = [{"task": task, "what": what, "ns": (1e3 * us).astype(np.int64)} for task, us in response.items()
-             for what in ("service", "response")]
+    times = [
+        {"task": task, "what": what, "ns": (1e3 * us).astype(np.int64)}
+        for task, us in response.items()
+        for what in ("service", "response")
+    ]
     return stream_figures.summary(pd.DataFrame(rows), pd.DataFrame(times, columns=["task", "what", "ns"]))
 
 
 def test_misses_count_beyond_what_the_machine_itself_may_miss() -> None:
-    rows = [paced_row("null", 30_000, 30, 30), paced_row("as_the_machine", 30_000, 40, 40), paced_row("worse", 30_000, 60, 60)]
+    rows = [
+        paced_row("null", 30_000, 30, 30),
+        paced_row("as_the_machine", 30_000, 40, 40),
+        paced_row("worse", 30_000, 60, 60),
+    ]
     table = summary_of(rows).set_index("solver")
     bound = 30_000 * stream_figures.rate_bound(30, 30_000)
     assert 40 < bound < 42
@@ -306,7 +369,9 @@ def test_misses_that_come_together_bound_the_machine_less_tightly() -> None:
     assert alone == stream_figures.rate_bound(30, 30_000)
     assert together == pytest.approx(10 * stream_figures.rate_bound(3, 30_000))
     assert together > alone
-    assert stream_figures.floor_bound(pd.DataFrame([paced_row("null", 3_000, 0, 0)])) == stream_figures.rate_bound(0, 3_000)
+    assert stream_figures.floor_bound(pd.DataFrame([paced_row("null", 3_000, 0, 0)])) == stream_figures.rate_bound(
+        0, 3_000
+    )
 
 
 @pytest.mark.parametrize(("missed", "says"), [(50, False), (51, True)])
@@ -321,7 +386,9 @@ def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(m
     assert schedule == {"null": "floor", "daqp": "unknown" if says else "kept"}
 
 
-@pytest.mark.parametrize(("basis", "shown"), [("reference", "high"), ("untested", "high, untested"), ("not reached", "high, not reached")])
+@pytest.mark.parametrize(
+    ("basis", "shown"), [("reference", "high"), ("untested", "high, untested"), ("not reached", "high, not reached")]
+)
 def test_every_table_marks_a_setting_that_no_run_stands_for(basis: str, shown: str) -> None:
     rows = [paced_row("null", 5000, 0, 0, tier="default", basis="default"), paced_row("daqp", 5000, 0, 0, basis=basis)]
     found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), {"samples": 5000, "give_up": 0})
@@ -350,7 +417,11 @@ def says_who_keeps_it(rows: pd.DataFrame) -> str:
     """What the verdict of a run on this machine has to say, by what the machine itself missed."""
     floor = rows[rows.solver == "null"]
     unfit = floor.missed.sum() > 0.01 * floor.samples.sum()
-    return "This run cannot say who keeps the schedule: the machine itself misses" if unfit else "solver lanes keep the schedule of 8 kHz"
+    return (
+        "This run cannot say who keeps the schedule: the machine itself misses"
+        if unfit
+        else ("solver lanes keep the schedule of 8 kHz")
+    )
 
 
 def test_the_report_begins_with_the_verdict_and_holds_every_lane(streamed: Streamed) -> None:
@@ -370,7 +441,9 @@ def test_the_report_begins_with_the_verdict_and_holds_every_lane(streamed: Strea
 
 def test_writing_the_report_again_writes_the_same(streamed: Streamed) -> None:
     kind_of(streamed.run).write(streamed.run)
-    before = {name: (streamed.run.path / name).read_bytes() for name in ("report.md", "latency_tails.svg", "summary.csv")}
+    before = {
+        name: (streamed.run.path / name).read_bytes() for name in ("report.md", "latency_tails.svg", "summary.csv")
+    }
     kind_of(streamed.run).write(streamed.run)
     assert {name: (streamed.run.path / name).read_bytes() for name in before} == before
 
@@ -378,10 +451,28 @@ def test_writing_the_report_again_writes_the_same(streamed: Streamed) -> None:
 # The command line.
 
 
-def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(piezobench: CommandLine, browser: Browser, tmp_path: Path) -> None:
+def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
+    piezobench: CommandLine, browser: Browser, tmp_path: Path
+) -> None:
     run, names = Run(tmp_path / "stream"), ("daqp", "recursive_active_set", "projected_difference")
-    resumed = killed_and_resumed(piezobench, run, "response", 2, "race", "--race", "stream", "--samples", 200, "--lane", "direct",
-                                 *(word for name in names for word in ("--solver", name)), "--out", tmp_path, "--name", "stream")
+    resumed = killed_and_resumed(
+        piezobench,
+        run,
+        "response",
+        2,
+        "race",
+        "--race",
+        "stream",
+        "--samples",
+        200,
+        "--lane",
+        "direct",
+        *(word for name in names for word in ("--solver", name)),
+        "--out",
+        tmp_path,
+        "--name",
+        "stream",
+    )
     rows, times = run.rows(STREAM), run.times()
     assert says_who_keeps_it(rows) in " ".join(resumed.call.stdout.split())
     assert set(rows.solver) == {"null", *names}
@@ -398,18 +489,31 @@ def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(pie
         assert not lines.duplicated(["view", "name", x]).any()  # each line has a name of its own
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["--samples", "100"], "--samples: is for the race stream; the race oneshot does not use it"),
-    (["--race", "stream", "--set", "paper"], "--set: is for the race oneshot or anytime; the race stream does not use it"),
-    (["--race", "stream", "--samples", "0"], "--samples"), (["--race", "marathon"], "'oneshot', 'anytime'"),
-])
-def test_options_that_do_not_go_together_are_refused(piezobench: CommandLine, tmp_path: Path, words: list[str], said: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--samples", "100"], "--samples: is for the race stream; the race oneshot does not use it"),
+        (
+            ["--race", "stream", "--set", "paper"],
+            "--set: is for the race oneshot or anytime; the race stream does not use it",
+        ),
+        (["--race", "stream", "--samples", "0"], "--samples"),
+        (["--race", "marathon"], "'oneshot', 'anytime'"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(
+    piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
+) -> None:
     assert said in piezobench("race", *words, "--out", tmp_path / "results").refusal
     assert not (tmp_path / "results").exists()
 
 
 def test_a_run_of_an_unknown_race_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, batch, loop, stream"):
+    with pytest.raises(
+        RunError,
+        match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, batch, "
+        r"loop, stream",
+    ):
         kind_of(Run.create(tmp_path, {"race": "marathon", "settings": {}, "machine": machine.describe()}, "run"))
 
 

@@ -1,4 +1,5 @@
-"""The problem of a stream: rows, the program they make and its proven optima, and the compiled loops that follow them."""
+"""The problem of a stream: rows, the program they make and its proven optima, and the compiled loops that follow
+them."""
 
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -50,7 +51,11 @@ def test_every_instant_is_proven_for_the_data_that_the_rows_give(short: StreamPr
     assert max(proven) == 199
     for k, row in enumerate(short.rows):
         lam, xi, x = short.forgetting, row[:-1], row[-1]
-        P, q, c = lam * P + (1 - lam) * np.outer(xi, xi), lam * q + (1 - lam) * xi * x, lam * c + (1 - lam) * 0.5 * x * x
+        P, q, c = (
+            lam * P + (1 - lam) * np.outer(xi, xi),
+            lam * q + (1 - lam) * xi * x,
+            lam * c + (1 - lam) * 0.5 * x * x,
+        )
         if k in proven:
             instant = proven[k]
             np.testing.assert_allclose(instant.qp.P, P, rtol=1e-12, atol=1e-14)
@@ -91,10 +96,17 @@ def test_gaps_in_doubles_agree_with_the_exact_ones(short: StreamProblem) -> None
     assert judge.exact_gaps(judge.best, np.arange(200))[1].max() < 1e-14
 
 
-@pytest.mark.parametrize(("name", "settings", "worst"), [("box_active_set", {}, 1e-14), ("recursive_active_set", {}, 1e-9),
-                                                         ("projected_difference", {"steps": 2000}, 1e-1)])
-def test_compiled_loops_over_rows_follow_the_optimum(short: StreamProblem, name: str, settings: dict[str, Any],
-                                                     worst: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "settings", "worst"),
+    [
+        ("box_active_set", {}, 1e-14),
+        ("recursive_active_set", {}, 1e-9),
+        ("projected_difference", {"steps": 2000}, 1e-1),
+    ],
+)
+def test_compiled_loops_over_rows_follow_the_optimum(
+    short: StreamProblem, name: str, settings: dict[str, Any], worst: float
+) -> None:
     solver = solvers.get(name, "kernel", **settings)
     if solver.takes_rows:
         solver = solvers.get(name, "kernel", forgetting=short.forgetting)
@@ -159,12 +171,16 @@ def recorded(monkeypatch: pytest.MonkeyPatch, short: StreamProblem, wall_s: floa
     Recorder.seen.clear()
     task = Task("stream", "short", "scaled", "recorder", Lane.KERNEL, NO_SETTING)
     fields = {"P": short.start.P, "q": short.start.q, "lb": short.start.lb, "ub": short.start.ub}
-    outcome = StreamRequest(task, fields, short.c, short.answer, short.rows, short.forgetting, 950, 0).answer(Recorder, True)
+    outcome = StreamRequest(task, fields, short.c, short.answer, short.rows, short.forgetting, 950, 0).answer(
+        Recorder, True
+    )
     assert isinstance(outcome, stream_worker.Streamed), outcome.message
     return outcome
 
 
-def test_the_compiled_loop_goes_along_the_rows_there_and_back(monkeypatch: pytest.MonkeyPatch, short: StreamProblem) -> None:
+def test_the_compiled_loop_goes_along_the_rows_there_and_back(
+    monkeypatch: pytest.MonkeyPatch, short: StreamProblem
+) -> None:
     outcome = recorded(monkeypatch, short, 60.0)
     there, back = short.rows, short.rows[::-1]
     assert len(np.vstack(Recorder.seen[0])) == stream_worker.WARM_UP  # and not as many as are timed
@@ -173,6 +189,7 @@ def test_the_compiled_loop_goes_along_the_rows_there_and_back(monkeypatch: pytes
     assert np.array_equal(outcome.answers, there[:, :-1])  # those of the first way, for which the optima are known
 
 
-def test_the_compiled_loop_ends_at_the_block_in_which_its_time_is_spent(monkeypatch: pytest.MonkeyPatch,
-                                                                        short: StreamProblem) -> None:
+def test_the_compiled_loop_ends_at_the_block_in_which_its_time_is_spent(
+    monkeypatch: pytest.MonkeyPatch, short: StreamProblem
+) -> None:
     assert recorded(monkeypatch, short, 0.0).kernel_ns.size == 70

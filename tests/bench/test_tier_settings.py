@@ -1,4 +1,5 @@
-"""Which setting stands for a tier: the loosest that meets it ten times over on every problem, else three times, else once."""
+"""Which setting stands for a tier: the loosest that meets it ten times over on every problem, else three times, else
+once."""
 
 import numpy as np
 import pandas as pd
@@ -17,20 +18,33 @@ def settings(rows: list[Row]) -> pd.DataFrame:
     return tier_settings(table(rows)).set_index("tier")
 
 
-@pytest.mark.parametrize(("gaps", "setting", "times"), [
-    ({"p1": [3e-7, 8e-8, 1e-9], "p2": [1e-9, 9e-8, 1e-9]}, "s1", 10.0),
-    ({"p1": [9e-7, 3e-7, 2e-7], "p2": [1e-9, 1e-9, 1e-9]}, "s1", 3.0),
-    ({"p1": [9e-7, 8e-7, 7e-7], "p2": [1e-9, 1e-9, 1e-9]}, "s0", 1.0),
-    ({"p1": [2e-6, 8e-7, 2e-6], "p2": [1e-9, 1e-9, 1e-9]}, "s1", 1.0)])
+@pytest.mark.parametrize(
+    ("gaps", "setting", "times"),
+    [
+        ({"p1": [3e-7, 8e-8, 1e-9], "p2": [1e-9, 9e-8, 1e-9]}, "s1", 10.0),
+        ({"p1": [9e-7, 3e-7, 2e-7], "p2": [1e-9, 1e-9, 1e-9]}, "s1", 3.0),
+        ({"p1": [9e-7, 8e-7, 7e-7], "p2": [1e-9, 1e-9, 1e-9]}, "s0", 1.0),
+        ({"p1": [2e-6, 8e-7, 2e-6], "p2": [1e-9, 1e-9, 1e-9]}, "s1", 1.0),
+    ],
+)
 def test_the_loosest_that_meets_a_tier_ten_times_over_on_every_problem_is_taken_else_three_times_else_once(
-        gaps: dict[str, list[float]], setting: str, times: float) -> None:
+    gaps: dict[str, list[float]], setting: str, times: float
+) -> None:
     found = settings(ladder(gaps)).loc[Tier.MID]
-    assert (found.setting, found.rung, found.margin, found.problems, found.right) == (setting, int(setting[1]), times, 2, 2)
+    assert (found.setting, found.rung, found.margin, found.problems, found.right) == (
+        setting,
+        int(setting[1]),
+        times,
+        2,
+        2,
+    )
     assert found.furthest == setting
 
 
 def test_where_no_setting_is_right_on_every_problem_a_tier_is_not_reached_and_the_furthest_is_named_apart() -> None:
-    found = settings(ladder({"p1": [1e-5, 1e-8, 1e-8], "p2": [1e-5, 1e-5, 1e-8], "p3": [1e-8, 1e-8, 1e-5]})).loc[Tier.MID]
+    found = settings(ladder({"p1": [1e-5, 1e-8, 1e-8], "p2": [1e-5, 1e-5, 1e-8], "p3": [1e-8, 1e-8, 1e-5]})).loc[
+        Tier.MID
+    ]
     assert (found.setting, found.rung, found.problems, found.right, found.furthest) == ("", -1, 3, 2, "s1")
     assert np.isnan([found.margin, found.left_out]).all()
 
@@ -42,16 +56,31 @@ def test_a_tighter_setting_that_is_right_counts_for_looser_tiers() -> None:
 
 
 def test_each_solver_lane_and_scaling_has_a_setting_of_its_own_and_tiers_that_do_not_apply_have_no_row() -> None:
-    found = tier_settings(table([*ladder({"p1": [1e-12]}), *ladder({"p1": [1e-1]}, solver="osqp"), *ladder({"p1": [1e-12]}, lane="qpsolvers"),
-                                 *ladder({"p1": [1e-1]}, scaling="raw")]))
+    found = tier_settings(
+        table(
+            [
+                *ladder({"p1": [1e-12]}),
+                *ladder({"p1": [1e-1]}, solver="osqp"),
+                *ladder({"p1": [1e-12]}, lane="qpsolvers"),
+                *ladder({"p1": [1e-1]}, scaling="raw"),
+            ]
+        )
+    )
     assert set(zip(found.solver, found.lane, found.scaling, strict=True)) == {
-        ("daqp", "direct", "scaled"), ("osqp", "direct", "scaled"), ("daqp", "qpsolvers", "scaled"), ("daqp", "direct", "raw")}
+        ("daqp", "direct", "scaled"),
+        ("osqp", "direct", "scaled"),
+        ("daqp", "qpsolvers", "scaled"),
+        ("daqp", "direct", "raw"),
+    }
     assert set(found.tier) == set(TARGETS) - {Tier.STAGE}
     assert found[(found.tier == Tier.HIGH) & (found.setting != "")].solver.tolist() == ["daqp", "daqp"]
 
 
 def test_the_stage_is_judged_on_the_problems_whose_noise_is_known() -> None:
-    rows = [*ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001]), *ladder({"p3": [0.5, 0.5]}, noise_um=0.0)]
+    rows = [
+        *ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001]),
+        *ladder({"p3": [0.5, 0.5]}, noise_um=0.0),
+    ]
     found = settings(rows)
     assert (found.setting[Tier.STAGE], found.margin[Tier.STAGE], found.problems[Tier.STAGE]) == ("s1", 10.0, 2)
     assert (found.setting[Tier.LOW], found.problems[Tier.LOW]) == ("", 3)
@@ -92,12 +121,19 @@ def test_the_default_that_is_not_in_the_ladder_stands_for_no_tier_and_one_that_i
 
 
 def test_warm_starts_choose_nothing() -> None:
-    assert settings([*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")]).setting[Tier.MID] == "s1"
+    assert (
+        settings([*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")]).setting[Tier.MID] == "s1"
+    )
 
 
-@pytest.mark.parametrize("where", [{"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {}])
+@pytest.mark.parametrize(
+    "where", [{"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {}]
+)
 def test_a_solver_that_was_caught_at_whatever_setting_reaches_no_tier(where: dict[str, object]) -> None:
-    rows = [*ladder({"p1": [1e-14, 1e-14, 1e-14], "p2": [1e-14, 1e-14, 1e-14]}), row(**{"setting": "s2", "rung": 2, **where, "status": "cached"})]
+    rows = [
+        *ladder({"p1": [1e-14, 1e-14, 1e-14], "p2": [1e-14, 1e-14, 1e-14]}),
+        row(**{"setting": "s2", "rung": 2, **where, "status": "cached"}),
+    ]
     found = settings(rows)
     assert (found.setting == "").all()
     assert (found.right == 1).all()

@@ -1,4 +1,5 @@
-"""The race in sentences: like beside like, on a named machine, with as many digits as it allows, and reservations first."""
+"""The race in sentences: like beside like, on a named machine, with as many digits as it allows, and reservations
+first."""
 
 import re
 
@@ -18,25 +19,48 @@ CORE = "clang 18, AVX2"
 
 def field() -> list[Row]:
     """Ours and others in two lanes."""
-    return [*ladder(RIGHT, solver="box_active_set", lane="kernel", solve_us_p50=0.9114), *ladder(RIGHT, solver="box_active_set", solve_us_p50=1.5),
-            *ladder(RIGHT, solver="quadprog", solve_us_p50=9.0), *ladder(RIGHT, solver="daqp", solve_us_p50=6.573),
-            *ladder(RIGHT, solver="daqp", lane="qpsolvers", solve_us_p50=0.1), *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1.0]}, solver="lost")]
+    return [
+        *ladder(RIGHT, solver="box_active_set", lane="kernel", solve_us_p50=0.9114),
+        *ladder(RIGHT, solver="box_active_set", solve_us_p50=1.5),
+        *ladder(RIGHT, solver="quadprog", solve_us_p50=9.0),
+        *ladder(RIGHT, solver="daqp", solve_us_p50=6.573),
+        *ladder(RIGHT, solver="daqp", lane="qpsolvers", solve_us_p50=0.1),
+        *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1.0]}, solver="lost"),
+    ]
 
 
 def steps(gaps: dict[str, list[float]], **known: object) -> list[Row]:
     """The paper's method of 100 and of 15 200 steps."""
-    return ladder(gaps, solver=PAPER, lane="kernel", settings=['{"steps": 100}', '{"steps": 15200}'], periods=[100.0, 15_200.0], **known)
+    return ladder(
+        gaps,
+        solver=PAPER,
+        lane="kernel",
+        settings=['{"steps": 100}', '{"steps": 15200}'],
+        periods=[100.0, 15_200.0],
+        **known,
+    )
 
 
-def test_the_fastest_of_each_lane_stands_beside_the_best_of_the_others_in_that_lane_and_wrappers_are_left_to_the_table() -> None:
+def test_the_fastest_of_each_lane_stands_beside_the_best_other_in_it_and_wrappers_are_left_to_the_table() -> None:
     (said,) = verdict(measured(field()), CORE, 0.003)
-    assert said == ("5 of 6 solver lanes reach 1e-9 on all 3 problems; fastest compiled box_active_set† 0.911 µs (0.00729 of a period) and "
-                    "from Python box_active_set† 1.5 µs (0.012 of a period) beside daqp 6.57 µs (clang 18, AVX2; drift 0 %).")
+    assert said == (
+        "5 of 6 solver lanes reach 1e-9 on all 3 problems; fastest compiled box_active_set† 0.911 µs "
+        "(0.00729 of a period) and "
+        "from Python box_active_set† 1.5 µs (0.012 of a period) beside daqp 6.57 µs (clang 18, AVX2; drift "
+        "0 %)."
+    )
 
 
 def test_where_another_is_fastest_ours_stands_beside_it() -> None:
-    (said,) = verdict(measured([*ladder(RIGHT, solver="box_active_set", solve_us_p50=5.0), *ladder(RIGHT, solver="daqp", solve_us_p50=2.0),
-                                *ladder(RIGHT, solver="quadprog", solve_us_p50=3.0)]))
+    (said,) = verdict(
+        measured(
+            [
+                *ladder(RIGHT, solver="box_active_set", solve_us_p50=5.0),
+                *ladder(RIGHT, solver="daqp", solve_us_p50=2.0),
+                *ladder(RIGHT, solver="quadprog", solve_us_p50=3.0),
+            ]
+        )
+    )
     assert said.endswith("fastest from Python daqp 2 µs (0.016 of a period) beside box_active_set† 5 µs.")
 
 
@@ -47,7 +71,9 @@ def test_figures_have_as_many_digits_as_the_drift_allows(drift: float, told: str
 
 def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_machine_has_none() -> None:
     first, second = verdict(measured(field()), CORE, 2.0)
-    assert first.startswith("With reservation: in one fifth of the race the machine took 200 % more or less time for a fixed piece of work")
+    assert first.startswith(
+        "With reservation: in one fifth of the race the machine took 200 % more or less time for a fixed piece of work"
+    )
     assert second.endswith("(clang 18, AVX2; drift 200 %).")
     assert "box_active_set† 0.9 µs (0.007 of a period)" in second
     assert "box_active_set† 2 µs (0.01 of a period) beside daqp 7 µs" in second
@@ -55,10 +81,17 @@ def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_mac
     assert len(verdict(measured(ladder({"p1": [NAN]})), CORE, 2.0)) == 1  # there is no time that it would concern
 
 
-@pytest.mark.parametrize(("count", "says"), [
-    (1, "on the problem, each with a setting chosen on the problem it is judged on; fastest"),
-    (2, "on all 2 problems, each with a setting chosen on the problem it is judged on; fastest"), (3, "on all 3 problems; fastest")])
-def test_below_three_problems_a_setting_is_said_to_be_chosen_on_the_problem_it_is_judged_on(count: int, says: str) -> None:
+@pytest.mark.parametrize(
+    ("count", "says"),
+    [
+        (1, "on the problem, each with a setting chosen on the problem it is judged on; fastest"),
+        (2, "on all 2 problems, each with a setting chosen on the problem it is judged on; fastest"),
+        (3, "on all 3 problems; fastest"),
+    ],
+)
+def test_below_three_problems_a_setting_is_said_to_be_chosen_on_the_problem_it_is_judged_on(
+    count: int, says: str
+) -> None:
     problems = {name: RIGHT[name] for name in [*RIGHT][:count]}
     assert says in verdict(measured(ladder(problems)))[0]
 
@@ -72,7 +105,9 @@ def test_the_accuracy_that_is_spoken_of_is_the_first_of_1e_9_1e_6_and_1e_3_that_
 def test_a_field_in_which_nobody_reaches_anything_with_one_setting_is_said_to_be_so() -> None:
     rows = [*ladder({"p1": [1e-12, 1.0], "p2": [1.0, 1e-12]}), *ladder({"p1": [NAN], "p2": [NAN]}, solver="osqp")]
     assert verdict(measured(rows)) == ["No solver reaches 1e-3 on all 2 problems with one setting."]
-    assert verdict(measured([row(setting="d", rung=-1, is_default=True)])) == ["No solver reaches any accuracy on the problem with one setting."]
+    assert verdict(measured([row(setting="d", rung=-1, is_default=True)])) == [
+        "No solver reaches any accuracy on the problem with one setting."
+    ]
 
 
 def test_the_floor_wins_nothing() -> None:
@@ -80,22 +115,44 @@ def test_the_floor_wins_nothing() -> None:
 
 
 def test_the_papers_method_is_judged_by_its_15200_steps_on_the_problems_that_it_takes() -> None:
-    rows = [*field(), *steps({"p1": [0.5, 6e-4], "p2": [0.5, 0.02]}, update_us=1.0, solve_us_p50=[2.0, 999.0]),
-            *[{**one, "status": "unsupported", "cost_gap": NAN} for one in steps({"p3": [NAN, NAN]})]]
+    rows = [
+        *field(),
+        *steps({"p1": [0.5, 6e-4], "p2": [0.5, 0.02]}, update_us=1.0, solve_us_p50=[2.0, 999.0]),
+        *[{**one, "status": "unsupported", "cost_gap": NAN} for one in steps({"p3": [NAN, NAN]})],
+    ]
     _, said = verdict(measured(rows))
-    assert said == ("The paper's method, one projected step a sample, ends at worst 2 % above the optimal cost (median 1 %) after its 15 200 steps "
-                    "(1.9 s) and reaches 1e-3 on 1, 1e-6 on 0 and 1e-9 on 0 of 2 problems; without waiting for samples these steps take 1000 µs.")
+    assert said == (
+        "The paper's method, one projected step a sample, ends at worst 2 % above the optimal cost (median "
+        "1 %) after its 15 200 steps "
+        "(1.9 s) and reaches 1e-3 on 1, 1e-6 on 0 and 1e-9 on 0 of 2 problems; without waiting for samples "
+        "these steps take 1000 µs."
+    )
     refused = [{**one, "status": "unsupported", "cost_gap": NAN} for one in steps({"p1": [NAN, NAN]})]
     said = " ".join(verdict(measured([*field(), *refused])))
     assert "paper" not in said
     assert "nan" not in said
 
 
-@pytest.mark.parametrize(("excess", "says"), [
-    (0.0, "would not notice on any of 2 problems"), (0.0099, "would not notice on any of 2"), (0.0101, "would notice on 1 of 2 problems")])
+@pytest.mark.parametrize(
+    ("excess", "says"),
+    [
+        (0.0, "would not notice on any of 2 problems"),
+        (0.0099, "would not notice on any of 2"),
+        (0.0101, "would notice on 1 of 2 problems"),
+    ],
+)
 def test_the_stage_notices_by_the_rule_of_its_tier_and_by_figures_that_differ(excess: float, says: str) -> None:
-    rows = [*field(), *steps({"p1": [0.5, 1e-4]}, noise_um=0.008, stage_excess=excess, model_error_um=0.2 + 0.008 * excess, optimum_error_um=0.2),
-            *steps({"p2": [0.5, 1e-4]}, noise_um=0.008, stage_excess=-1.0, model_error_um=0.192, optimum_error_um=0.2)]
+    rows = [
+        *field(),
+        *steps(
+            {"p1": [0.5, 1e-4]},
+            noise_um=0.008,
+            stage_excess=excess,
+            model_error_um=0.2 + 0.008 * excess,
+            optimum_error_um=0.2,
+        ),
+        *steps({"p2": [0.5, 1e-4]}, noise_um=0.008, stage_excess=-1.0, model_error_um=0.192, optimum_error_um=0.2),
+    ]
     *_, sentence = verdict(measured(rows))
     assert says in sentence
     assert "on p1 the paper's model errs by" in sentence
@@ -105,8 +162,15 @@ def test_the_stage_notices_by_the_rule_of_its_tier_and_by_figures_that_differ(ex
 
 
 def test_a_problem_whose_cost_a_double_does_not_resolve_to_the_tier_is_named() -> None:
-    costs = pd.DataFrame({"problem": ["steep", "steep", "easy"], "d": 19, "V": [-0.2, -8.0, -0.2], "yardstick": [8e-8, 3.2e-6, 2e-5],
-                          "optimum": [2.5e6, 2.5e6, 1e4]})
+    costs = pd.DataFrame(
+        {
+            "problem": ["steep", "steep", "easy"],
+            "d": 19,
+            "V": [-0.2, -8.0, -0.2],
+            "yardstick": [8e-8, 3.2e-6, 2e-5],
+            "optimum": [2.5e6, 2.5e6, 1e4],
+        }
+    )
     (note,) = below_rounding(costs)
     assert note.startswith("On steep a cost gap of 1e-9 is 4.0e-16 of |V*|,")
 
@@ -117,16 +181,31 @@ def noted(rows: list[Row]) -> list[str]:
 
 
 def test_notes_say_what_warm_starts_cold_caches_and_other_scalings_are_worth() -> None:
-    rows = [*ladder(RIGHT, solve_us_p50=4.0, interleaved_us_p50=12.0), *ladder(RIGHT, start="warm", solve_us_p50=2.0),
-            *steps({"p1": [0.5, 1e-4]}), *steps({"p1": [0.5, 0.25]}, scaling="raw")]
+    rows = [
+        *ladder(RIGHT, solve_us_p50=4.0, interleaved_us_p50=12.0),
+        *ladder(RIGHT, start="warm", solve_us_p50=2.0),
+        *steps({"p1": [0.5, 1e-4]}),
+        *steps({"p1": [0.5, 0.25]}, scaling="raw"),
+    ]
     warm, turns, raw = sorted(noted(rows), key=lambda said: ("raw" in said, "caches" in said))
-    assert warm.startswith("Started from the optimum of the problem before, on scaled data, daqp (direct) is the fastest")
+    assert warm.startswith(
+        "Started from the optimum of the problem before, on scaled data, daqp (direct) is the fastest"
+    )
     assert "takes 0.5 times as long as a cold one" in warm
-    assert turns.startswith("With cold caches, after other solvers had their turn, a solve takes 3 times as long as hot (median over 1 solver lane")
+    assert turns.startswith(
+        "With cold caches, after other solvers had their turn, a solve takes 3 times as long as "
+        "hot (median over 1 solver lane"
+    )
     assert raw == "On raw data the paper's method ends 25 % above the optimal cost after its 15 200 steps."
 
 
 def test_a_wrapper_that_does_otherwise_unasked_than_the_library_is_named_with_what_differs() -> None:
-    rows = [row(is_default=True, settings='{"eps": 1e-6}'), row(lane="qpsolvers", is_default=True, settings='{"eps": 1e-6, "raise_error": false}'),
-            row(lane="cvxpy", is_default=True, settings='{"eps": 1e-5}')]
-    assert noted(rows) == ["The default settings of daqp in the lane cvxpy differ from those in the lane direct: eps 1e-05; direct: eps 1e-06."]
+    rows = [
+        row(is_default=True, settings='{"eps": 1e-6}'),
+        row(lane="qpsolvers", is_default=True, settings='{"eps": 1e-6, "raise_error": false}'),
+        row(lane="cvxpy", is_default=True, settings='{"eps": 1e-5}'),
+    ]
+    assert noted(rows) == [
+        "The default settings of daqp in the lane cvxpy differ from those in the lane direct: eps "
+        "1e-05; direct: eps 1e-06."
+    ]

@@ -2,8 +2,9 @@
  *
  *     two_threads IN OUT DELAY SEED
  *
- * The learner falls up to DELAY samples behind, at random; with 0 it is always in time. The step waits for a learner that is late of its
- * own. On standard output are the events, how many changes of weights the step has seen and how many of them are none of those offered.
+ * The learner falls up to DELAY samples behind, at random; with 0 it is always in time. The step waits for a learner
+ * that is late of its own. On standard output are the events, how many changes of weights the step has seen and how
+ * many of them are none of those offered.
  */
 #include "piezo.c"
 
@@ -14,7 +15,8 @@
 
 enum { NUMBERS = 1024, MOST = 20000 };
 
-int offered(void *learner, double *inverse); /* weights with their inverse that were offered last, and how many of these there were */
+int offered(void *learner,
+            double *inverse); /* weights with their inverse that were offered last, and how many of these there were */
 
 static piezo_axis axis;
 static double offers[MOST][NUMBERS], taken[MOST][NUMBERS];

@@ -1,8 +1,9 @@
 """What a bank of compensators costs, a sample of an actuator against their number: ``python tests/benchmarks/bank.py``.
 
-``bank.py COUNT [RATE_HZ] [SECONDS] [THREADS]`` steps a bank of so many in real time instead. Step k is due at t0 + k T, as of
-:mod:`bench.timing.schedule`. Beside it stands a null step, which takes the bank's median by watching the clock on the same schedule: what
-that takes longer is the machine's floor.
+``bank.py COUNT [RATE_HZ] [SECONDS] [THREADS]`` steps a bank of so many in real time instead. Step k is due at t0 + k T,
+as of
+:mod:`bench.timing.schedule`. Beside it stands a null step, which takes the bank's median by watching the clock on the
+same schedule: what that takes longer is the machine's floor.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def cost(count: int, optima_per_s: float, sample_time: float = 1.25e-3) -> tuple
         x = bank.step(y_ref, loop.y)
         times.append(perf_counter_ns() - begin)
         loop.drive(x)
-    share = np.array(times[-REPEATS * bank.interval:]).reshape(REPEATS, -1).min(axis=0)
+    share = np.array(times[-REPEATS * bank.interval :]).reshape(REPEATS, -1).min(axis=0)
     return share.mean() / count, bank.bytes_per_actuator
 
 
@@ -88,7 +89,10 @@ def paced(step: Step, loop: Loop, samples: int, period_ns: int) -> tuple[Nanosec
 def in_real_time(count: int, rate_Hz: float = 2000.0, seconds: float = 20.0, threads: float = 1.0) -> None:
     """Step a bank, then the null step, and print the distributions."""
     s, period_ns, samples = structure(1.0 / rate_Hz), round(1e9 / rate_Hz), max(1, round(seconds * rate_Hz))
-    bank, loop = CompensatorBank(s, count, hand_over_s=1.0 / OPTIMA_PER_S[0], threads=round(threads)), Loop(count, rate_Hz / 2.5)
+    bank, loop = (
+        CompensatorBank(s, count, hand_over_s=1.0 / OPTIMA_PER_S[0], threads=round(threads)),
+        Loop(count, rate_Hz / 2.5),
+    )
     for _ in range(s.samples(0.1) + 2 * bank.interval):
         loop.drive(bank.step(loop.reference(), loop.y))
     with no_garbage_collection():
@@ -102,10 +106,24 @@ def in_real_time(count: int, rate_Hz: float = 2000.0, seconds: float = 20.0, thr
             return idle
 
         floor = paced(nothing, loop, samples, period_ns)
-    print_table(("a step, µs", "p50", "p99", "p99.9", "max", "steps beyond the period", "ended late"), [
-        (what, *tail_cells(service / 1e3, QUANTILES[:3]), *(f"{100.0 * float(np.mean(ns > period_ns)):.3f} %" for ns in (service, response)))
-        for what, (service, response) in ((f"a bank of {count}, {threads:g} threads", ours), ("  a null step as long, the machine's floor", floor))])
-    console.print(f"Period {1e6 / rate_Hz:.0f} µs, {OPTIMA_PER_S[0]:g} exact optima a second of each, {seconds:g} s each; {BUILT_WITH}.")
+    print_table(
+        ("a step, µs", "p50", "p99", "p99.9", "max", "steps beyond the period", "ended late"),
+        [
+            (
+                what,
+                *tail_cells(service / 1e3, QUANTILES[:3]),
+                *(f"{100.0 * float(np.mean(ns > period_ns)):.3f} %" for ns in (service, response)),
+            )
+            for what, (service, response) in (
+                (f"a bank of {count}, {threads:g} threads", ours),
+                ("  a null step as long, the machine's floor", floor),
+            )
+        ],
+    )
+    console.print(
+        f"Period {1e6 / rate_Hz:.0f} µs, {OPTIMA_PER_S[0]:g} exact optima a second of each, {seconds:g} s "
+        f"each; {BUILT_WITH}."
+    )
 
 
 def by_count(counts: tuple[int, ...] = COUNTS) -> None:
@@ -114,7 +132,14 @@ def by_count(counts: tuple[int, ...] = COUNTS) -> None:
     for count in counts:
         costs = [cost(count, optima) for optima in OPTIMA_PER_S]
         rows.append((f"{count}", *(f"{ns:.1f}" for ns, _ in costs), f"{costs[0][1]:.0f}"))
-    print_table(("actuators of a bank", *(f"{optima:g} optima a second, ns a sample of one" for optima in OPTIMA_PER_S), "bytes of one"), rows)
+    print_table(
+        (
+            "actuators of a bank",
+            *(f"{optima:g} optima a second, ns a sample of one" for optima in OPTIMA_PER_S),
+            "bytes of one",
+        ),
+        rows,
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""The hot kernels beside vectorised NumPy, in nanoseconds a sample or a step: ``python tests/benchmarks/kernels.py [REPEATS]``.
+"""The hot kernels beside vectorised NumPy, in nanoseconds a sample or a step: ``python tests/benchmarks/kernels.py
+[REPEATS]``.
 
-Each figure is the fastest of several runs on one core: compare ratios. NumPy's version is the same arithmetic with whole-array
-operations wherever the recursion over time allows it. PIEZOBENCH_ISA=v3 in the environment asks for AVX2 where there is AVX-512.
+Each figure is the fastest of several runs on one core: compare ratios. NumPy's version is the same arithmetic with
+whole-array operations wherever the recursion over time allows it. PIEZOBENCH_ISA=v3 in the environment asks for AVX2
+where there is AVX-512.
 """
 
 from __future__ import annotations
@@ -32,8 +34,11 @@ Row = tuple[str, float, float | None]
 """What is timed, and ns of it by the core and by NumPy."""
 
 
-def fastest(call: Callable[[], object], count: int, repeats: int, prepare: Callable[[], object] = lambda: None) -> float:
-    """Nanoseconds of one of the ``count`` things that a call does, in the fastest of several calls, each one prepared."""
+def fastest(
+    call: Callable[[], object], count: int, repeats: int, prepare: Callable[[], object] = lambda: None
+) -> float:
+    """Nanoseconds of one of the ``count`` things that a call does, in the fastest of several calls, each one
+    prepared."""
     call()
     times = []
     for _ in range(repeats):
@@ -53,9 +58,18 @@ def data_basis(repeats: int) -> list[Row]:
     unit_x, unit_y = s.unit_input(x), s.unit_output(y)
     check.update(x, y)
     np.testing.assert_allclose(check.P, numpy_gram_matrix(s, unit_x, unit_y)[1:, 1:] / SAMPLES, rtol=1e-9, atol=1e-12)
-    return [("data basis, d = 18, 3 creep rates, a sample", fastest(lambda: basis.update(x, y), SAMPLES, repeats),
-             fastest(lambda: numpy_gram_matrix(s, unit_x, unit_y), SAMPLES, 2)),
-            ("  of it, moving the operator states on", fastest(lambda: moving.update(x, y, count=False), SAMPLES, repeats), None)]
+    return [
+        (
+            "data basis, d = 18, 3 creep rates, a sample",
+            fastest(lambda: basis.update(x, y), SAMPLES, repeats),
+            fastest(lambda: numpy_gram_matrix(s, unit_x, unit_y), SAMPLES, 2),
+        ),
+        (
+            "  of it, moving the operator states on",
+            fastest(lambda: moving.update(x, y, count=False), SAMPLES, repeats),
+            None,
+        ),
+    ]
 
 
 def numpy_gram_matrix(s: ModelStructure, x: Vector, y: Vector) -> Matrix:
@@ -101,8 +115,15 @@ def learning_loop(repeats: int) -> list[Row]:
     y_ref = multi_sine(duration_s=SAMPLES * s.sample_time, sample_time=s.sample_time, low=-16.0, high=16.0)
 
     def learner(**options: Any) -> SelfLearningCompensator:
-        return SelfLearningCompensator(s, 0.1, learn_s=100.0, state=OperatorState.at_rest(s, -1.0, 1.0), samples_to_solve=1, find_centre=False,
-                                       **options)
+        return SelfLearningCompensator(
+            s,
+            0.1,
+            learn_s=100.0,
+            state=OperatorState.at_rest(s, -1.0, 1.0),
+            samples_to_solve=1,
+            find_centre=False,
+            **options,
+        )
 
     x, y = learner(build_s=100.0, solver="projected_difference").run(y_ref, plant.run)
     before, part = np.concatenate([[np.nan], y[:-1]]), slice(20_000, 20_000 + SHORT)
@@ -110,29 +131,47 @@ def learning_loop(repeats: int) -> list[Row]:
     def loop(phase: str, **options: Any) -> Row:
         """A loop that stays in one phase."""
         one = learner(**options)
-        one.replay(y_ref[:part.start], before[:part.start])
+        one.replay(y_ref[: part.start], before[: part.start])
         if one.phase != phase:
             raise AssertionError(f"the loop is in phase {one.phase} and not in {phase}")
         memory = one.memory()
-        return f"whole loop, {', '.join(map(str, options.values()))}: {phase}", fastest(
-            lambda: one.replay(y_ref[part], before[part]), SHORT, 16 * repeats, lambda: one.restore(memory)), None
+        return (
+            f"whole loop, {', '.join(map(str, options.values()))}: {phase}",
+            fastest(lambda: one.replay(y_ref[part], before[part]), SHORT, 16 * repeats, lambda: one.restore(memory)),
+            None,
+        )
 
-    compensator, guard, moving = Compensator(learner(solver="box_active_set").model, plant.x_range), SensorGuard(), DataBasis(s)
+    compensator, guard, moving = (
+        Compensator(learner(solver="box_active_set").model, plant.x_range),
+        SensorGuard(),
+        DataBasis(s),
+    )
     unit_x, unit_y = s.unit_input(x), s.unit_output(y)
-    return [loop("build", solver="projected_difference", build_s=100.0), loop("learn", solver="projected_difference", build_s=1.0),
-            loop("learn", solver="box_active_set", mode="continuous"),
-            ("  of it, compensation", fastest(lambda: compensator.run(y_ref[:SHORT]), SHORT, 16 * repeats), None),
-            ("  of it, the sensor guard", fastest(lambda: guard.judge(unit_x, unit_y), SAMPLES, repeats), None),
-            ("  of it, the learner's operator states", fastest(lambda: moving.update(x, y, count=False), SAMPLES, repeats), None)]
+    return [
+        loop("build", solver="projected_difference", build_s=100.0),
+        loop("learn", solver="projected_difference", build_s=1.0),
+        loop("learn", solver="box_active_set", mode="continuous"),
+        ("  of it, compensation", fastest(lambda: compensator.run(y_ref[:SHORT]), SHORT, 16 * repeats), None),
+        ("  of it, the sensor guard", fastest(lambda: guard.judge(unit_x, unit_y), SAMPLES, repeats), None),
+        (
+            "  of it, the learner's operator states",
+            fastest(lambda: moving.update(x, y, count=False), SAMPLES, repeats),
+            None,
+        ),
+    ]
 
 
 def main(repeats: int = REPEATS) -> None:
     """Measure and print."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     rows = [*data_basis(repeats), *projected_step(repeats), *learning_loop(repeats)]
-    print_table(("what", "ours, ns", "NumPy, ns", "ratio"),
-                [(what, f"{ours:.1f}", *(("", "") if theirs is None else (f"{theirs:.0f}", f"{theirs / ours:.0f}")))
-                 for what, ours, theirs in rows])
+    print_table(
+        ("what", "ours, ns", "NumPy, ns", "ratio"),
+        [
+            (what, f"{ours:.1f}", *(("", "") if theirs is None else (f"{theirs:.0f}", f"{theirs / ours:.0f}")))
+            for what, ours, theirs in rows
+        ],
+    )
     console.print(f"Fastest of several runs on one core; compare ratios. {BUILT_WITH}.")
 
 

@@ -1,4 +1,5 @@
-"""The benchmarks of the kernels, of the recursive solver's slowest sample and of a bank run, each as a developer starts it."""
+"""The benchmarks of the kernels, of the recursive solver's slowest sample and of a bank run, each as a developer starts
+it."""
 
 import os
 import subprocess
@@ -15,12 +16,20 @@ HERE = Path(__file__).parent
 
 def run(script: str, *words: object) -> str:
     environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
-    return subprocess.run([sys.executable, str(HERE / script), *map(str, words)], env=environment, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        [sys.executable, str(HERE / script), *map(str, words)],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
 
 
 def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> None:
     said = run("kernels.py", 1)
-    assert len(said.partition("data basis, d = 18, 3 creep rates, a sample")[2].splitlines()[0].split()) == 3, "ours, NumPy's and the ratio"
+    assert len(said.partition("data basis, d = 18, 3 creep rates, a sample")[2].splitlines()[0].split()) == 3, (
+        "ours, NumPy's and the ratio"
+    )
     assert "whole loop, box_active_set, continuous: learn" in said
 
 

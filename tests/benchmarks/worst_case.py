@@ -1,9 +1,10 @@
-"""The slowest of a million consecutive samples of the recursive solver: ``python tests/benchmarks/worst_case.py [SAMPLES]``.
+"""The slowest of a million consecutive samples of the recursive solver: ``python tests/benchmarks/worst_case.py
+[SAMPLES]``.
 
-The rows of a stream over a drifting actuator (:mod:`bench.races.stream.stream_problem`) are taken back to back, forwards and backwards
-in turn, with a clock round each. A machine that is no real-time system stops any loop for milliseconds now and then, in proportion
-to the time that the loop runs. So a null step that waits for the solver's median time and does nothing else stands beside it: what
-that takes longer is the machine's floor.
+The rows of a stream over a drifting actuator (:mod:`bench.races.stream.stream_problem`) are taken back to back,
+forwards and backwards in turn, with a clock round each. A machine that is no real-time system stops any loop for
+milliseconds now and then, in proportion to the time that the loop runs. So a null step that waits for the solver's
+median time and does nothing else stands beside it: what that takes longer is the machine's floor.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ ORDERS = ((5, 3), (20, 9))
 
 def solver_steps(n: int, m: int, samples: int) -> tuple[int, Nanoseconds]:
     """Number of unknowns d, and nanoseconds of each step of the recursive solver, shape (samples,)."""
-    stream = make(Experiment("relay_preisach", "random_walk", n, m, drift_per_s=DRIFT_PER_S), STREAM, TIME_CONSTANT_S, 0)
+    stream = make(
+        Experiment("relay_preisach", "random_walk", n, m, drift_per_s=DRIFT_PER_S), STREAM, TIME_CONSTANT_S, 0
+    )
     solver = solvers.get("recursive_active_set", "kernel", forgetting=stream.forgetting)
     solver.setup(stream.start)
     both = stream.rows, np.ascontiguousarray(stream.rows[::-1])
@@ -46,9 +49,16 @@ def main(samples: int = SAMPLES) -> None:
         d, taken = solver_steps(n, m, samples)
         floor = np.zeros(samples, dtype=np.int64)
         face.time_nothing(int(np.median(taken)), floor)
-        rows += [(what, *tail_cells(ns), str(int((ns > PERIOD_NS).sum())))
-                 for what, ns in ((f"recursive solver, d = {d}", taken), ("  a null step as long, the machine's floor", floor))]
-    print_table((f"{samples} samples, ns", "p50", "p99", "p99.9", "p99.99", "max", f"above {PERIOD_NS // 1000} µs"), rows)
+        rows += [
+            (what, *tail_cells(ns), str(int((ns > PERIOD_NS).sum())))
+            for what, ns in (
+                (f"recursive solver, d = {d}", taken),
+                ("  a null step as long, the machine's floor", floor),
+            )
+        ]
+    print_table(
+        (f"{samples} samples, ns", "p50", "p99", "p99.9", "p99.99", "max", f"above {PERIOD_NS // 1000} µs"), rows
+    )
 
 
 if __name__ == "__main__":

@@ -17,8 +17,9 @@ SAMPLES = 60
 
 
 def a_model(seed: int = 0) -> HysteresisCreepModel:
-    structure = ModelStructure.equidistant(n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(100.0, 1.0),
-                                           sample_time=1e-3)
+    structure = ModelStructure.equidistant(
+        n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(100.0, 1.0), sample_time=1e-3
+    )
     rng, v = np.random.default_rng(seed), np.zeros(structure.d)
     H, S, K = structure.slices
     v[H], v[S], v[K] = rng.uniform(0, 0.1, 5), rng.uniform(0.8, 1.2, 7), rng.uniform(0, 0.01, 6)
@@ -61,7 +62,8 @@ def test_a_compensator_keeps_its_limits_and_is_only_read() -> None:
 
 
 def test_a_reference_that_is_not_finite_holds_the_drive() -> None:
-    """By the system's own maps, since python-control's responses interpolate inputs and so spread what is not finite."""
+    """By the system's own maps, since python-control's responses interpolate inputs and so spread what is not
+    finite."""
     compensator = Compensator(a_model(), x_limits=(0.0, 150.0))
     system, z = compensator_system(compensator), initial_states(compensator.model.structure)
     for y_ref in (5.0, np.nan, np.inf, -5.0):
@@ -70,15 +72,25 @@ def test_a_reference_that_is_not_finite_holds_the_drive() -> None:
 
 
 def test_a_closed_loop_with_a_plant_has_our_trajectory() -> None:
-    """An integrating controller with the usual delay of one sample round a compensator and a plant that it fits badly."""
+    """An integrating controller with the usual delay of one sample round a compensator and a plant that it fits
+    badly."""
     model, plant = a_model(), a_model(seed=4)
     s, gain = model.structure, 0.3
-    controller = control.nlsys(lambda t, z, u, params: z + gain * (u[0] - u[1]), lambda t, z, u, params: z,
-                               inputs=["wanted", "displacement"], outputs=["reference"], states=["sum"], dt=s.sample_time,
-                               name="controller")
+    controller = control.nlsys(
+        lambda t, z, u, params: z + gain * (u[0] - u[1]),
+        lambda t, z, u, params: z,
+        inputs=["wanted", "displacement"],
+        outputs=["reference"],
+        states=["sum"],
+        dt=s.sample_time,
+        name="controller",
+    )
     # The controller's output is its state, so the loop is no algebraic one.
-    loop = control.interconnect([controller, compensator_system(Compensator(model, (0.0, 150.0))), model_system(plant)],
-                                inputs=["wanted"], outputs=["displacement"])
+    loop = control.interconnect(
+        [controller, compensator_system(Compensator(model, (0.0, 150.0))), model_system(plant)],
+        inputs=["wanted"],
+        outputs=["displacement"],
+    )
     wanted = 12.0 * np.sign(np.sin(np.arange(300) / 25.0))
     z = np.concatenate([[0.0], initial_states(s), initial_states(s)])
     found = response(loop, wanted, z)
@@ -99,5 +111,7 @@ def test_the_states_of_another_structure_are_refused() -> None:
 
 
 def test_run_alone_the_compensator_follows_and_the_straight_line_does_not() -> None:
-    compensated, straight = (float(line.split()[-2]) for line in run_example("adapters/control_systems.py").splitlines())
+    compensated, straight = (
+        float(line.split()[-2]) for line in run_example("adapters/control_systems.py").splitlines()
+    )
     assert compensated < 0.1 * straight

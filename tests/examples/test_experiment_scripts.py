@@ -1,4 +1,5 @@
-"""The figures beside the experiment, each by its script in its shortest form: what its numbers say, and that it says it."""
+"""The figures beside the experiment, each by its script in its shortest form: what its numbers say, and that it says
+it."""
 
 from pathlib import Path
 
@@ -54,5 +55,5 @@ def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_t
 def test_the_best_straight_line_is_no_worse_than_the_one_through_the_corners_of_the_ranges(plant: str) -> None:
     rig = Rig.quick(seed=1)
     sensor = actuators.sensor_of(plant, rig)
-    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, rig)[-rig.cycle:])
+    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, rig)[-rig.cycle :])
     assert best <= straight

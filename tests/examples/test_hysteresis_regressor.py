@@ -33,9 +33,14 @@ def recording() -> tuple[Vector, Vector]:
 
 
 # The checks give several columns and as few as ten rows, so the drive is a chosen column and every row counts.
-@parametrize_with_checks([HysteresisRegressor(n=3, m=1, column=0, skip=0),
-                          HysteresisRegressor(n=1, m=0, creep_rates=(100.0,), column=0, skip=0)],
-                         expected_failed_checks=exceptions, xfail_strict=True)
+@parametrize_with_checks(
+    [
+        HysteresisRegressor(n=3, m=1, column=0, skip=0),
+        HysteresisRegressor(n=1, m=0, creep_rates=(100.0,), column=0, skip=0),
+    ],
+    expected_failed_checks=exceptions,
+    xfail_strict=True,
+)
 def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: Any) -> None:
     check(estimator)
 
@@ -48,8 +53,9 @@ def test_run_alone_it_finds_the_larger_model_better() -> None:
 
 
 def test_cross_validation_scores_what_was_not_fitted(recording: tuple[Vector, Vector]) -> None:
-    scores = cross_val_score(HysteresisRegressor(sample_time=SAMPLE_TIME), *recording, cv=TimeSeriesSplit(n_splits=3),
-                             error_score="raise")
+    scores = cross_val_score(
+        HysteresisRegressor(sample_time=SAMPLE_TIME), *recording, cv=TimeSeriesSplit(n_splits=3), error_score="raise"
+    )
     assert scores.shape == (3,)
     assert scores.min() > 0.98
 
@@ -57,15 +63,28 @@ def test_cross_validation_scores_what_was_not_fitted(recording: tuple[Vector, Ve
 def test_a_clone_has_the_parameters_and_not_the_fit(recording: tuple[Vector, Vector]) -> None:
     regressor = HysteresisRegressor(n=2, sample_time=SAMPLE_TIME).fit(*recording).set_params(n=3, solver="daqp")
     copy = clone(regressor)
-    assert copy.get_params() == regressor.get_params() == {
-        "n": 3, "m": 3, "creep_rates": (), "sample_time": SAMPLE_TIME, "skip": None, "solver": "daqp", "column": None}
+    assert (
+        copy.get_params()
+        == regressor.get_params()
+        == {
+            "n": 3,
+            "m": 3,
+            "creep_rates": (),
+            "sample_time": SAMPLE_TIME,
+            "skip": None,
+            "solver": "daqp",
+            "column": None,
+        }
+    )
     assert not hasattr(copy, "model_")
 
 
 def test_the_fit_is_that_of_identify(recording: tuple[Vector, Vector]) -> None:
     X, y = recording
     x = X[:, 0]
-    structure = ModelStructure.equidistant(5, 3, (x.min(), x.max()), (y.min(), y.max()), (10.0,), SAMPLE_TIME, offset=True)
+    structure = ModelStructure.equidistant(
+        5, 3, (x.min(), x.max()), (y.min(), y.max()), (10.0,), SAMPLE_TIME, offset=True
+    )
     expected = identify(x, y, structure)
     regressor = HysteresisRegressor(creep_rates=(10.0,), sample_time=SAMPLE_TIME).fit(X, y)
     np.testing.assert_array_equal(regressor.model_.weights, expected.weights)
@@ -79,10 +98,16 @@ def test_the_chosen_column_is_the_drive(recording: tuple[Vector, Vector]) -> Non
     np.testing.assert_array_equal(found, HysteresisRegressor(sample_time=SAMPLE_TIME).fit(X, y).predict(X))
 
 
-@pytest.mark.parametrize(("column", "sentence"), [
-    (None, "X has 2 features and must have one, the drive, unless column says which one it is"),
-    (2, "column must lie between 0 and 1, the last column of X, and is 2")])
-def test_a_table_without_a_drive_is_refused(recording: tuple[Vector, Vector], column: int | None, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("column", "sentence"),
+    [
+        (None, "X has 2 features and must have one, the drive, unless column says which one it is"),
+        (2, "column must lie between 0 and 1, the last column of X, and is 2"),
+    ],
+)
+def test_a_table_without_a_drive_is_refused(
+    recording: tuple[Vector, Vector], column: int | None, sentence: str
+) -> None:
     X, y = recording
     with pytest.raises(ValueError, match=sentence):
         HysteresisRegressor(column=column).fit(np.hstack([X, X]), y)
@@ -94,4 +119,3 @@ def test_a_drive_or_an_output_at_rest_is_refused(recording: tuple[Vector, Vector
         HysteresisRegressor().fit(np.ones_like(X), y)
     with pytest.raises(ValueError, match="y never changes"):
         HysteresisRegressor().fit(X, np.ones_like(y))
-

@@ -1,4 +1,5 @@
-"""Learning in situations drawn at random, on a few seeds: near the floor, never worse than the straight line, repeatable."""
+"""Learning in situations drawn at random, on a few seeds: near the floor, never worse than the straight line,
+repeatable."""
 
 import numpy as np
 import pandas as pd

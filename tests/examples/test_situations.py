@@ -20,7 +20,9 @@ def test_a_seed_is_a_situation_in_which_the_reference_can_be_reached(seed: int) 
     np.testing.assert_array_equal(situation.y_ref, again.y_ref)
     sensor, low_high = situation.sensor(), situation.x_limits
     y = sensor.run(np.interp(np.arange(4000), (0, 2000, 4000), (*low_high, low_high[0])))
-    np.testing.assert_array_equal(again.sensor().run(np.interp(np.arange(4000), (0, 2000, 4000), (*low_high, low_high[0]))), y)
+    np.testing.assert_array_equal(
+        again.sensor().run(np.interp(np.arange(4000), (0, 2000, 4000), (*low_high, low_high[0]))), y
+    )
     assert np.nanmin(y) < situation.y_ref.min() + 0.02 * np.ptp(y[np.isfinite(y)])
     assert np.nanmax(y) > situation.y_ref.max()
     assert situation.structure().d == 19
@@ -37,15 +39,23 @@ def test_every_kind_of_actuator_and_reference_is_drawn_and_individuals_differ() 
 
 def test_a_chosen_reference_changes_nothing_but_the_reference() -> None:
     one, other = Situation.draw(3, 1.0, T, "staircase"), Situation.draw(3, 1.0, T, "random_walk")
-    assert (one.plant, one.actuator_options, one.x_range, one.y_range) == (other.plant, other.actuator_options, other.x_range, other.y_range)
+    assert (one.plant, one.actuator_options, one.x_range, one.y_range) == (
+        other.plant,
+        other.actuator_options,
+        other.x_range,
+        other.y_range,
+    )
 
 
 @settings(max_examples=20, deadline=None)
 @given(low=st.floats(-1e3, 1e3), width=st.floats(1e-3, 1e3), seconds=st.floats(0.05, 3.0), seed=st.integers(0, 2**31))
 def test_every_reference_stays_inside_its_limits(low: float, width: float, seconds: float, seed: int) -> None:
     options = {"duration_s": seconds, "sample_time": 1e-3, "low": low, "high": low + width}
-    for s in (set_point_steps(**options, seed=seed), changing_amplitude(**options, seed=seed),
-              from_samples(np.random.default_rng(seed).normal(size=9), **options)):
+    for s in (
+        set_point_steps(**options, seed=seed),
+        changing_amplitude(**options, seed=seed),
+        from_samples(np.random.default_rng(seed).normal(size=9), **options),
+    ):
         assert s.shape == (round(seconds / 1e-3),)
         assert s.min() >= low
         assert s.max() <= low + width

@@ -1,4 +1,5 @@
-"""(1): H[x] = Σ w_Hi H_rHi[x] of plays, whose laws are those of Prandtl and Ishlinskii, and S over one-sided dead zones."""
+"""(1): H[x] = Σ w_Hi H_rHi[x] of plays, whose laws are those of Prandtl and Ishlinskii, and S over one-sided dead
+zones."""
 
 from itertools import pairwise
 

@@ -1,4 +1,5 @@
-"""(2): y = S[H[x] + K[x]], where each elementary creep operator is the exact solution of dz/dt = a·dz(x − z, r) for a held input."""
+"""(2): y = S[H[x] + K[x]], where each elementary creep operator is the exact solution of dz/dt = a·dz(x − z, r) for a
+held input."""
 
 import numpy as np
 from hypothesis import given
@@ -45,5 +46,9 @@ def test_the_unknowns_of_the_identification_make_the_same_model_when_the_first_w
     again = HysteresisCreepModel.from_weights(case.structure, case.model.weights)
     np.testing.assert_allclose(again.weights, case.model.weights, rtol=1e-15)
     x = case.structure.x_centre + drive(case.rng, 30)  # a common factor in w_H, w_K, offset and S⁻¹ does not show
-    np.testing.assert_allclose(again.simulate(x, case.state.copy()), case.model.simulate(x, case.state.copy()), rtol=0,
-                               atol=1e-11 * case.structure.y_scale + 1e-12 * abs(case.structure.y_centre))
+    np.testing.assert_allclose(
+        again.simulate(x, case.state.copy()),
+        case.model.simulate(x, case.state.copy()),
+        rtol=0,
+        atol=1e-11 * case.structure.y_scale + 1e-12 * abs(case.structure.y_centre),
+    )

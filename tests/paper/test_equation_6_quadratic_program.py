@@ -1,4 +1,5 @@
-"""(6): the weights are those of the least cost among all that give an invertible model: a box in the slopes of S⁻¹, a cone in its weights."""
+"""(6): the weights are those of the least cost among all that give an invertible model: a box in the slopes of S⁻¹, a
+cone in its weights."""
 
 from itertools import product
 from typing import get_args
@@ -44,7 +45,9 @@ def test_slopes_are_the_derivative_of_the_inverse_superposition_between_threshol
 
 @settings(max_examples=40)
 @given(cases(), st.sampled_from(FORMS))
-def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(case: Case, form: tuple[Coordinates, Scaling]) -> None:
+def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(
+    case: Case, form: tuple[Coordinates, Scaling]
+) -> None:
     s, rng = case.structure, case.rng
     basis = DataBasis(s, case.state)
     basis.update(s.x_centre + s.x_scale * drive(rng, 300), s.y_centre + s.y_scale * 1.5 * drive(rng, 300))

@@ -24,8 +24,8 @@ def solver(problem, **settings_):
 def two_sided_sums(n, m, epsilon):
     """The bijection T from weights to slopes, and the problem's two forms of the same set.
 
-    n weights that are ≥ 0, then 2 m + 1 whose partial sums outwards from the first are ≥ epsilon: in the slopes T w a box, in
-    the weights w rows −T w ≤ −epsilon.
+    n weights that are ≥ 0, then 2 m + 1 whose partial sums outwards from the first are ≥ epsilon: in the slopes T w a
+    box, in the weights w rows −T w ≤ −epsilon.
     """
     d = n + 2 * m + 1
     T = np.eye(d)
@@ -40,6 +40,7 @@ def two_sided_sums(n, m, epsilon):
 
 
 # --- the recursion -------------------------------------------------------------------------------------------
+
 
 @quick
 @given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.05, 1.5))
@@ -151,6 +152,7 @@ def test_an_update_of_P_takes_a_new_step_and_of_q_keeps_it():
 
 # --- weight coordinates --------------------------------------------------------------------------------------
 
+
 def projection(v, G, h, lb):
     """The point of {x : G x ≤ h, x ≥ lb} nearest to v, by quadprog."""
     bounded = lb > -INF
@@ -180,18 +182,22 @@ def test_the_paths_in_slopes_and_in_weights_differ():
     assert np.abs(T @ weights - slopes).max() > 0.1
 
 
-@pytest.mark.parametrize(("G", "h"), [
-    ([[1.0, 0.0]], [1.0]),
-    ([[1.0, 1.0], [-1.0, -1.0]], [-1.0, -1.0]),
-    ([[1e-20, 2e-20], [1.0, 1.0]], [1.0, 1.0]),
-    ([[1e200, 1e200]], [1e200]),
-])
+@pytest.mark.parametrize(
+    ("G", "h"),
+    [
+        ([[1.0, 0.0]], [1.0]),
+        ([[1.0, 1.0], [-1.0, -1.0]], [-1.0, -1.0]),
+        ([[1e-20, 2e-20], [1.0, 1.0]], [1.0, 1.0]),
+        ([[1e200, 1e200]], [1e200]),
+    ],
+)
 def test_general_rows_are_refused_even_where_they_are_bounds(G, h):
     with pytest.raises(Unsupported, match="takes bounds only, and the problem has general rows"):
         solver(Problem(np.eye(2), np.array([-3.0, -4.0]), np.array(G), np.array(h)))
 
 
 # --- manners -------------------------------------------------------------------------------------------------
+
 
 def test_unusable_problems_are_refused_in_one_sentence():
     with pytest.raises(Unsupported, match="bounds only"):

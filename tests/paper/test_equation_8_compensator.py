@@ -1,4 +1,5 @@
-"""(8): x = H⁻¹[S⁻¹[y_r] − K[x]], with the inverses of H and S in closed form and K already advanced with the drive before."""
+"""(8): x = H⁻¹[S⁻¹[y_r] − K[x]], with the inverses of H and S in closed form and K already advanced with the drive
+before."""
 
 import numpy as np
 from hypothesis import given

@@ -1,4 +1,5 @@
-"""Fig. 1: after the data basis is built, the weights are learned from it while the compensator is at work, by any solver."""
+"""Fig. 1: after the data basis is built, the weights are learned from it while the compensator is at work, by any
+solver."""
 
 import math
 
@@ -25,7 +26,8 @@ def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearn
 
 
 def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
-    """Cost of the weights in use after so many more samples, on what they were learned from; the drive takes them a block later."""
+    """Cost of the weights in use after so many more samples, on what they were learned from; the drive takes them a
+    block later."""
     learner.observe(np.zeros(samples), np.full(samples, math.nan))
     learner.run(np.zeros(2 * learner._learning.block), lambda x: np.full_like(x, math.nan))
     problem = learner.problem
@@ -76,7 +78,9 @@ def test_the_program_is_that_of_the_identification_of_the_same_samples() -> None
     np.testing.assert_allclose(core["P"].reshape(d, d), form.qp.P, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(core["q"], form.qp.q, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(core["lower"], form.qp.lb, rtol=1e-11)
-    np.testing.assert_allclose(core["start"], np.maximum(form.variables(learner.model.weights), form.qp.lb), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        core["start"], np.maximum(form.variables(learner.model.weights), form.qp.lb), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_options_reach_the_solver() -> None:

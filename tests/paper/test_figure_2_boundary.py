@@ -21,7 +21,9 @@ def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_
 
 
 def test_the_trajectory_ends_at_the_optimum_of_the_whole_problem() -> None:
-    part = boundary.Slice(("a", "b"), np.array([[1.0, 0.6], [0.6, 1.0]]), np.array([0.5, -1.0]), np.zeros(2), np.array([0.0, 1.0]))
+    part = boundary.Slice(
+        ("a", "b"), np.array([[1.0, 0.6], [0.6, 1.0]]), np.array([0.5, -1.0]), np.zeros(2), np.array([0.0, 1.0])
+    )
     path, free = boundary.trajectory(part, np.array([1.0, 3.0]), steps=2000)
     np.testing.assert_allclose(path[-1], part.optimum, atol=1e-9)
     np.testing.assert_allclose(path[1:], np.maximum(free[:-1], 0.0), atol=1e-12)

@@ -15,9 +15,12 @@ REFERENCE_FAULTS = ("nan", "infinite", "huge", "far", "jumps")
 
 
 class FaultySensor:
-    """An actuator's sensor that fails in one of the ways of SENSOR_FAULTS, for a while each, as long as ``failing`` is true."""
+    """An actuator's sensor that fails in one of the ways of SENSOR_FAULTS, for a while each, as long as ``failing`` is
+    true."""
 
-    def __init__(self, plant: plants.Plant, seed: int, kinds: tuple[str, ...] = SENSOR_FAULTS, mean_length: int = 400) -> None:
+    def __init__(
+        self, plant: plants.Plant, seed: int, kinds: tuple[str, ...] = SENSOR_FAULTS, mean_length: int = 400
+    ) -> None:
         self.plant, self.kinds, self.failing, self._mean = plant, kinds, True, mean_length
         self.low, self.high = plant.y_range
         self._random = np.random.default_rng(seed)
@@ -73,7 +76,7 @@ def spoiled(y_ref: Vector, low: float, high: float, seed: int, mean_length: int 
     random, out, at = np.random.default_rng(seed), y_ref.copy(), 0
     while at < out.size:
         at += int(random.exponential(2 * mean_length))
-        part = out[at:at + 1 + int(random.exponential(mean_length))]
+        part = out[at : at + 1 + int(random.exponential(mean_length))]
         match random.choice(REFERENCE_FAULTS):
             case "nan":
                 part[:] = np.nan
@@ -93,8 +96,9 @@ def steps(plant: plants.Plant, seconds: float, hold_s: float = 0.1) -> Vector:
     """The staircase of the paper's Fig. 4 over most of the plant's range."""
     low, high = plant.y_range
     margin = 0.1 * (high - low)
-    return staircase(duration_s=seconds, sample_time=plant.sample_time, low=low + margin, high=high - margin, levels=9,
-                     hold_s=hold_s)
+    return staircase(
+        duration_s=seconds, sample_time=plant.sample_time, low=low + margin, high=high - margin, levels=9, hold_s=hold_s
+    )
 
 
 def rms_percent(y: Vector, y_ref: Vector, plant: plants.Plant) -> float:

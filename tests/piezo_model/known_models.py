@@ -7,8 +7,18 @@ from piezo_model.structure import ModelStructure
 
 
 def structure(**changes: object) -> ModelStructure:
-    return ModelStructure.equidistant(**{"n": 3, "m": 1, "x_range": (0, 100), "y_range": (-20, 20), "creep_rates": (10.0, 1.0),
-                                         "sample_time": 5e-3, "offset": True, **changes})
+    return ModelStructure.equidistant(
+        **{
+            "n": 3,
+            "m": 1,
+            "x_range": (0, 100),
+            "y_range": (-20, 20),
+            "creep_rates": (10.0, 1.0),
+            "sample_time": 5e-3,
+            "offset": True,
+            **changes,
+        }
+    )
 
 
 def true_model(s: ModelStructure) -> HysteresisCreepModel:

@@ -18,17 +18,21 @@ WAYS = (("cyclic", "box_active_set"), ("cyclic", "projected_difference"), ("cont
 
 def sensor(plant: str = "dense_prandtl_ishlinskii", **options: Any) -> plants.Sensor:
     actuator = plants.get(plant, sample_time=T)
-    return plants.Sensor(actuator, **{"noise_um": NOISE * (actuator.y_range[1] - actuator.y_range[0]), "seed": 1, **options})
+    return plants.Sensor(
+        actuator, **{"noise_um": NOISE * (actuator.y_range[1] - actuator.y_range[0]), "seed": 1, **options}
+    )
 
 
 def structure_for(plant: plants.Plant, offset: bool = True, n: int = 5, m: int = 3) -> ModelStructure:
     return ModelStructure.equidistant(n, m, plant.x_range, plant.y_range, (100.0, 10.0, 1.0, 0.1), T, offset=offset)
 
 
-def learner_for(plant: plants.Plant, mode: str = "cyclic", solver: str = "box_active_set", offset: bool = True,
-                **options: Any) -> SelfLearningCompensator:
+def learner_for(
+    plant: plants.Plant, mode: str = "cyclic", solver: str = "box_active_set", offset: bool = True, **options: Any
+) -> SelfLearningCompensator:
     """A learner of an actuator at the low end of its drive."""
     structure = structure_for(plant, offset)
     chosen = {"reset_s": 0.1, "build_s": 4.0, "learn_s": 0.5, "hand_over_s": 0.02, "samples_to_solve": 5, **options}
-    return SelfLearningCompensator(structure, solver=solver, mode=mode, state=OperatorState.at_rest(structure, -1.0, 1.0),
-                                   **chosen)
+    return SelfLearningCompensator(
+        structure, solver=solver, mode=mode, state=OperatorState.at_rest(structure, -1.0, 1.0), **chosen
+    )

@@ -1,6 +1,8 @@
-"""The model in plain NumPy, written from its equations alone to judge the compiled code by; nothing of ours is imported.
+"""The model in plain NumPy, written from its equations alone to judge the compiled code by; nothing of ours is
+imported.
 
-A structure is the dictionary that a model file holds. Amplitudes are of unit size unless a name ends in ``_V`` or ``_um``.
+A structure is the dictionary that a model file holds. Amplitudes are of unit size unless a name ends in ``_V`` or
+``_um``.
 """
 
 from typing import Any

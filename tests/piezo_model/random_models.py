@@ -1,4 +1,5 @@
-"""Valid models, operator states and drives for property tests, all from one integer that Hypothesis draws and shrinks."""
+"""Valid models, operator states and drives for property tests, all from one integer that Hypothesis draws and
+shrinks."""
 
 from dataclasses import dataclass
 
@@ -39,11 +40,15 @@ class Case:
     @property
     def x_tolerance(self) -> float:
         """1e-12 of the range, and what the floating-point numbers of its place on the axis can hold."""
-        return 1e-12 * self.structure.x_scale + 4 * float(np.spacing(abs(self.structure.x_centre) + self.structure.x_scale))
+        return 1e-12 * self.structure.x_scale + 4 * float(
+            np.spacing(abs(self.structure.x_centre) + self.structure.x_scale)
+        )
 
     @property
     def y_tolerance(self) -> float:
-        return 1e-12 * self.structure.y_scale + 4 * float(np.spacing(abs(self.structure.y_centre) + self.structure.y_scale))
+        return 1e-12 * self.structure.y_scale + 4 * float(
+            np.spacing(abs(self.structure.y_centre) + self.structure.y_scale)
+        )
 
     def reference(self, size: int = 120) -> Vector:
         return self.structure.y_centre + self.structure.y_scale * drive(self.rng, size)
@@ -55,7 +60,9 @@ class Case:
         """Input and an output that reaches all of its range."""
         return self.a_drive(size), self.structure.y_centre + self.structure.y_scale * 1.2 * drive(self.rng, size)
 
-    def program(self, x: Vector, y: Vector, counted: NDArray[np.bool_], forgetting: float) -> tuple[Vector, Vector, float]:
+    def program(
+        self, x: Vector, y: Vector, counted: NDArray[np.bool_], forgetting: float
+    ) -> tuple[Vector, Vector, float]:
         """P, q and c of equation (6) from a dense matrix of all rows."""
         s, size = self.structure, self.structure.n + 1
         unit_x, unit_y = (x - s.x_centre) / s.x_scale, (y - s.y_centre) / s.y_scale
@@ -76,8 +83,17 @@ def structure_of(rng: Generator, n: int, below: int, above: int, rates: int, off
     dead_zones = (*(-ascending(rng, below))[::-1], 0.0, *ascending(rng, above))
     creep_rates = 10.0 ** rng.permutation(np.arange(-1.0, 4.0))[:rates]
     (x_centre, y_centre), (x_scale, y_scale) = rng.uniform(-100, 100, 2), rng.uniform(0.1, 100, 2)
-    return ModelStructure(tuple(ascending(rng, n)), dead_zones, tuple(creep_rates), 10 ** rng.uniform(-5, -3),
-                          x_centre, x_scale, y_centre, y_scale, offset)
+    return ModelStructure(
+        tuple(ascending(rng, n)),
+        dead_zones,
+        tuple(creep_rates),
+        10 ** rng.uniform(-5, -3),
+        x_centre,
+        x_scale,
+        y_centre,
+        y_scale,
+        offset,
+    )
 
 
 def model_of(rng: Generator, s: ModelStructure) -> HysteresisCreepModel:
@@ -86,14 +102,16 @@ def model_of(rng: Generator, s: ModelStructure) -> HysteresisCreepModel:
     v = np.zeros(s.d)
     v[s.slices[1]] = rng.uniform(0.3, 2, s.dead_zones)
     w_K = rng.uniform(0, 0.5, s.creep_weights) * w_H[0] / max(s.creep_weights * len(s.creep_rates), 1)
-    return HysteresisCreepModel(s, w_H, (s.slope_map @ v)[s.slices[1]], w_K, rng.uniform(-0.5, 0.5) if s.offset else 0.0)
+    return HysteresisCreepModel(
+        s, w_H, (s.slope_map @ v)[s.slices[1]], w_K, rng.uniform(-0.5, 0.5) if s.offset else 0.0
+    )
 
 
 def state_of(rng: Generator, s: ModelStructure) -> OperatorState:
     """States that some drive leaves behind: neighbouring plays differ by no more than their thresholds do."""
     state = OperatorState.at_rest(s, rng.uniform(-1, 1))
     steps = rng.uniform(-1, 1, s.n) * np.diff((0.0, *s.play_thresholds))
-    state.play[1:s.n + 1] = state.play[0] + np.cumsum(steps)
+    state.play[1 : s.n + 1] = state.play[0] + np.cumsum(steps)
     state.creep[:] = rng.uniform(-1, 1, state.creep.size)
     return state
 
@@ -104,7 +122,7 @@ def drive(rng: Generator, size: int) -> Vector:
     x = np.sin(k * rng.uniform(0.02, 0.5)) * rng.uniform(0.2, 1) + 0.3 * np.sin(k * rng.uniform(0.001, 0.05))
     x[rng.integers(0, size, size // 10)] = rng.uniform(-1, 1, size // 10)
     start = rng.integers(0, size)
-    x[start:start + size // 8] = x[start]
+    x[start : start + size // 8] = x[start]
     return x
 
 

@@ -1,4 +1,5 @@
-"""Made-up recordings of kinds that the model class can describe and of kinds that it cannot, everything else random by seed."""
+"""Made-up recordings of kinds that the model class can describe and of kinds that it cannot, everything else random by
+seed."""
 
 from collections.abc import Callable
 
@@ -16,7 +17,8 @@ SAMPLE_TIME = 1e-3
 
 
 def drive(rng: Generator, size: int = 6000, form: int | None = None) -> Vector:
-    """One of six forms of drive between −1 and 1: sines, a swelling sine, triangles, two tones, a decaying one, a random walk."""
+    """One of six forms of drive between −1 and 1: sines, a swelling sine, triangles, two tones, a decaying one, a
+    random walk."""
     t, cycles = np.arange(size) / size, rng.uniform(2.5, 20.0)
     phase = 2 * np.pi * (cycles * t + rng.uniform())
     form = int(rng.integers(6)) if form is None else form
@@ -68,6 +70,7 @@ def _on(form: Callable[[Generator, Vector], Vector], drive_form: int | None = No
     def kind(rng: Generator) -> tuple[Vector, Vector]:
         u = drive(rng, form=drive_form)
         return u, noisy(rng, form(rng, u), noise)
+
     return kind
 
 
@@ -75,6 +78,7 @@ def _plant(name: str) -> Kind:
     def kind(rng: Generator) -> tuple[Vector, Vector]:
         u = drive(rng)
         return u, noisy(rng, plants.get(name, sample_time=SAMPLE_TIME).run(75.0 + 75.0 * u))
+
     return kind
 
 
@@ -92,7 +96,10 @@ def _slow_and_late(rng: Generator) -> tuple[Vector, Vector]:
     """A swelling and shrinking sine and the same later in phase: of one cycle, 12 000 samples are a short arc."""
     k = np.arange(int(rng.integers(60_000, 120_000)))
     period, late = rng.uniform(0.05, 0.5) * k.size, rng.uniform(0.02, 0.9)
-    size, phase = 1.0 + rng.uniform(0.05, 0.95) * np.sin(2 * np.pi * k / (period * rng.uniform(3.0, 20.0))), 2 * np.pi * rng.uniform()
+    size, phase = (
+        1.0 + rng.uniform(0.05, 0.95) * np.sin(2 * np.pi * k / (period * rng.uniform(3.0, 20.0))),
+        2 * np.pi * rng.uniform(),
+    )
     u, y = (0.5 * size * np.sin(2 * np.pi * k / period + phase - shift) for shift in (0.0, late))
     return u, noisy(rng, y, 10.0 ** rng.uniform(-5.0, -3.0))
 
@@ -136,6 +143,7 @@ def _delay(rng: Generator) -> tuple[Vector, Vector]:
 
     def u(k: Vector) -> Vector:
         return 0.6 * np.sin(2 * np.pi * f * k * SAMPLE_TIME) + 0.4 * np.sin(2 * np.pi * 3.7 * f * k * SAMPLE_TIME + 1.0)
+
     return u(k), noisy(rng, 3.0 * u(k - late))
 
 
@@ -154,7 +162,9 @@ def _aliased(rng: Generator) -> tuple[Vector, Vector]:
     """So fast a drive that sampling meets its turns nowhere: two to four samples a period, or less than two."""
     fine, size = 200, 3000
     k = np.arange(size * fine) / fine
-    u = np.sin(2 * np.pi * rng.choice([rng.uniform(0.26, 0.45), rng.uniform(0.55, 0.74)]) * k) * (0.9 + 0.1 * np.sin(2 * np.pi * k / size))
+    u = np.sin(2 * np.pi * rng.choice([rng.uniform(0.26, 0.45), rng.uniform(0.55, 0.74)]) * k) * (
+        0.9 + 0.1 * np.sin(2 * np.pi * k / size)
+    )
     y = 0.7 * u + 0.15 * play(u, [0.15, 0.3, 0.45, 0.6], [0.0] * 4)[0].sum(axis=1)
     return u[::fine], noisy(rng, y[::fine], 0.001)
 
@@ -166,8 +176,13 @@ UNDESCRIBABLE: dict[str, tuple[Kind, str]] = {
     "swapped columns": (_swapped, "swapped"),
     "white noise": (lambda rng: (drive(rng), rng.standard_normal(6000)), "noise"),
     "constant output": (lambda rng: (drive(rng), np.full(6000, 1.7)), "constant"),
-    "drift only": (lambda rng: (drive(rng, form=int(rng.integers(3))), noisy(rng, np.linspace(0, 1, 6000) ** rng.uniform(0.5, 2.0))),
-                   "drift"),
+    "drift only": (
+        lambda rng: (
+            drive(rng, form=int(rng.integers(3))),
+            noisy(rng, np.linspace(0, 1, 6000) ** rng.uniform(0.5, 2.0)),
+        ),
+        "drift",
+    ),
     "two interleaved channels": (_interleaved, "two channels"),
     "aliased": (_aliased, "samples a period"),
 }

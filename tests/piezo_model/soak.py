@@ -1,6 +1,8 @@
-"""A day of self-learning in one go: loops and a bank, their error and memory by the hour, and how far each counter is from its end.
+"""A day of self-learning in one go: loops and a bank, their error and memory by the hour, and how far each counter is
+from its end.
 
-``PYTHONPATH=. python tests/piezo_model/soak.py [SAMPLES]`` takes 7e8 samples, a day at 8 kHz, of each; the nightly test takes fewer.
+``PYTHONPATH=. python tests/piezo_model/soak.py [SAMPLES]`` takes 7e8 samples, a day at 8 kHz, of each; the nightly test
+takes fewer.
 """
 
 from __future__ import annotations
@@ -54,7 +56,8 @@ def resident_bytes() -> int:
 
 @dataclass
 class Soak:
-    """What was seen: squared error and samples a stretch, memory after each, and the integer counters at the end, (value, bits)."""
+    """What was seen: squared error and samples a stretch, memory after each, and the integer counters at the end,
+    (value, bits)."""
 
     rms_um: list[float] = field(default_factory=list)
     resident: list[int] = field(default_factory=list)
@@ -67,8 +70,17 @@ class Loop:
     def __init__(self, mode: Literal["continuous", "cyclic"]) -> None:
         plant = plants.Sensor(plants.get("relay_preisach"), noise_um=NOISE_UM)
         self.plant, s = plant, structure()
-        self.learner = SelfLearningCompensator(s, 0.1, 8.0, 1.9, "box_active_set", mode=mode, hand_over_s=0.1, find_centre=False,
-                                               state=OperatorState.at_rest(s, -1.0, 1.0))
+        self.learner = SelfLearningCompensator(
+            s,
+            0.1,
+            8.0,
+            1.9,
+            "box_active_set",
+            mode=mode,
+            hand_over_s=0.1,
+            find_centre=False,
+            state=OperatorState.at_rest(s, -1.0, 1.0),
+        )
         self.y_ref = references(1)[:, 0]
 
     def piece(self) -> float:
@@ -79,7 +91,9 @@ class Loop:
     def counters(self) -> dict[str, tuple[int, int]]:
         learning = self.learner._learning
         found = {"sample": (learning.count("sample"), 64)}
-        found |= {name: (learning.count(name), 53) for name in ("hand_overs", "refusals", "faults", "failures", "fault_count")}
+        found |= {
+            name: (learning.count(name), 53) for name in ("hand_overs", "refusals", "faults", "failures", "fault_count")
+        }
         return found | {f"verdicts[{i}]": (int(value), 53) for i, value in enumerate(learning.verdicts)}
 
 
@@ -87,7 +101,7 @@ def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:
     """Samples that each tile of a bank has counted."""
     places, block = bank._core.places, bank._core.block
     at, width = places["mailbox"][0] + 16, 8 * places["driver"][1]  # behind two sizes and the delay
-    return np.array([block[at + tile * width:][:8].view(np.int64)[0] for tile in range(bank._tiles)])
+    return np.array([block[at + tile * width :][:8].view(np.int64)[0] for tile in range(bank._tiles)])
 
 
 class Bank:
@@ -105,14 +119,20 @@ class Bank:
         self.before = np.full(count, math.nan)
 
     def actuators(self, x: Matrix) -> Matrix:
-        y = np.column_stack([model.simulate(x[:, i], state) for i, (model, state) in enumerate(zip(self.models, self.states, strict=True))])
+        y = np.column_stack(
+            [
+                model.simulate(x[:, i], state)
+                for i, (model, state) in enumerate(zip(self.models, self.states, strict=True))
+            ]
+        )
         return y + self.random.normal(scale=NOISE_UM, size=y.shape)
 
     def chunks(self) -> Iterator[slice]:
         """Parts of a piece in which no weights change, but for the first sample of each."""
         done = 0
         while done < PIECE:
-            late = (tile_samples(self.bank) - self.bank.block) % self.bank.interval  # weights are taken a block behind an interval
+            # weights are taken a block behind an interval
+            late = (tile_samples(self.bank) - self.bank.block) % self.bank.interval
             end = min(done + max(1, self.bank.interval - 1 - int(late.max())), PIECE)
             yield slice(done, end)
             done = end
@@ -151,8 +171,12 @@ def soak(kind: str, samples: int, stretch: int, say: bool = False) -> Soak:
         found.counters = loop.counters()
         if say:
             spent = (time.perf_counter() - begin) / ((done + 1) * pieces * PIECE) * 1e9
-            print(f"{kind:10} {(done + 1) * pieces * PIECE:>11,} samples, {(done + 1) * pieces * PIECE * T / 3600.0:6.2f} h: "
-                  f"error {found.rms_um[-1]:.5f} µm RMS, {found.resident[-1] / 2**20:.1f} MiB, {spent:.0f} ns a sample", flush=True)
+            print(
+                f"{kind:10} {(done + 1) * pieces * PIECE:>11,} samples, "
+                f"{(done + 1) * pieces * PIECE * T / 3600.0:6.2f} h: "
+                f"error {found.rms_um[-1]:.5f} µm RMS, {found.resident[-1] / 2**20:.1f} MiB, {spent:.0f} ns a sample",
+                flush=True,
+            )
     return found
 
 

@@ -91,7 +91,7 @@ def oracle(x: Vector, y: Vector) -> list[Vector]:
     gram[:-1, -1] = gram[-1, :-1] = -BELIEF * np.maximum(in_use, STRUCTURE.lower_bounds(MIN_SLOPE))
     left, errors, found = RESET_SAMPLES, np.zeros(2), []
     for begin in range(0, x.size - BLOCK + 1, BLOCK):
-        block, ended = rows[begin:begin + BLOCK], False
+        block, ended = rows[begin : begin + BLOCK], False
         if left > 0:
             left -= BLOCK
             ended = left <= 0
@@ -110,8 +110,16 @@ def oracle(x: Vector, y: Vector) -> list[Vector]:
 
 def test_without_learning_each_drive_is_that_of_a_compensator_to_the_last_bit() -> None:
     random = np.random.default_rng(3)
-    models = [HysteresisCreepModel(STRUCTURE, np.r_[random.uniform(0.5, 2.0), random.uniform(0.0, 0.3, 5)], np.r_[0.1, 0.2, 0.1, 1.2, 0.2, 0.1, 0.3],
-                                   random.uniform(0.0, 0.1, 6), 0.0) for _ in range(11)]
+    models = [
+        HysteresisCreepModel(
+            STRUCTURE,
+            np.r_[random.uniform(0.5, 2.0), random.uniform(0.0, 0.3, 5)],
+            np.r_[0.1, 0.2, 0.1, 1.2, 0.2, 0.1, 0.3],
+            random.uniform(0.0, 0.1, 6),
+            0.0,
+        )
+        for _ in range(11)
+    ]
     y_ref = np.cumsum(random.normal(size=(500, 11)), axis=0)
     y_ref[100, 3], y_ref[200, 4], y_ref[300, 5] = np.nan, np.inf, 1e300
     low, high = np.linspace(0.0, 40.0, 11), np.linspace(100.0, 150.0, 11)
@@ -134,21 +142,26 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
         x[k] = bank.step(y_ref[k], before)[0]
         if k > INTERVAL and k % INTERVAL == BLOCK:  # weights of the interval that ended a block ago
             weights.append(bank.weights[0, 1:-1])
-        y[k] = plant(x[k:k + 1])[0]
-        before = y[k:k + 1].copy()
+        y[k] = plant(x[k : k + 1])[0]
+        before = y[k : k + 1].copy()
     found = oracle(x, y)
     assert int(bank.counts["hand_overs"][0]) > 5
-    for ours, plain in zip(weights, found[:len(weights)], strict=True):
+    for ours, plain in zip(weights, found[: len(weights)], strict=True):
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
 
 
 def test_it_compensates_as_well_as_a_single_self_learning_compensator_does() -> None:
     y_ref = references(3000, 1)
     _, y = close_loop(CompensatorBank(STRUCTURE, 1), Actuators(1), y_ref)
-    single = SelfLearningCompensator(STRUCTURE, mode="continuous", find_centre=False, follow_range=False,
-                                      hand_over_s=INTERVAL * STRUCTURE.sample_time)
+    single = SelfLearningCompensator(
+        STRUCTURE,
+        mode="continuous",
+        find_centre=False,
+        follow_range=False,
+        hand_over_s=INTERVAL * STRUCTURE.sample_time,
+    )
     plant = Actuators(1)
-    _, y_single = single.run(y_ref[:, 0], lambda x: np.concatenate([plant(x[k:k + 1]) for k in range(x.size)]))
+    _, y_single = single.run(y_ref[:, 0], lambda x: np.concatenate([plant(x[k : k + 1]) for k in range(x.size)]))
     errors = [float(np.sqrt(np.mean((told[-1000:] - y_ref[-1000:, 0]) ** 2))) for told in (y[:, 0], y_single)]
     untaught = CompensatorBank(STRUCTURE, 1, learn=False)
     _, y_line = close_loop(untaught, Actuators(1), y_ref)
@@ -157,7 +170,12 @@ def test_it_compensates_as_well_as_a_single_self_learning_compensator_does() -> 
 
 
 def test_every_optimum_is_that_of_its_program_alone() -> None:
-    bank, plant, y_ref, checked = CompensatorBank(STRUCTURE, 20, hand_over_s=0.02), Actuators(20), references(700, 20), 0
+    bank, plant, y_ref, checked = (
+        CompensatorBank(STRUCTURE, 20, hand_over_s=0.02),
+        Actuators(20),
+        references(700, 20),
+        0,
+    )
     before = np.full(20, np.nan)
     order = np.triu_indices(STRUCTURE.d + 1)
     for row in y_ref:
@@ -173,7 +191,12 @@ def test_every_optimum_is_that_of_its_program_alone() -> None:
             rho = PROXIMAL * np.minimum(np.diag(gram)[:-1], np.trace(gram[:-1, :-1]) / STRUCTURE.d)
 
             def cost(v: Vector, gram: Matrix = gram, rho: Vector = rho, centre: Vector = old[i]) -> float:
-                return float(0.5 * v @ gram[:-1, :-1] @ v + gram[:-1, -1] @ v + 0.5 * rho @ (v - centre) ** 2 + 0.5 * gram[-1, -1])
+                return float(
+                    0.5 * v @ gram[:-1, :-1] @ v
+                    + gram[:-1, -1] @ v
+                    + 0.5 * rho @ (v - centre) ** 2
+                    + 0.5 * gram[-1, -1]
+                )
 
             assert abs(cost(new[i]) - cost(alone)) <= 1e-9 * abs(cost(alone)), (i, cost(new[i]), cost(alone))
             assert np.all(new[i] >= STRUCTURE.lower_bounds(MIN_SLOPE))
@@ -249,7 +272,9 @@ def test_a_saved_bank_goes_on_to_the_last_bit_and_a_damaged_file_is_refused(tmp_
     bank = CompensatorBank(STRUCTURE, 13)
     bank.run(y_ref[:333], before[:333])
     bank.save(tmp_path / "bank.npz")
-    np.testing.assert_array_equal(CompensatorBank.load(tmp_path / "bank.npz", threads=2).run(y_ref[333:], before[333:]), x[333:])
+    np.testing.assert_array_equal(
+        CompensatorBank.load(tmp_path / "bank.npz", threads=2).run(y_ref[333:], before[333:]), x[333:]
+    )
     (tmp_path / "bad.npz").write_bytes((tmp_path / "bank.npz").read_bytes()[:5000])
     with pytest.raises(ModelError, match="does not hold a whole bank"):
         CompensatorBank.load(tmp_path / "bad.npz")
@@ -257,6 +282,7 @@ def test_a_saved_bank_goes_on_to_the_last_bit_and_a_damaged_file_is_refused(tmp_
 
 def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
     """What puts a value in the place of a setting in a bank's file."""
+
     def changing(parts: dict[str, Any]) -> None:
         about = part = json.loads(str(parts["about"]))
         for name in names[:-1]:
@@ -267,21 +293,36 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
     return changing
 
 
-@pytest.mark.parametrize(("changing", "sentence"), [
-    *((change("options", name, to=1e300), rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300")
-      for name in ("memory_s", "hand_over_s", "reset_s", "fade_s")),
-    (change("options", "memory_s", to=0.0), "memory_s must be a positive number of seconds"),
-    (change("options", "memory_s", to="x"), "the field 'options.memory_s' is wrong"),
-    (change("options", "speed", to=1), "there is no field 'options.speed'"),
-    (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
-    (change("tiles", to=2**70), "the field 'tiles' is wrong"),
-    (change("version", to=99), "it is none of version 3"),
-    (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
-    (lambda parts: parts.update(slots=np.zeros(13, np.int64)), "slots must be different whole numbers from 0 to 15"),
-    (lambda parts: parts.update(slots=np.linspace(0.0, 12.0, 13)), "slots must be different whole numbers from 0 to 15"),
-])
-def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(changing: Callable[[dict[str, Any]], None], sentence: str,
-                                                                        tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("changing", "sentence"),
+    [
+        *(
+            (
+                change("options", name, to=1e300),
+                rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300",
+            )
+            for name in ("memory_s", "hand_over_s", "reset_s", "fade_s")
+        ),
+        (change("options", "memory_s", to=0.0), "memory_s must be a positive number of seconds"),
+        (change("options", "memory_s", to="x"), "the field 'options.memory_s' is wrong"),
+        (change("options", "speed", to=1), "there is no field 'options.speed'"),
+        (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
+        (change("tiles", to=2**70), "the field 'tiles' is wrong"),
+        (change("version", to=99), "it is none of version 3"),
+        (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
+        (
+            lambda parts: parts.update(slots=np.zeros(13, np.int64)),
+            "slots must be different whole numbers from 0 to 15",
+        ),
+        (
+            lambda parts: parts.update(slots=np.linspace(0.0, 12.0, 13)),
+            "slots must be different whole numbers from 0 to 15",
+        ),
+    ],
+)
+def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(
+    changing: Callable[[dict[str, Any]], None], sentence: str, tmp_path: Path
+) -> None:
     CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.npz")
     with np.load(tmp_path / "bank.npz") as file:
         parts = dict(file)
@@ -302,7 +343,9 @@ def test_actuators_come_and_go_and_the_others_notice_nothing() -> None:
     np.testing.assert_array_equal(bank.run(y_ref[200:500, kept], before[200:500, kept]), x[200:500, kept])
     bank.add(20)
     assert len(bank) == 30
-    late = bank.run(np.hstack([y_ref[500:, kept], y_ref[500:, 10:]]), np.hstack([before[500:, kept], np.full((400, 20), np.nan)]))
+    late = bank.run(
+        np.hstack([y_ref[500:, kept], y_ref[500:, 10:]]), np.hstack([before[500:, kept], np.full((400, 20), np.nan)])
+    )
     np.testing.assert_array_equal(late[:, :10], x[500:, kept])
     np.testing.assert_array_equal(late[:, 10:], CompensatorBank(STRUCTURE, 20).run(y_ref[500:, 10:]))
     with pytest.raises(ValueError, match="there are actuators 0 to 29, and not 30"):
@@ -321,9 +364,18 @@ def test_learning_is_switched_off_and_on_for_each() -> None:
     assert np.all(bank.counts["hand_overs"] > 0)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"count": 0}, "count and threads must be at least 1"), ({"count": 2, "memory_s": 0.0}, "memory_s must be a positive number of seconds"),
-    ({"count": 2, "x_limits": (np.array([0.0, 5.0]), np.array([10.0, 5.0]))}, r"x_limits\[1\] must be two numbers in ascending order")])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"count": 0}, "count and threads must be at least 1"),
+        ({"count": 2, "memory_s": 0.0}, "memory_s must be a positive number of seconds"),
+        (
+            {"count": 2, "x_limits": (np.array([0.0, 5.0]), np.array([10.0, 5.0]))},
+            r"x_limits\[1\] must be two numbers in "
+            r"ascending order",
+        ),
+    ],
+)
 def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         CompensatorBank(STRUCTURE, **options)
@@ -343,6 +395,14 @@ print(hashlib.sha256(x.tobytes()).hexdigest())
 @pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
 def test_every_instruction_set_gives_the_same_bits() -> None:
     asked = [each for each in instruction_sets() if int(each[1:]) <= face.processor_level()]
-    said = [subprocess.run([sys.executable, "-c", SCRIPT, str(Path(__file__).parent)], env={**os.environ, "PIEZOBENCH_ISA": each},
-                           check=True, capture_output=True, text=True).stdout for each in asked]
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)],
+            env={**os.environ, "PIEZOBENCH_ISA": each},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for each in asked
+    ]
     assert len(set(said)) == 1

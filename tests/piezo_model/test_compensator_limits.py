@@ -54,7 +54,9 @@ def test_after_a_spoiled_reference_the_model_is_met_again_at_once(case: Case) ->
     x = compensator.run(y_ref)
     y = case.model.simulate(x, actuator)
     free = (np.abs(x - s.x_centre) < 2.999 * s.x_scale) & (np.arange(x.size) >= 60)
-    np.testing.assert_allclose(y[free], y_ref[free], rtol=0, atol=1e-10 * s.y_scale + 8 * np.spacing(abs(s.y_centre) + s.y_scale))
+    np.testing.assert_allclose(
+        y[free], y_ref[free], rtol=0, atol=1e-10 * s.y_scale + 8 * np.spacing(abs(s.y_centre) + s.y_scale)
+    )
 
 
 SMALL = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(), sample_time=1e-3)
@@ -89,10 +91,14 @@ def test_an_unreachable_reference_leaves_no_bump_behind_when_the_model_changes()
 def test_the_inversion_of_the_core_is_the_analytic_one(case: Case) -> None:
     compensator = Compensator(case.model)
     core, expected = compensator._core, case.model.arrays
-    for ours, theirs in (("w_H", expected.w_H), ("r_H_inverse", expected.r_H_inverse), ("w_H_inverse", expected.w_H_inverse),
-                         ("w_S", expected.S_inverse.w)):
+    for ours, theirs in (
+        ("w_H", expected.w_H),
+        ("r_H_inverse", expected.r_H_inverse),
+        ("w_H_inverse", expected.w_H_inverse),
+        ("w_S", expected.S_inverse.w),
+    ):
         np.testing.assert_allclose(core[ours], theirs, rtol=1e-12, atol=1e-15)
-    np.testing.assert_array_equal(core["w_K"][:case.structure.creep_weights], case.model.w_K)
+    np.testing.assert_array_equal(core["w_K"][: case.structure.creep_weights], case.model.w_K)
     n = case.structure.n + 1
     np.testing.assert_allclose(core["W_H"][:n], expected.W_H[:n], rtol=1e-13)
     np.testing.assert_array_equal(compensator.model.all_weights, case.model.all_weights)
@@ -103,8 +109,12 @@ def test_the_inversion_of_the_core_is_the_analytic_one(case: Case) -> None:
 def test_memory_and_restore_go_on_bit_for_bit(case: Case, cut: int) -> None:
     s = case.structure
     y_ref = s.y_centre + s.y_scale * drive(case.rng, 60)
-    whole, one = (Compensator(case.model, (s.x_centre - s.x_scale, s.x_centre + s.x_scale), state=case.state) for _ in range(2))
+    whole, one = (
+        Compensator(case.model, (s.x_centre - s.x_scale, s.x_centre + s.x_scale), state=case.state) for _ in range(2)
+    )
     first = one.run(y_ref[:cut])
-    other = Compensator(HysteresisCreepModel.from_weights(s, s.straight_line), (s.x_centre - s.x_scale, s.x_centre + s.x_scale))
+    other = Compensator(
+        HysteresisCreepModel.from_weights(s, s.straight_line), (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
+    )
     other.restore(one.memory())
     np.testing.assert_array_equal(np.concatenate([first, other.run(y_ref[cut:])]), whole.run(y_ref))

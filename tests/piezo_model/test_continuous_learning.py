@@ -35,14 +35,23 @@ def test_it_follows_a_drift_of_the_gain_as_a_model_refitted_with_hindsight_does_
     assert squares["continuous"] < squares["cyclic"]
 
 
-def refitted(model: HysteresisCreepModel, state: OperatorState, plant: plants.Sensor, before: Memory, x: np.ndarray,
-             y: np.ndarray, y_ref: np.ndarray) -> float:
+def refitted(
+    model: HysteresisCreepModel,
+    state: OperatorState,
+    plant: plants.Sensor,
+    before: Memory,
+    x: np.ndarray,
+    y: np.ndarray,
+    y_ref: np.ndarray,
+) -> float:
     """Error over a window with the best of a few models that were identified from that very window."""
     errors = []
     for _ in range(3):
         basis = DataBasis(model.structure, state)
         basis.update(x, y)
-        model = HysteresisCreepModel.from_weights(model.structure, optimum(basis.problem(model.weights), "box_active_set"))
+        model = HysteresisCreepModel.from_weights(
+            model.structure, optimum(basis.problem(model.weights), "box_active_set")
+        )
         plant.restore(before)
         x = Compensator(model, plant.x_range, state=state).run(y_ref)
         y = plant.run(x)
@@ -108,7 +117,7 @@ def test_after_a_drop_out_it_goes_on_with_what_it_had_learned(seconds: float) ->
         return np.full_like(plant.run(x), 17.3)
 
     learner.run(y_ref[:30], plant.run)  # into a step of the staircase
-    learner.run(y_ref[30:30 + round(seconds / plant.sample_time)], dropped)
+    learner.run(y_ref[30 : 30 + round(seconds / plant.sample_time)], dropped)
     assert learner.counts["jumped"] + learner.counts["refused"] > 0
     y = learner.run(y_ref, plant.run)[1]
     assert error(y[1000:6000], y_ref[1000:6000], plant) < 1.5 * before
@@ -150,7 +159,8 @@ def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
 
 def test_another_solver_is_asked_at_each_interval_and_does_as_well() -> None:
     errors = []
-    for solver in ("box_active_set", "daqp", "projected_difference"):  # the last is the default, which means the exact one
+    # the last is the default, which means the exact one
+    for solver in ("box_active_set", "daqp", "projected_difference"):
         plant = sensor()
         learner, y_ref = learner_for(plant, "continuous", solver, hand_over_s=0.05), 0.7 * steps(plant, 10.0)
         y = learner.run(y_ref, plant.run)[1]

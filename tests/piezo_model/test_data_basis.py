@@ -37,8 +37,9 @@ def test_any_chunking_gives_the_same_bits_also_with_samples_that_are_not_counted
 
 @pytest.mark.parametrize("forgetting", [1.0, 0.99])
 def test_single_samples_give_the_same_bits_as_an_array(forgetting: float) -> None:
-    s = ModelStructure.equidistant(n=9, m=4, x_range=(0, 10), y_range=(0, 5), creep_rates=(10.0, 1.0), sample_time=1e-3,
-                                   offset=True)
+    s = ModelStructure.equidistant(
+        n=9, m=4, x_range=(0, 10), y_range=(0, 5), creep_rates=(10.0, 1.0), sample_time=1e-3, offset=True
+    )
     x = 5 + 5 * np.sin(np.arange(150.0) / 9)
     whole, single = DataBasis(s, forgetting=forgetting), DataBasis(s, forgetting=forgetting)
     whole.update(x, x / 2)
@@ -65,8 +66,9 @@ def test_clear_forgets_the_data_and_keeps_the_operator_states() -> None:
 
 @pytest.mark.parametrize("offset", [False, True])
 def test_memory_does_not_grow_with_the_recording(offset: bool) -> None:
-    s = ModelStructure.equidistant(n=20, m=8, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(9.0, 3.0), sample_time=1e-2,
-                                   offset=offset)
+    s = ModelStructure.equidistant(
+        n=20, m=8, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(9.0, 3.0), sample_time=1e-2, offset=offset
+    )
     x, basis = np.sin(np.arange(2000) / 20), DataBasis(s)
     basis.update(x, x)
 
@@ -85,14 +87,19 @@ def test_memory_does_not_grow_with_the_recording(offset: bool) -> None:
     assert basis.samples == 106 * 2000
 
 
-@pytest.mark.parametrize(("x", "y", "sentence"), [
-    ([1.0, 2.0], [1.0], r"same length, not of shapes \(2,\) and \(1,\)"),
-    ([[1.0]], [[1.0]], r"vectors of the same length, not of shapes \(1, 1\)"),
-    ([1.0, np.nan, 2.0], [1.0, 1.0, 1.0], r"x\[1\] is not a finite number"),
-    ([1.0, 1.0], [1.0, -np.inf], r"y\[1\] is not a finite number"),
-])
+@pytest.mark.parametrize(
+    ("x", "y", "sentence"),
+    [
+        ([1.0, 2.0], [1.0], r"same length, not of shapes \(2,\) and \(1,\)"),
+        ([[1.0]], [[1.0]], r"vectors of the same length, not of shapes \(1, 1\)"),
+        ([1.0, np.nan, 2.0], [1.0, 1.0, 1.0], r"x\[1\] is not a finite number"),
+        ([1.0, 1.0], [1.0, -np.inf], r"y\[1\] is not a finite number"),
+    ],
+)
 @pytest.mark.parametrize("count", [True, False])
-def test_bad_samples_are_refused_in_one_sentence_and_nothing_is_taken(x: list, y: list, sentence: str, count: bool) -> None:
+def test_bad_samples_are_refused_in_one_sentence_and_nothing_is_taken(
+    x: list, y: list, sentence: str, count: bool
+) -> None:
     s = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,), sample_time=1e-2)
     basis = DataBasis(s)
     basis.update([0.3, 0.9], [0.1, 0.2])

@@ -1,4 +1,5 @@
-"""Thresholds that follow the driven range: the model carried over, the states, and a loop whose ranges were given wrong."""
+"""Thresholds that follow the driven range: the model carried over, the states, and a loop whose ranges were given
+wrong."""
 
 from dataclasses import replace
 
@@ -21,9 +22,12 @@ def wide_enough(m: int = 0) -> ModelStructure:
 
 @settings(max_examples=30)
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.5, 2.0), st.integers(0, 99))
-def test_a_model_straight_between_the_new_thresholds_does_in_other_ranges_what_it_did(h: float, k: float, y: float, seed: int) -> None:
+def test_a_model_straight_between_the_new_thresholds_does_in_other_ranges_what_it_did(
+    h: float, k: float, y: float, seed: int
+) -> None:
     old = wide_enough()
-    new = replace(old, x_centre=5.0 + 5.0 * h, x_scale=2.5, y_centre=1.5 + 3.5 * k, y_scale=3.5 * y)  # thresholds at ⅛, ¼, ⅜ of the old
+    # thresholds at ⅛, ¼, ⅜ of the old
+    new = replace(old, x_centre=5.0 + 5.0 * h, x_scale=2.5, y_centre=1.5 + 3.5 * k, y_scale=3.5 * y)
     model = HysteresisCreepModel.from_weights(old, [0.3, 0.0, 0.0, 1.3, 0.02, 0.01, 0.0, 0.0, 0.1])
     carried = carried_over(model, new)
     x = 5.0 + 5.0 * h + 1.2 * drive(np.random.default_rng(seed), 400)
@@ -73,8 +77,18 @@ def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: f
         true = structure_for(one)
         s = replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
         state = OperatorState.at_rest(s, -1.0 / factor, 1.0)
-        learner = SelfLearningCompensator(s, 0.1, 4.0, 0.5, "box_active_set", one.x_range, mode, hand_over_s=0.02, state=state,  # type: ignore[arg-type]
-                                          samples_to_solve=5)
+        learner = SelfLearningCompensator(
+            s,
+            0.1,
+            4.0,
+            0.5,
+            "box_active_set",
+            one.x_range,
+            mode,
+            hand_over_s=0.02,
+            state=state,  # type: ignore[arg-type]
+            samples_to_solve=5,
+        )
         y_ref = steps(one, 90.0)
         y = learner.run(y_ref, one.run)[1]
         errors.append(rms_percent(y[-8000:], y_ref[-8000:], one))
@@ -87,7 +101,9 @@ def test_a_model_that_is_given_keeps_its_thresholds() -> None:
     s = structure_for(one)
     wide = replace(s, x_scale=3.0 * s.x_scale, y_scale=3.0 * s.y_scale)
     model = HysteresisCreepModel.from_weights(wide, wide.straight_line)
-    learner = SelfLearningCompensator(wide, 0.1, 1.0, 0.1, "box_active_set", one.x_range, model=model, samples_to_solve=5)
+    learner = SelfLearningCompensator(
+        wide, 0.1, 1.0, 0.1, "box_active_set", one.x_range, model=model, samples_to_solve=5
+    )
     learner.run(steps(one, 8.0), one.run)
     assert learner.structure == wide
     assert learner_for(one).settings.follow_range

@@ -66,8 +66,8 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
     fine, size = 10, 4000
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
     x = a_drive(size, fine)
-    y = np.roll(true_model(fine_s).simulate(x, OperatorState.at_rest(s, 0.2)), tenths)[fine * 20::fine]
-    model = identify(x[fine * 20::fine], y, s, lag=choice)
+    y = np.roll(true_model(fine_s).simulate(x, OperatorState.at_rest(s, 0.2)), tenths)[fine * 20 :: fine]
+    model = identify(x[fine * 20 :: fine], y, s, lag=choice)
     found = model.report["lag"]
     assert found["samples"] == pytest.approx(tenths / fine, abs=0.03)
     assert found["removed"] == (choice == "remove")
@@ -76,7 +76,7 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
     assert ("it was removed before the fit" in said) == (choice == "remove")
     assert any("--lag remove" in advice for advice in model.report["advice"]) == (choice == "estimate")
     if choice == "remove":
-        with_lag = identify(x[fine * 20::fine], y, s, lag="ignore")
+        with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")
         trimmed = shift_output(y, found["samples"]).kept.start
         assert model.report["fit"]["skipped"] == 0
         assert model.report["fit"]["samples"] <= with_lag.report["fit"]["samples"] - trimmed
@@ -86,7 +86,8 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
 def test_removing_a_lag_keeps_what_is_known_of_the_states_at_the_start() -> None:
     fine, t = 10, np.arange(0, 2000, 0.1)
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
-    x = 50 + 45 * np.sin(t / 12) * np.where(t < 12 * np.pi, 1.0, 0.1 + 0.9 * t / 2000)  # one large swing, then growing ones
+    # one large swing, then growing ones
+    x = 50 + 45 * np.sin(t / 12) * np.where(t < 12 * np.pi, 1.0, 0.1 + 0.9 * t / 2000)
     state = OperatorState.at_rest(s)
     y = np.roll(true_model(fine_s).simulate(x, state.copy()), 24)
     y[:24] = y[24]
@@ -104,19 +105,30 @@ def test_a_lag_longer_than_looked_for_is_said_to_be_perhaps_longer() -> None:
 
 def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at() -> None:
     s, x = structure(creep_rates=()), np.concatenate([np.full(120_000, 50.0), a_drive()])
-    model = identify(x[4:], true_model(s).simulate(x)[:-4], s, state=OperatorState.at_rest(s, float(s.unit_input(50.0))), skip=100, force=True)
+    model = identify(
+        x[4:],
+        true_model(s).simulate(x)[:-4],
+        s,
+        state=OperatorState.at_rest(s, float(s.unit_input(50.0))),
+        skip=100,
+        force=True,
+    )
     assert model.report["lag"]["samples"] == pytest.approx(4.0, abs=0.03)
 
 
 @pytest.mark.parametrize("moving", [1, 5, 31])
 @pytest.mark.parametrize("at_the_end", [True, False])
 @pytest.mark.parametrize("force", [True, False])
-def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(moving: int, at_the_end: bool, force: bool) -> None:
+def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(
+    moving: int, at_the_end: bool, force: bool
+) -> None:
     x = np.zeros(3000)
     x[:moving] = np.linspace(100.0, 50.0, moving)
     x = x[::-1].copy() if at_the_end else x
     s = structure(creep_rates=())
-    model = identify(x, true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size), s, force=force)
+    model = identify(
+        x, true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size), s, force=force
+    )
     assert model.report["lag"] is None
     assert model.report["fit"]["max_percent"] < 5.0
 
@@ -135,7 +147,9 @@ def real_recording() -> Recording:
 
 def errors_percent(y: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
     error = y - expected
-    return 100 * float(np.sqrt(np.mean(error**2))) / np.ptp(expected), 100 * float(np.max(np.abs(error))) / np.ptp(expected)
+    return 100 * float(np.sqrt(np.mean(error**2))) / np.ptp(expected), 100 * float(np.max(np.abs(error))) / np.ptp(
+        expected
+    )
 
 
 def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named(tmp_path: Path) -> None:
@@ -147,15 +161,16 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
     assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
     for words in ("hold a transient", "The sensor has an offset, ", "The sensor lags by"):
         assert len(sentences(model, words)) == 1
-    # The error (5) is smallest at 3.57 samples and less than 1 % larger from 3.3 to 4.1, so whole numbers on both sides are as near as
-    # the data tell: counted from sample 2000 on it is smallest at 3.58, and from 5000 on, of 8027, at 4.3.
+    # The error (5) is smallest at 3.57 samples and less than 1 % larger from 3.3 to 4.1, so whole numbers on both sides
+    # are as near as the data tell: counted from sample 2000 on it is smallest at 3.58, and from 5000 on, of 8027, at
+    # 4.3.
     assert 3.0 < model.report["lag"]["samples"] < 4.0
     # The same error from the saved file, by plain NumPy.
     model.save(tmp_path / "stage.json")
     saved = json.loads((tmp_path / "stage.json").read_text(encoding="utf-8"))
     x, y = recording.arrays()
     simulated = simulate_file(saved, x)
-    found = errors_percent(simulated[fit["skipped"]:], y[fit["skipped"]:])
+    found = errors_percent(simulated[fit["skipped"] :], y[fit["skipped"] :])
     np.testing.assert_allclose(found, (fit["rms_percent"], fit["max_percent"]), rtol=1e-9)
 
 
@@ -182,23 +197,36 @@ def spoiled(signal: np.ndarray, value: float) -> np.ndarray:
 X = a_drive(400)
 
 
-@pytest.mark.parametrize(("x", "y", "options", "sentence"), [
-    (X[:9], X[:9], {}, "has 9 samples, and 12 are needed at least"),
-    (X, X, {"skip": 395}, "only 5 of 400 samples are left after skipping 395, too few for 11 weights"),
-    (X, X, {"skip": -1}, "skip must not be negative, not -1"),
-    (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
-    (X[:140], X[:140], {"lag": "remove", "skip": 100}, "140 samples are too few to look for a lag"),
-    (np.arange(400) < 5, X, {"lag": "remove"}, "the drive moves too close to the ends of the recording to look for a lag"),
-    (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
-    (X, X[:-1], {}, r"of one length and not empty, not of shapes \(400,\) and \(399,\)"),
-    (spoiled(X, np.nan), X, {}, r"input is missing \(or NaN\) in sample 17"),
-    (X, spoiled(X, np.inf), {}, "output is infinite in sample 17"),
-    (np.full(400, 3.0), X, {}, "input is constant, all 400 values are 3"),
-    (X, np.full(400, 3.0), {}, "output is constant, all 400 values are 3"),
-    (X, None, {}, "identification from arrays needs x, y and a structure"),
-    (Recording.from_arrays(X, X, 5e-3), X, {}, "a recording holds its own output"),
-    (Recording.from_arrays(X, X, 1e-3), None, {}, "sampling period is 0.001 s, and that of the structure is 0.005 s"),
-])
+@pytest.mark.parametrize(
+    ("x", "y", "options", "sentence"),
+    [
+        (X[:9], X[:9], {}, "has 9 samples, and 12 are needed at least"),
+        (X, X, {"skip": 395}, "only 5 of 400 samples are left after skipping 395, too few for 11 weights"),
+        (X, X, {"skip": -1}, "skip must not be negative, not -1"),
+        (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
+        (X[:140], X[:140], {"lag": "remove", "skip": 100}, "140 samples are too few to look for a lag"),
+        (
+            np.arange(400) < 5,
+            X,
+            {"lag": "remove"},
+            "the drive moves too close to the ends of the recording to look for a lag",
+        ),
+        (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
+        (X, X[:-1], {}, r"of one length and not empty, not of shapes \(400,\) and \(399,\)"),
+        (spoiled(X, np.nan), X, {}, r"input is missing \(or NaN\) in sample 17"),
+        (X, spoiled(X, np.inf), {}, "output is infinite in sample 17"),
+        (np.full(400, 3.0), X, {}, "input is constant, all 400 values are 3"),
+        (X, np.full(400, 3.0), {}, "output is constant, all 400 values are 3"),
+        (X, None, {}, "identification from arrays needs x, y and a structure"),
+        (Recording.from_arrays(X, X, 5e-3), X, {}, "a recording holds its own output"),
+        (
+            Recording.from_arrays(X, X, 1e-3),
+            None,
+            {},
+            "sampling period is 0.001 s, and that of the structure is 0.005 s",
+        ),
+    ],
+)
 def test_data_that_cannot_give_a_model_are_refused_in_one_sentence(x, y, options: dict, sentence: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError, match=sentence) as caught:
         identify(x, y, structure(), **options)

@@ -11,13 +11,32 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 
-FORMS: list[tuple[Coordinates, Scaling]] = [("slope", "scaled"), ("slope", "raw"), ("weight", "scaled"), ("weight", "raw")]
-SOLVERS = [entry.name for entry in solvers.available() if entry.lane == "direct" and entry.name in ("daqp", "quadprog", "pyqpmad")]
+FORMS: list[tuple[Coordinates, Scaling]] = [
+    ("slope", "scaled"),
+    ("slope", "raw"),
+    ("weight", "scaled"),
+    ("weight", "raw"),
+]
+SOLVERS = [
+    entry.name
+    for entry in solvers.available()
+    if entry.lane == "direct" and entry.name in ("daqp", "quadprog", "pyqpmad")
+]
 
 
 def structure(**changes: object) -> ModelStructure:
-    return ModelStructure.equidistant(**{"n": 4, "m": 2, "x_range": (0, 100), "y_range": (-20, 20), "creep_rates": (10.0, 1.0),
-                                         "sample_time": 1e-2, "offset": True, **changes})
+    return ModelStructure.equidistant(
+        **{
+            "n": 4,
+            "m": 2,
+            "x_range": (0, 100),
+            "y_range": (-20, 20),
+            "creep_rates": (10.0, 1.0),
+            "sample_time": 1e-2,
+            "offset": True,
+            **changes,
+        }
+    )
 
 
 def true_model(s: ModelStructure) -> HysteresisCreepModel:
@@ -26,8 +45,14 @@ def true_model(s: ModelStructure) -> HysteresisCreepModel:
     return HysteresisCreepModel.from_weights(s, s.slope_map @ v)
 
 
-def problem_of(s: ModelStructure, x: np.ndarray, noise: float = 0.0, rest: float = 0.0, reference: np.ndarray | None = None,
-               proximal: float = 1e-10) -> IdentificationProblem:
+def problem_of(
+    s: ModelStructure,
+    x: np.ndarray,
+    noise: float = 0.0,
+    rest: float = 0.0,
+    reference: np.ndarray | None = None,
+    proximal: float = 1e-10,
+) -> IdentificationProblem:
     """Problem of a drive in unit amplitudes, answered by :func:`true_model`."""
     x_V, state = s.x_centre + s.x_scale * x, OperatorState.at_rest(s, rest)
     y = true_model(s).simulate(x_V, state.copy()) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
@@ -88,8 +113,11 @@ def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(am
     x = rest + full_drive(amplitude) / np.max(np.abs(full_drive()))
     y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, OperatorState.at_rest(s, rest)))
     expected = {f"w_{letter}{i}" for letter in "HK" for i, r in enumerate((0.0, *s.play_thresholds)) if r > amplitude}
-    expected |= {name for name, r in zip(s.weight_names[s.n:], s.dead_zone_thresholds, strict=False)
-                 if (r > 0 and y.max() <= r) or (r < 0 and y.min() >= r)}
+    expected |= {
+        name
+        for name, r in zip(s.weight_names[s.n :], s.dead_zone_thresholds, strict=False)
+        if (r > 0 and y.max() <= r) or (r < 0 and y.min() >= r)
+    }
     assert unreached(problem_of(s, x, rest=rest)) == expected
 
 
@@ -124,7 +152,9 @@ def test_the_true_weights_are_the_optimum_when_they_are_the_reference_of_a_small
 def test_a_stronger_proximal_term_moves_every_weight_less_from_the_reference() -> None:
     s = structure()
     v_ref = s.inverse_slope_map @ s.straight_line
-    answers = [optimum(problem_of(s, full_drive(), 0.02, proximal=rho), "box_active_set") for rho in (1e-10, 1e-4, 1e-1, 1e6)]
+    answers = [
+        optimum(problem_of(s, full_drive(), 0.02, proximal=rho), "box_active_set") for rho in (1e-10, 1e-4, 1e-1, 1e6)
+    ]
     distances = [np.linalg.norm(s.inverse_slope_map @ w - v_ref) for w in answers]
     assert distances == sorted(distances, reverse=True)
     assert distances[-1] < 1e-5
@@ -148,11 +178,14 @@ def test_a_drive_that_stands_still_names_everything_open_and_still_has_a_finite_
     assert np.isfinite(still.excitation_report().condition)
 
 
-@pytest.mark.parametrize(("options", "sentence"), [
-    ({"proximal": -1.0}, "proximal must not be negative, not -1.0"),
-    ({"min_slope": 0.0}, "min_slope must be positive"),
-    ({"reference": np.zeros(3)}, r"reference must have 15 weights, not shape \(3,\)"),
-])
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"proximal": -1.0}, "proximal must not be negative, not -1.0"),
+        ({"min_slope": 0.0}, "min_slope must be positive"),
+        ({"reference": np.zeros(3)}, r"reference must have 15 weights, not shape \(3,\)"),
+    ],
+)
 def test_senseless_options_are_refused_by_name(options: dict, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         replace(problem_of(structure(), full_drive()), **options)

@@ -12,18 +12,21 @@ from piezo_model.compensator import CORRECTION
 
 GAIN = 0.3
 STRUCTURE = structure_for(sensor())
-MODEL = HysteresisCreepModel.from_weights(STRUCTURE, np.concatenate([STRUCTURE.straight_line[:1], STRUCTURE.straight_line[1:] + 0.02]))
+MODEL = HysteresisCreepModel.from_weights(
+    STRUCTURE, np.concatenate([STRUCTURE.straight_line[:1], STRUCTURE.straight_line[1:] + 0.02])
+)
 LIMITS = (0.0, 150.0)
 
 
 def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Drives and errors (N,) of the loop over an actuator that the model describes exactly, with something added to its output."""
+    """Drives and errors (N,) of the loop over an actuator that the model describes exactly, with something added to its
+    output."""
     model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
     state, x, error = OperatorState.at_rest(model.structure), np.empty(y_ref.size), np.empty(y_ref.size)
     for k in range(y_ref.size):
         x[k] = compensator.step(y_ref[k])
-        y = model.simulate(x[k:k + 1], state)[0] + added[k]
+        y = model.simulate(x[k : k + 1], state)[0] + added[k]
         compensator.correct(y)
         error[k] = y_ref[k] - y
     return x, error
@@ -73,7 +76,9 @@ def test_a_gain_that_cannot_be_is_refused(gain: float) -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_learner_suppresses_what_its_model_does_not_know_and_runs_replays_and_resumes_to_the_last_bit(mode: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_learner_suppresses_what_its_model_does_not_know_and_runs_replays_and_resumes_to_the_last_bit(
+    mode: str, tmp_path
+) -> None:  # type: ignore[no-untyped-def]
     y_ref = steps(sensor(), 20.0)
     added = 0.3 * np.sin(np.arange(y_ref.size) * 2.0 * np.pi * T)
     errors = []
@@ -82,7 +87,7 @@ def test_a_learner_suppresses_what_its_model_does_not_know_and_runs_replays_and_
 
         def moved(x: np.ndarray, plant=plant, done=done) -> np.ndarray:  # type: ignore[no-untyped-def]
             done[0] += x.size
-            return plant.run(x) + added[done[0] - x.size:done[0]]
+            return plant.run(x) + added[done[0] - x.size : done[0]]
 
         x, y = learner.run(y_ref, moved)
         errors.append(float(np.sqrt(np.mean((y - y_ref)[-5000:] ** 2))))
@@ -96,7 +101,9 @@ def test_a_learner_suppresses_what_its_model_does_not_know_and_runs_replays_and_
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_every_fault_of_the_sensor_leaves_the_drive_inside_its_limits_and_is_left_behind_in_five_seconds(mode: str) -> None:
+def test_every_fault_of_the_sensor_leaves_the_drive_inside_its_limits_and_is_left_behind_in_five_seconds(
+    mode: str,
+) -> None:
     plant = sensor()
     learner, faulty = learner_for(plant, mode, integral_gain=GAIN / T), FaultySensor(plant, seed=8)
     faulty.failing = False

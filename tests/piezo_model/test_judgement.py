@@ -36,13 +36,19 @@ def test_data_that_the_model_class_describes_are_taken(kind: str) -> None:
     assert fit["rms_percent"] <= fit["line_percent"] * (1.0 + 1e-9) or fit["rms_percent"] < 1e-4
     on_a_curve = kind in ("saturation without hysteresis", "a straight line", "a straight line in noise")
     assert any("No hysteresis" in finding for finding in model.report["findings"]) == on_a_curve
-    assert any("falls as the input rises" in finding for finding in model.report["findings"]) == (kind == "a falling output")
+    assert any("falls as the input rises" in finding for finding in model.report["findings"]) == (
+        kind == "a falling output"
+    )
 
 
 @settings(max_examples=30)
-@given(kind=st.sampled_from([*DESCRIBABLE, "delay at two frequencies", "resonance", "butterfly", "drift only"]), seed=SEEDS)
+@given(
+    kind=st.sampled_from([*DESCRIBABLE, "delay at two frequencies", "resonance", "butterfly", "drift only"]), seed=SEEDS
+)
 def test_one_channel_is_never_taken_for_two(kind: str, seed: int) -> None:
-    x, y = ({**DESCRIBABLE, **{name: made for name, (made, _) in UNDESCRIBABLE.items()}})[kind](np.random.default_rng(seed))
+    x, y = ({**DESCRIBABLE, **{name: made for name, (made, _) in UNDESCRIBABLE.items()}})[kind](
+        np.random.default_rng(seed)
+    )
     u, v = ((signal - signal.min()) / np.ptp(signal) for signal in (x, y))
     assert alternative_models.channels(u, v, LOOK).error == np.inf
 
@@ -81,10 +87,20 @@ def test_what_counts_is_said_for_little_data_and_for_one_branch() -> None:
 
 
 @settings(max_examples=4)
-@given(seed=SEEDS, scale=st.sampled_from([-1.0, 1e-3, -7.3, 250.0]), offset=st.floats(-20, 20), x_scale=st.sampled_from([1.0, 1e3, 0.07]),
-       x_offset=st.floats(-20, 20))
-def test_sign_offset_and_unit_change_the_model_by_scale_alone(seed: int, scale: float, offset: float, x_scale: float, x_offset: float,
-                                                              ) -> None:
+@given(
+    seed=SEEDS,
+    scale=st.sampled_from([-1.0, 1e-3, -7.3, 250.0]),
+    offset=st.floats(-20, 20),
+    x_scale=st.sampled_from([1.0, 1e3, 0.07]),
+    x_offset=st.floats(-20, 20),
+)
+def test_sign_offset_and_unit_change_the_model_by_scale_alone(
+    seed: int,
+    scale: float,
+    offset: float,
+    x_scale: float,
+    x_offset: float,
+) -> None:
     rng = np.random.default_rng(seed)
     u = drive(rng, 3000)
     y = noisy(rng, creeping(rng, u))
@@ -99,10 +115,11 @@ def test_sign_offset_and_unit_change_the_model_by_scale_alone(seed: int, scale: 
     np.testing.assert_allclose(other.report["fit"]["rms_percent"], one.report["fit"]["rms_percent"], rtol=1e-9)
 
 
-# Of sixteen such recordings three do not pass where the model goes on from its own start, offset included, in place of finding the
-# start of the next loop: 2.2, 2.6 and 3.3 times the fit. One loop hardly tells creep of its own length from the offset and the level
-# at which creep had rested. Creep rates of at least three over the length left one of sixteen (2.4 times), no creep none, with fits of
-# creeping actuators 1.15 to 1.4 times as large; a long recording needs its slow rates, so the rates are as they were.
+# Of sixteen such recordings three do not pass where the model goes on from its own start, offset included, in place of
+# finding the start of the next loop: 2.2, 2.6 and 3.3 times the fit. One loop hardly tells creep of its own length from
+# the offset and the level at which creep had rested. Creep rates of at least three over the length left one of sixteen
+# (2.4 times), no creep none, with fits of creeping actuators 1.15 to 1.4 times as large; a long recording needs its
+# slow rates, so the rates are as they were.
 @settings(max_examples=4)
 @given(seed=SEEDS)
 def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int) -> None:
@@ -130,7 +147,10 @@ def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_what_is_found()
     assert u[3000] == pytest.approx(-87.0, abs=1.0)
     clean = loops(rng, u / 150.0)
     y = noisy(rng, 20.0 * clean - 7.0, 0.001)
-    whole, sine = identify(Recording.from_arrays(u, y, SAMPLE_TIME)), identify(Recording.from_arrays(u[3000:], y[3000:], SAMPLE_TIME))
+    whole, sine = (
+        identify(Recording.from_arrays(u, y, SAMPLE_TIME)),
+        identify(Recording.from_arrays(u[3000:], y[3000:], SAMPLE_TIME)),
+    )
     assert whole.report["fit"]["skipped"] == 0
     assert whole.report["fit"]["rms"] == pytest.approx(sine.report["fit"]["rms"], rel=0.2)
     assert whole.report["fit"]["rms_percent"] < 0.3
@@ -187,10 +207,15 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
     found = model.validate(Recording.from_arrays(u[4700:], y[4700:] + 0.4, SAMPLE_TIME, output_unit="um"))
     assert found.shift == pytest.approx(0.4, abs=0.01)
     assert found.fit.rms_percent < 2.0 * model.report["fit"]["rms_percent"]
-    assert any(f"offset has changed by {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence for sentence in found.sentences())
+    assert any(
+        f"offset has changed by {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence
+        for sentence in found.sentences()
+    )
 
 
-@pytest.mark.parametrize(("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")])
+@pytest.mark.parametrize(
+    ("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")]
+)
 def test_a_recording_that_does_not_go_with_the_model_is_refused(changes: dict[str, object], words: str) -> None:
     made = recording(DESCRIBABLE["hysteresis"], 0)
     x, y = made.arrays()
@@ -208,7 +233,9 @@ def switched_on(period: float, size: float, length: int) -> Recording:
     u = np.sin(2 * np.pi * k / period) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
     y = noisy(rng, loops(rng, u, 0.2), 0.001)
     y[:length] += size * np.ptp(y) * np.exp(-4.0 * k[:length] / length)
-    return Recording.from_arrays(75.0 + 70.0 * u, 3.0 + 8.0 * y, SAMPLE_TIME, input_unit="V", output_unit="um", name="stage")
+    return Recording.from_arrays(
+        75.0 + 70.0 * u, 3.0 + 8.0 * y, SAMPLE_TIME, input_unit="V", output_unit="um", name="stage"
+    )
 
 
 @pytest.mark.parametrize("size", [0.5, 3.0, 30.0])
@@ -220,7 +247,11 @@ def test_a_transient_of_twenty_samples_is_left_out_however_large_it_is(size: flo
 
 def test_a_refusal_for_a_transient_names_it_and_the_option_that_helps() -> None:
     recording = switched_on(18.0, 20.0, 60)
-    with pytest.raises(IdentificationError, match=r"its first (\d+) samples seem to hold a transient: with --skip \1 the model leaves 0\.") as caught:
+    with pytest.raises(
+        IdentificationError,
+        match=r"its first (\d+) samples seem to hold a transient: with --skip \1 "
+        r"the model leaves 0\.",
+    ) as caught:
         identify(recording)
     skip = int(str(caught.value).partition("--skip ")[2].split()[0])
     assert identify(recording, skip=skip).report["fit"]["rms_percent"] < 1.0
@@ -238,11 +269,20 @@ def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
     assert identify(recording, n=5, m=2).report["fit"]["rms_percent"] < 3.0
 
 
-@pytest.mark.parametrize(("rate", "highest", "damping"), [(20_000, 2000.0, 0.005), (10_000, 4000.0, 0.02), (5000, 0.0, 0.01), (4000, 0.0, 0.005)])
-def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_has(rate: int, highest: float, damping: float) -> None:
+@pytest.mark.parametrize(
+    ("rate", "highest", "damping"),
+    [(20_000, 2000.0, 0.005), (10_000, 4000.0, 0.02), (5000, 0.0, 0.01), (4000, 0.0, 0.005)],
+)
+def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_has(
+    rate: int, highest: float, damping: float
+) -> None:
     """A sweep, or a random drive, through a resonance at 919 Hz."""
     rng, t = np.random.default_rng(0), np.arange(20_000) / rate
-    u = np.sin(np.pi * highest * t**2 / t[-1]) if highest else lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
+    u = (
+        np.sin(np.pi * highest * t**2 / t[-1])
+        if highest
+        else lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
+    )
     w = 2.0 * np.pi * 919.0 / rate
     a, b = 2.0 * np.exp(-damping * w) * np.cos(w), -np.exp(-2.0 * damping * w)
     y = noisy(rng, lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], loops(rng, u / np.abs(u).max(), 0.1)), 0.001)
@@ -295,6 +335,10 @@ def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
     model = identify(Recording.from_arrays(x, y, SAMPLE_TIME, output_unit="um"), n=3, m=1)
     y[4711] = 1e6
     spoiled = Recording.from_arrays(x, y, SAMPLE_TIME, output_unit="um")
-    with pytest.raises(IdentificationError, match=r"the output is 1 m in sample 4711, and from .* in all others: an outlier"):
+    with pytest.raises(
+        IdentificationError,
+        match=r"the output is 1 m in sample 4711, and from .* in all others: an "
+        r"outlier",
+    ):
         identify(spoiled, n=3, m=1)
     assert any("in sample 4711" in sentence for sentence in model.validate(spoiled).sentences())

@@ -37,7 +37,11 @@ def absent() -> set[str]:
     """Modules that come with the extras and not with the library."""
     needed = [Requirement(text) for text in requires("piezobench") or []]
     base = {requirement.name for requirement in needed if requirement.marker is None}
-    extra = {requirement.name for requirement in needed if requirement.marker is not None and requirement.marker.evaluate({"extra": "bench"})}
+    extra = {
+        requirement.name
+        for requirement in needed
+        if requirement.marker is not None and requirement.marker.evaluate({"extra": "bench"})
+    }
     return {MODULES.get(name, name) for name in extra - base}
 
 
@@ -53,6 +57,13 @@ def test_arrays_are_identified_and_compensated_without_the_packages_of_the_comma
 
 
 def test_the_command_says_what_to_install_where_its_packages_are_absent() -> None:
-    done = subprocess.run([sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
-                          capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (2, "piezobench: the command needs the package typer: install piezobench[bench]\n")
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (
+        2,
+        "piezobench: the command needs the package typer: install piezobench[bench]\n",
+    )

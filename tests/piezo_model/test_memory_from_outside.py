@@ -1,4 +1,5 @@
-"""Whatever stands in a saved learner, bank or data basis: it is refused, or the drive stays inside its limits; nothing crashes."""
+"""Whatever stands in a saved learner, bank or data basis: it is refused, or the drive stays inside its limits; nothing
+crashes."""
 
 import os
 import subprocess
@@ -30,8 +31,17 @@ def of_kind(kind: str) -> tuple[SelfLearningCompensator | CompensatorBank, tuple
         bank = CompensatorBank(structure, 8, hand_over_s=0.05)
         bank.run(np.tile(y_ref[:, None], 8), np.tile(0.9 * y_ref[:, None], 8))
         return bank, plant.x_range
-    learner = SelfLearningCompensator(structure, 0.1, 0.5, 0.2, mode="cyclic" if kind == "cyclic" else "continuous", hand_over_s=0.05,
-                                      x_limits=plant.x_range, find_centre=False, follow_range=False)
+    learner = SelfLearningCompensator(
+        structure,
+        0.1,
+        0.5,
+        0.2,
+        mode="cyclic" if kind == "cyclic" else "continuous",
+        hand_over_s=0.05,
+        x_limits=plant.x_range,
+        find_centre=False,
+        follow_range=False,
+    )
     learner.run(y_ref, plant.run)
     return learner, plant.x_range
 
@@ -42,11 +52,15 @@ def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
     one, (low, high) = of_kind(kind)
     good, y_ref = one.memory(), np.linspace(low, high, 150)
     for _ in range(300):
-        damaged = one.memory() if kind == "bank" else {**good, "learning": {**good["learning"], "core": good["learning"]["core"].copy()}}
+        damaged = (
+            one.memory()
+            if kind == "bank"
+            else {**good, "learning": {**good["learning"], "core": good["learning"]["core"].copy()}}
+        )
         core = damaged["core"] if kind == "bank" else damaged["learning"]["core"]
         for _ in range(int(random.integers(1, 4))):
             first = 8 * int(random.integers(0, (600 if random.random() < 0.5 else core.size) // 8))
-            core[first:first + 8] = HOSTILE[int(random.integers(len(HOSTILE)))]
+            core[first : first + 8] = HOSTILE[int(random.integers(len(HOSTILE)))]
         try:
             one.restore(damaged)
         except ValueError:
@@ -63,8 +77,13 @@ def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
 
 @pytest.mark.parametrize("kind", [*MODES, "bank"])
 def test_a_damaged_memory_is_refused_or_drives_inside_the_limits(kind: str) -> None:
-    done = subprocess.run([sys.executable, "-c", SCRIPT, kind, "0"], env={**os.environ, "PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"},
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, kind, "0"],
+        env={**os.environ, "PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     refused, ran = map(int, done.stdout.split())
     assert refused > 50

@@ -43,7 +43,9 @@ def test_without_states_the_actuator_rested_at_the_centre_of_its_range() -> None
 def model() -> HysteresisCreepModel:
     rng = np.random.default_rng(7)
     model = model_of(rng, structure_of(rng, 5, 3, 2, 3, True))
-    return HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, model.offset, {"note": "Prüfstand"})
+    return HysteresisCreepModel(
+        model.structure, model.w_H, model.w_S_inverse, model.w_K, model.offset, {"note": "Prüfstand"}
+    )
 
 
 def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:
@@ -77,7 +79,9 @@ def test_a_saved_model_is_loaded_bit_for_bit(tmp_path_factory: pytest.TempPathFa
     np.testing.assert_array_equal(loaded.simulate(x), case.model.simulate(x))
 
 
-def test_saving_what_was_loaded_gives_the_same_file_with_its_report(model: HysteresisCreepModel, tmp_path: Path) -> None:
+def test_saving_what_was_loaded_gives_the_same_file_with_its_report(
+    model: HysteresisCreepModel, tmp_path: Path
+) -> None:
     model.save(tmp_path / "a.json")
     loaded = HysteresisCreepModel.load(tmp_path / "a.json")
     loaded.save(tmp_path / "b.json")
@@ -90,39 +94,65 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
         data = json.loads(text)
         change(data)
         return json.dumps(data)
+
     return apply
 
 
-@pytest.mark.parametrize(("spoiled", "sentence"), [
-    (lambda text: text[:len(text) // 2], "is not a whole JSON file"),
-    (lambda text: "", "is not a whole JSON file"),
-    (lambda text: "[1, 2]", "the format field is not 'piezobench-model'"),
-    (lambda text: '{"format": "GeoJSON"}', "the format field is not 'piezobench-model'"),
-    (spoil(lambda data: data.update(version=99)), "version 99 is not 1, the one this program reads"),
-    (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
-    (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
-    (spoil(lambda data: data["structure"].pop("x_scale")), "the field 'structure.x_scale' is missing"),
-    (spoil(lambda data: data.update(structure=3)), "the field 'structure' is wrong: expected `object`, got `int`"),
-    (spoil(lambda data: data.update(report=[])), "the field 'report' is wrong: expected `object`, got `array`"),
-    (spoil(lambda data: data.update(w_H="big")), "the field 'w_H' is wrong: expected `array`, got `str`"),
-    (spoil(lambda data: data["w_H"].__setitem__(1, True)), r"the field 'w_H\[1\]' is wrong: expected `float`, got `bool`"),
-    (spoil(lambda data: data.update(offset=None)), "the field 'offset' is wrong: expected `float`, got `null`"),
-    (spoil(lambda data: data["structure"].update(sample_time="1 ms")), "the field 'structure.sample_time' is wrong: expected `float`, got `str`"),
-    (spoil(lambda data: data["w_H"].append(0.1)), r"w_H must have 6 values for this structure, not shape \(7,\)"),
-    (spoil(lambda data: data["w_S_inverse"].pop()), r"w_S_inverse must have 6 values for this structure, not shape \(5,\)"),
-    (spoil(lambda data: data["w_K"].__setitem__(2, math.nan)), "is not a whole JSON file"),
-    (spoil(lambda data: data.update(offset=math.inf)), "is not a whole JSON file"),
-    (spoil(lambda data: data["structure"].update(y_scale=math.nan)), "is not a whole JSON file"),
-    (spoil(lambda data: data["w_K"].__setitem__(0, 10**400)), "out of range"),
-    (spoil(lambda data: data["w_H"].__setitem__(3, -0.1)), r"w_H\[3\] must not be negative, and it is -0.1"),
-    (spoil(lambda data: data["w_K"].__setitem__(0, -1e-9)), r"w_K\[0\] must not be negative, and it is -1e-09"),
-    (spoil(lambda data: data["w_H"].__setitem__(0, 0)), r"w_H\[0\] must be positive"),
-    (spoil(lambda data: data["w_S_inverse"].__setitem__(5, -9.0)), r"the slope of S⁻¹ beyond threshold .* must be positive"),
-    (spoil(lambda data: data["structure"].update(offset=False)), "the structure has no offset, and the model has one of"),
-    (spoil(lambda data: data["structure"].update(play_thresholds=[0.1, 0.3, 0.2, 0.4, 0.5])), "positive and ascending"),
-])
+@pytest.mark.parametrize(
+    ("spoiled", "sentence"),
+    [
+        (lambda text: text[: len(text) // 2], "is not a whole JSON file"),
+        (lambda text: "", "is not a whole JSON file"),
+        (lambda text: "[1, 2]", "the format field is not 'piezobench-model'"),
+        (lambda text: '{"format": "GeoJSON"}', "the format field is not 'piezobench-model'"),
+        (spoil(lambda data: data.update(version=99)), "version 99 is not 1, the one this program reads"),
+        (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
+        (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
+        (spoil(lambda data: data["structure"].pop("x_scale")), "the field 'structure.x_scale' is missing"),
+        (spoil(lambda data: data.update(structure=3)), "the field 'structure' is wrong: expected `object`, got `int`"),
+        (spoil(lambda data: data.update(report=[])), "the field 'report' is wrong: expected `object`, got `array`"),
+        (spoil(lambda data: data.update(w_H="big")), "the field 'w_H' is wrong: expected `array`, got `str`"),
+        (
+            spoil(lambda data: data["w_H"].__setitem__(1, True)),
+            r"the field 'w_H\[1\]' is wrong: expected `float`, got "
+            r"`bool`",
+        ),
+        (spoil(lambda data: data.update(offset=None)), "the field 'offset' is wrong: expected `float`, got `null`"),
+        (
+            spoil(lambda data: data["structure"].update(sample_time="1 ms")),
+            "the field 'structure.sample_time' is wrong: expected `float`, got `str`",
+        ),
+        (spoil(lambda data: data["w_H"].append(0.1)), r"w_H must have 6 values for this structure, not shape \(7,\)"),
+        (
+            spoil(lambda data: data["w_S_inverse"].pop()),
+            r"w_S_inverse must have 6 values for this structure, not shape "
+            r"\(5,\)",
+        ),
+        (spoil(lambda data: data["w_K"].__setitem__(2, math.nan)), "is not a whole JSON file"),
+        (spoil(lambda data: data.update(offset=math.inf)), "is not a whole JSON file"),
+        (spoil(lambda data: data["structure"].update(y_scale=math.nan)), "is not a whole JSON file"),
+        (spoil(lambda data: data["w_K"].__setitem__(0, 10**400)), "out of range"),
+        (spoil(lambda data: data["w_H"].__setitem__(3, -0.1)), r"w_H\[3\] must not be negative, and it is -0.1"),
+        (spoil(lambda data: data["w_K"].__setitem__(0, -1e-9)), r"w_K\[0\] must not be negative, and it is -1e-09"),
+        (spoil(lambda data: data["w_H"].__setitem__(0, 0)), r"w_H\[0\] must be positive"),
+        (
+            spoil(lambda data: data["w_S_inverse"].__setitem__(5, -9.0)),
+            r"the slope of S⁻¹ beyond threshold .* must be "
+            r"positive",
+        ),
+        (
+            spoil(lambda data: data["structure"].update(offset=False)),
+            "the structure has no offset, and the model has one of",
+        ),
+        (
+            spoil(lambda data: data["structure"].update(play_thresholds=[0.1, 0.3, 0.2, 0.4, 0.5])),
+            "positive and ascending",
+        ),
+    ],
+)
 def test_a_spoiled_file_is_refused_with_one_sentence_that_names_it(
-        model: HysteresisCreepModel, tmp_path: Path, spoiled: Callable[[str], str], sentence: str) -> None:
+    model: HysteresisCreepModel, tmp_path: Path, spoiled: Callable[[str], str], sentence: str
+) -> None:
     path = tmp_path / "stage_3.json"
     model.save(path)
     path.write_text(spoiled(path.read_text(encoding="utf-8")), encoding="utf-8")
@@ -134,20 +164,30 @@ def test_a_spoiled_file_is_refused_with_one_sentence_that_names_it(
 
 def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(tmp_path: Path) -> None:
     (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00\x81")
-    for name, sentence in (("absent.json", "there is no such file"), ("", "cannot be read"), ("binary.json", "not a whole JSON")):
+    for name, sentence in (
+        ("absent.json", "there is no such file"),
+        ("", "cannot be read"),
+        ("binary.json", "not a whole JSON"),
+    ):
         with pytest.raises(ModelError, match=sentence) as caught:
             HysteresisCreepModel.load(tmp_path / name)
         assert str(tmp_path / name) in str(caught.value)
 
 
-def test_a_failing_save_leaves_the_old_file_whole_and_nothing_beside_it(model: HysteresisCreepModel, tmp_path: Path) -> None:
+def test_a_failing_save_leaves_the_old_file_whole_and_nothing_beside_it(
+    model: HysteresisCreepModel, tmp_path: Path
+) -> None:
     path = tmp_path / "m.json"
     model.save(path)
     old = path.read_bytes()
-    broken = HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"condition": math.inf})
+    broken = HysteresisCreepModel(
+        model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"condition": math.inf}
+    )
     with pytest.raises(ValueError, match="not JSON compliant"):
         broken.save(path)
-    unwritable = HysteresisCreepModel(model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"note": "\ud800"})
+    unwritable = HysteresisCreepModel(
+        model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"note": "\ud800"}
+    )
     unwritable_text = json.dumps(unwritable.to_dict(), ensure_ascii=False)
     with pytest.raises(UnicodeEncodeError):
         write_text(path, unwritable_text)  # fails with the temporary file open already

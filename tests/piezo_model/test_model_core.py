@@ -1,4 +1,5 @@
-"""The C of model, data basis and compensator: what it may call, its warnings, its bits on every compiler, its copies."""
+"""The C of model, data basis and compensator: what it may call, its warnings, its bits on every compiler, its
+copies."""
 
 import copy
 import pickle
@@ -22,8 +23,9 @@ ALGORITHMS = [PACKAGE / "core" / name for name in ("model.c", "data_basis.c", "c
 """What an exported folder may hold."""
 INCLUDES = [f"-I{folder}" for folder in FOLDERS]
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
-STRUCTURE = ModelStructure.equidistant(n=9, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(100, 10, 1), sample_time=1e-3,
-                                       offset=True)
+STRUCTURE = ModelStructure.equidistant(
+    n=9, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(100, 10, 1), sample_time=1e-3, offset=True
+)
 SHAPE = "-DCORE_SHAPE={9,7,3,1}"
 MAIN = """
 #include "compensator.h"
@@ -74,35 +76,67 @@ def a_model() -> HysteresisCreepModel:
     return HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.slope_map @ rng.uniform(0.1, 1.0, STRUCTURE.d))
 
 
-@pytest.mark.parametrize(("compiler", "options"), [
-    ("gcc", ["-O2", "-march=x86-64-v2"]), ("gcc", ["-fsyntax-only", "-march=x86-64-v4"]), ("clang", ["-fsyntax-only", "-march=x86-64-v3"]),
-    ("clang", ["-fsyntax-only", "-DCORE_PLAIN"]), ("gcc", ["-O2", "-DCORE_FLOAT", SHAPE]), ("clang", ["-fsyntax-only", "-DCORE_FLOAT", SHAPE])])
+@pytest.mark.parametrize(
+    ("compiler", "options"),
+    [
+        ("gcc", ["-O2", "-march=x86-64-v2"]),
+        ("gcc", ["-fsyntax-only", "-march=x86-64-v4"]),
+        ("clang", ["-fsyntax-only", "-march=x86-64-v3"]),
+        ("clang", ["-fsyntax-only", "-DCORE_PLAIN"]),
+        ("gcc", ["-O2", "-DCORE_FLOAT", SHAPE]),
+        ("clang", ["-fsyntax-only", "-DCORE_FLOAT", SHAPE]),
+    ],
+)
 def test_the_sources_compile_without_a_warning(compiler: str, options: list[str], tmp_path: Path) -> None:
-    """Those of clang and of the one header that asks for the instruction set come before optimisation; gcc has more of them after it."""
+    """Those of clang and of the one header that asks for the instruction set come before optimisation; gcc has more of
+    them after it."""
     files = ALGORITHMS if "-DCORE_FLOAT" in options else OWN
     words = [f'-D{name}="x"' for name in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
-    done = subprocess.run([program(compiler), *WARNINGS, "-c", *options, *words, *INCLUDES, *map(str, files)], capture_output=True,
-                          text=True, cwd=tmp_path)
+    done = subprocess.run(
+        [program(compiler), *WARNINGS, "-c", *options, *words, *INCLUDES, *map(str, files)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_and_sqrt(tmp_path: Path) -> None:
-    subprocess.run([program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
-    said = subprocess.run([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
-    wanted = set(re.findall(r" U (\w+)", said.stdout)) - set(re.findall(r" T (\w+)", said.stdout)) - {"_GLOBAL_OFFSET_TABLE_"}
+    subprocess.run(
+        [program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True
+    )
+    said = subprocess.run(
+        [program("nm"), *(f.name for f in tmp_path.glob("*.o"))],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    wanted = (
+        set(re.findall(r" U (\w+)", said.stdout))
+        - set(re.findall(r" T (\w+)", said.stdout))
+        - {"_GLOBAL_OFFSET_TABLE_"}
+    )
     assert wanted <= {"memcpy", "memset", "sqrt"}
     assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_gives(compiler: str, tmp_path: Path) -> None:
+def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_gives(
+    compiler: str, tmp_path: Path
+) -> None:
     model, samples = a_model(), 1000
     x = np.sin(np.arange(samples) / 30) * np.cos(np.arange(samples) / 170)
     basis, compensator = DataBasis(STRUCTURE, forgetting=0.999), Compensator(model, (0.0, 150.0), rate_limit=5e4)
     given = b"".join(state.block.tobytes() for state in (model._core, basis._core, compensator._core)) + x.tobytes()
     sizes = [state.block.size for state in (model._core, basis._core, compensator._core)]
 
-    y, drive, play, creep = np.empty(samples), np.empty(samples), np.zeros(STRUCTURE.lanes), np.zeros(3 * STRUCTURE.lanes)
+    y, drive, play, creep = (
+        np.empty(samples),
+        np.empty(samples),
+        np.zeros(STRUCTURE.lanes),
+        np.zeros(3 * STRUCTURE.lanes),
+    )
     face.model_simulate(model._core.block, play, creep, x, y)
     face.basis_update(basis._core.block, x, y)
     for k in range(samples):
@@ -117,10 +151,29 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
     source.write_text(MAIN, encoding="utf-8")
     words = [f"-DSAMPLES={samples}", f"-DSIZES={','.join(map(str, sizes))}"]
     sets = [f"-march=x86-64-v{level}" for level in range(2, solvers_face.processor_level() + 1)] or ["-DCORE_PLAIN"]
-    for options in [["-O0", sets[-1]], ["-O1", sets[-1], SHAPE], *(["-O2", each] for each in sets), ["-O3", sets[-1], SHAPE],
-                    ["-O3", "-DCORE_PLAIN"]]:
-        subprocess.run([program(compiler), "-std=c11", "-ffp-contract=off", *options, *words, *INCLUDES, str(source), *map(str, ALGORITHMS),
-                        "-o", str(target), "-lm"], check=True)
+    for options in [
+        ["-O0", sets[-1]],
+        ["-O1", sets[-1], SHAPE],
+        *(["-O2", each] for each in sets),
+        ["-O3", sets[-1], SHAPE],
+        ["-O3", "-DCORE_PLAIN"],
+    ]:
+        subprocess.run(
+            [
+                program(compiler),
+                "-std=c11",
+                "-ffp-contract=off",
+                *options,
+                *words,
+                *INCLUDES,
+                str(source),
+                *map(str, ALGORITHMS),
+                "-o",
+                str(target),
+                "-lm",
+            ],
+            check=True,
+        )
         got = subprocess.run([target], input=given, stdout=subprocess.PIPE, check=True).stdout
         assert got == expected, options
 
@@ -139,12 +192,15 @@ def test_copies_deep_or_pickled_go_on_by_themselves_with_the_same_bits() -> None
         assert (basis.samples, more.samples) == (300, 600)
 
 
-@pytest.mark.parametrize(("call", "message"), [
-    (lambda block: face.basis_update(block, np.zeros(3), np.zeros(2)), "argument 3 has not the shape"),
-    (lambda block: face.basis_advance(block[:-8].copy(), np.zeros(3)), "not the state"),
-    (lambda block: face.compensator_run(block, np.zeros(3), np.zeros(3)), "argument 1 is not the state"),
-    (lambda block: face.basis_setup(block[:1000], 5, 7, 3, 0, 1.0), "has room for 1000 bytes and needs"),
-])
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda block: face.basis_update(block, np.zeros(3), np.zeros(2)), "argument 3 has not the shape"),
+        (lambda block: face.basis_advance(block[:-8].copy(), np.zeros(3)), "not the state"),
+        (lambda block: face.compensator_run(block, np.zeros(3), np.zeros(3)), "argument 1 is not the state"),
+        (lambda block: face.basis_setup(block[:1000], 5, 7, 3, 0, 1.0), "has room for 1000 bytes and needs"),
+    ],
+)
 def test_a_state_of_another_kind_and_arrays_that_do_not_fit_are_refused(call, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call(DataBasis(STRUCTURE)._core.block)

@@ -23,12 +23,16 @@ def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
     """References of eight actuators and outputs that their sensors gave, some of them failing."""
     t, number = np.arange(SAMPLES)[:, None] * T, np.arange(COUNT)
     y_range = np.array(plant.y_range)
-    y_ref = y_range.mean() + 0.45 * np.ptp(y_range) * np.sin(2 * np.pi * (1.3 + 0.2 * number) * t) * np.cos(2 * np.pi * 0.11 * t)
+    y_ref = y_range.mean() + 0.45 * np.ptp(y_range) * np.sin(2 * np.pi * (1.3 + 0.2 * number) * t) * np.cos(
+        2 * np.pi * 0.11 * t
+    )
     y = np.empty_like(y_ref)
     for i in range(COUNT):
         actuator = plants.Sensor(plants.get("relay_preisach", sample_time=T), noise_um=2e-4 * np.ptp(y_range), seed=i)
         sensor = FaultySensor(actuator, seed=i) if faulty and i % 2 else actuator
-        x = np.mean(plant.x_range) + 0.45 * np.ptp(plant.x_range) * (y_ref[:, i] - y_range.mean()) / (0.5 * np.ptp(y_range))
+        x = np.mean(plant.x_range) + 0.45 * np.ptp(plant.x_range) * (y_ref[:, i] - y_range.mean()) / (
+            0.5 * np.ptp(y_range)
+        )
         y[:, i] = (sensor if faulty and i % 2 else sensor.run)(x)
     return y_ref, y
 
@@ -36,20 +40,29 @@ def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
 @pytest.mark.parametrize("faulty", [False, True])
 @pytest.mark.parametrize("integral_gain", [0.0, 50.0])
 @pytest.mark.parametrize(("n", "m", "offset"), [(5, 3, False), (9, 2, True)])
-def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(faulty: bool, integral_gain: float, n: int, m: int,
-                                                                               offset: bool, tmp_path: Path) -> None:
+def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
+    faulty: bool, integral_gain: float, n: int, m: int, offset: bool, tmp_path: Path
+) -> None:
     plant = plants.get("relay_preisach", sample_time=T)
     structure = structure_for(plant, n, m, offset)
     y_ref, y = recorded(plant, faulty)
     before = np.vstack([np.full(COUNT, np.nan), y[:-1]])
     options = {"hand_over_s": 0.1, "integral_gain": integral_gain, "rate_limit": 3e4}
     bank = CompensatorBank(structure, COUNT, **options)
-    x = bank.run(y_ref[:SAMPLES // 2 + 7], before[:SAMPLES // 2 + 7])
+    x = bank.run(y_ref[: SAMPLES // 2 + 7], before[: SAMPLES // 2 + 7])
     bank.save(tmp_path / "bank.npz")
-    x = np.vstack([x, CompensatorBank.load(tmp_path / "bank.npz").run(y_ref[SAMPLES // 2 + 7:], before[SAMPLES // 2 + 7:])])
+    x = np.vstack(
+        [x, CompensatorBank.load(tmp_path / "bank.npz").run(y_ref[SAMPLES // 2 + 7 :], before[SAMPLES // 2 + 7 :])]
+    )
     for i in range(COUNT):
-        single = SelfLearningCompensator(structure, mode="continuous", find_centre=False, follow_range=False,
-                                         state=OperatorState.at_rest(structure), **options)
+        single = SelfLearningCompensator(
+            structure,
+            mode="continuous",
+            find_centre=False,
+            follow_range=False,
+            state=OperatorState.at_rest(structure),
+            **options,
+        )
         assert single._learning.block == bank.block
         np.testing.assert_array_equal(single.replay(y_ref[:, i], before[:, i]), x[:, i])
         if faulty and i % 2:

@@ -1,4 +1,3 @@
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,7 +12,9 @@ def test_very_slow_creep_loses_no_digits() -> None:
 
 
 @given(signals, thresholds, st.lists(st.integers(0, 40), max_size=4), seeds)
-def test_chunks_of_a_signal_give_the_same_bits_as_the_whole(x: np.ndarray, r: np.ndarray, cuts: list[int], seed: int) -> None:
+def test_chunks_of_a_signal_give_the_same_bits_as_the_whole(
+    x: np.ndarray, r: np.ndarray, cuts: list[int], seed: int
+) -> None:
     rates = np.geomspace(1, 1000, r.size)
     for operator in (lambda x, z: play(x, r, z), lambda x, z: creep(x, r, rates, 1e-3, z)):
         z = first = a_state(r, x[0], seed)

@@ -141,8 +141,13 @@ def residual_of_the_model_class(x, y, n, m):
 
 @every_plant
 def test_a_model_of_the_papers_size_comes_near_and_leaves_a_residual_without_any_noise(name):
-    x = np.concatenate([decaying_triangle(duration_s=8.0, sample_time=TS, low=0.0, high=150.0), walk(8.0),
-                        multi_sine(duration_s=8.0, sample_time=TS, low=0.0, high=150.0, highest_Hz=10.0)])
+    x = np.concatenate(
+        [
+            decaying_triangle(duration_s=8.0, sample_time=TS, low=0.0, high=150.0),
+            walk(8.0),
+            multi_sine(duration_s=8.0, sample_time=TS, low=0.0, high=150.0, highest_Hz=10.0),
+        ]
+    )
     residual = residual_of_the_model_class(x, plants.get(name, sample_time=TS).run(x), n=5, m=3)
     assert 5e-4 < residual < 5e-2
 

@@ -24,9 +24,20 @@ def walk(seconds=2.0, seed=0):
 
 
 def measured(name):
-    return plants.Sensor(plants.get(name, sample_time=TS), noise_um=0.01, quantum_um=0.001, gain_drift_per_s=1e-3,
-                         gain_swing=0.02, gain_swing_period_s=0.7, offset_um=0.3, delay_samples=3, lag_s=2e-3,
-                         gap_samples=7, gap_period_samples=90, seed=5)
+    return plants.Sensor(
+        plants.get(name, sample_time=TS),
+        noise_um=0.01,
+        quantum_um=0.001,
+        gain_drift_per_s=1e-3,
+        gain_swing=0.02,
+        gain_swing_period_s=0.7,
+        offset_um=0.3,
+        delay_samples=3,
+        lag_s=2e-3,
+        gap_samples=7,
+        gap_period_samples=90,
+        seed=5,
+    )
 
 
 def bare(name):
@@ -118,23 +129,47 @@ def test_a_bad_drive_is_refused_in_one_sentence_and_changes_nothing(make, name, 
 
 
 @every_plant
-@pytest.mark.parametrize(("option", "value"), [
-    ("x_range", (1.0, 1.0)), ("y_range", (0.0, np.nan)), ("sample_time", 0.0), ("creep_share", 1.0),
-    ("creep_rates_per_s", ()), ("creep_rates_per_s", (1.0, -1.0))])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("x_range", (1.0, 1.0)),
+        ("y_range", (0.0, np.nan)),
+        ("sample_time", 0.0),
+        ("creep_share", 1.0),
+        ("creep_rates_per_s", ()),
+        ("creep_rates_per_s", (1.0, -1.0)),
+    ],
+)
 def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
     with pytest.raises(ValueError, match=option):
         plants.get(name, **{option: value})
 
 
-@pytest.mark.parametrize(("name", "option", "value"), [
-    ("relay_preisach", "lines", 0), ("relay_preisach", "reversible_share", 1.0),
-    ("relay_preisach", "hill_breadth", 0.0), ("relay_preisach", "hill_breadth_slope", 2.0),
-    ("bouc_wen", "loading_slope", 0.0), ("bouc_wen", "beta", 0.0),
-    ("bouc_wen", "gamma", 9.0), ("bouc_wen", "exponent", 0.5), ("bouc_wen", "stiffness", 0.1),
-    ("dense_prandtl_ishlinskii", "thresholds", 1), ("dense_prandtl_ishlinskii", "saturation", 0.5),
-    ("dense_prandtl_ishlinskii", "asymmetry", -0.5), ("dense_prandtl_ishlinskii", "threshold_scale", np.inf),
-    ("maxwell_slip", "sliders", 0), ("maxwell_slip", "slip_share", 1.0), ("maxwell_slip", "reach", 2.5),
-    ("maxwell_slip", "saturation", 0.5), ("duhem", "alpha", 0.0), ("duhem", "slope_after_turn", 0.5), ("duhem", "asymmetry", 0.6)])
+@pytest.mark.parametrize(
+    ("name", "option", "value"),
+    [
+        ("relay_preisach", "lines", 0),
+        ("relay_preisach", "reversible_share", 1.0),
+        ("relay_preisach", "hill_breadth", 0.0),
+        ("relay_preisach", "hill_breadth_slope", 2.0),
+        ("bouc_wen", "loading_slope", 0.0),
+        ("bouc_wen", "beta", 0.0),
+        ("bouc_wen", "gamma", 9.0),
+        ("bouc_wen", "exponent", 0.5),
+        ("bouc_wen", "stiffness", 0.1),
+        ("dense_prandtl_ishlinskii", "thresholds", 1),
+        ("dense_prandtl_ishlinskii", "saturation", 0.5),
+        ("dense_prandtl_ishlinskii", "asymmetry", -0.5),
+        ("dense_prandtl_ishlinskii", "threshold_scale", np.inf),
+        ("maxwell_slip", "sliders", 0),
+        ("maxwell_slip", "slip_share", 1.0),
+        ("maxwell_slip", "reach", 2.5),
+        ("maxwell_slip", "saturation", 0.5),
+        ("duhem", "alpha", 0.0),
+        ("duhem", "slope_after_turn", 0.5),
+        ("duhem", "asymmetry", 0.6),
+    ],
+)
 def test_an_actuator_refuses_its_own_wrong_option_by_its_name(name, option, value):
     with pytest.raises(ValueError, match=option):
         plants.get(name, **{option: value})
@@ -182,7 +217,7 @@ def test_the_plant_rests_at_the_low_end(name):
 @every_plant
 def test_the_major_loop_lags_and_has_the_width_of_a_stack_actuator(name):
     x = ramp(0.0, 150.0, 0.0, per_ramp=500)
-    y = bare(name).run(np.tile(x, 3))[-x.size:]
+    y = bare(name).run(np.tile(x, 3))[-x.size :]
     up, down = y[:501], y[500:][::-1]
     assert np.all(down[1:-1] > up[1:-1])
     area = -np.trapezoid(y, x)

@@ -29,12 +29,17 @@ def opened(path: Path, what: str) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("what", "words"), [
-    ("crash", "is damaged, the process that read it ended with SIGSEGV"),
-    ("exit", "is damaged, the process that read it ended with exit status 3, after printing 'goodbye'"),
-    ("eat", "is a damaged unruly file: Unable to allocate"),
-])
-def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_read(tmp_path: Path, what: str, words: str) -> None:
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("crash", "is damaged, the process that read it ended with SIGSEGV"),
+        ("exit", "is damaged, the process that read it ended with exit status 3, after printing 'goodbye'"),
+        ("eat", "is a damaged unruly file: Unable to allocate"),
+    ],
+)
+def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_read(
+    tmp_path: Path, what: str, words: str
+) -> None:
     assert words in opened(tmp_path / "stage.rec", what)
     scipy.io.savemat(tmp_path / "stage.mat", signals())
     assert Recording.open(tmp_path / "stage.mat").length == 1000
@@ -67,7 +72,8 @@ def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_pat
     scipy.io.savemat(tmp_path / "stage.mat", signals())
     (tmp_path / "script.py").write_text(
         "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import apart\n"
-        "print(Recording.open('stage.mat').length, apart._child(os.getpid())._process.pid)\n")
+        "print(Recording.open('stage.mat').length, apart._child(os.getpid())._process.pid)\n"
+    )
     said = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     length, child = map(int, said.stdout.split())
     assert length == 1000
@@ -77,10 +83,16 @@ def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_pat
 @pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL])
 def test_a_child_that_is_busy_ends_with_its_parent_however_that_ends(tmp_path: Path, ending: signal.Signals) -> None:
     (tmp_path / "stage.rec").write_text("hang")
-    program = ("import sys; from pathlib import Path; import unruly_format; from piezo_model.recordings import apart; from piezo_model."
-               "recordings.tables import Reading; apart.open_table(unruly_format, Path('stage.rec'), Reading())")
-    parent = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path,
-                              env={**os.environ, "PYTHONPATH": str(Path(unruly_format.__file__).parent)})
+    program = (
+        "import sys; from pathlib import Path; import unruly_format; from piezo_model.recordings import apart; "
+        "from piezo_model."
+        "recordings.tables import Reading; apart.open_table(unruly_format, Path('stage.rec'), Reading())"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(unruly_format.__file__).parent)},
+    )
     busy = tmp_path / "busy"
     until(busy.exists)
     child = Path("/proc") / busy.read_text()

@@ -9,13 +9,26 @@ from recording_files import refusal, signals, with_times
 from piezo_model.recordings import Recording, RecordingError, write_table
 
 
-@pytest.mark.parametrize(("sample_time", "printed"), [
-    (125e-6, "{:.3f}"), (125e-6, "{:.4f}"), (125e-6, "{:.6f}"), (125e-6, "{!r}"), (0.005, "{:.3f}"), (0.005, "{:.2f}"),
-    (1e-4, "{:.3f}"), (1 / 3000, "{:.3f}"), (1 / 3000, "{:.5f}"), (1e-6, "{:.9f}"), (0.1, "{!r}"),
-])
+@pytest.mark.parametrize(
+    ("sample_time", "printed"),
+    [
+        (125e-6, "{:.3f}"),
+        (125e-6, "{:.4f}"),
+        (125e-6, "{:.6f}"),
+        (125e-6, "{!r}"),
+        (0.005, "{:.3f}"),
+        (0.005, "{:.2f}"),
+        (1e-4, "{:.3f}"),
+        (1 / 3000, "{:.3f}"),
+        (1 / 3000, "{:.5f}"),
+        (1e-6, "{:.9f}"),
+        (0.1, "{!r}"),
+    ],
+)
 @pytest.mark.parametrize("start", [0.0, 17.0003, -2.0])
-def test_rounding_of_printed_times_is_no_irregularity(tmp_path: Path, sample_time: float, printed: str,
-                                                      start: float) -> None:
+def test_rounding_of_printed_times_is_no_irregularity(
+    tmp_path: Path, sample_time: float, printed: str, start: float
+) -> None:
     path = with_times(tmp_path, [printed.format(start + k * sample_time) for k in range(3000)])
     assert Recording.open(path).sample_time == pytest.approx(sample_time, rel=1e-3)
 
@@ -47,13 +60,14 @@ def test_time_that_runs_backwards_is_named(tmp_path: Path, printed: str, row: in
     times = np.arange(50) * 0.005
     times[row - 1] = times[row - 2] - 0.001
     assert f"time column 'time_s' runs backwards in row {row + 1} (data row {row})" in refusal(
-        with_times(tmp_path, [printed.format(float(t)) for t in times]))
+        with_times(tmp_path, [printed.format(float(t)) for t in times])
+    )
 
 
 @pytest.mark.parametrize("row", [2, 26, 50])
 def test_time_that_stands_still_is_named(tmp_path: Path, row: int) -> None:
     times = np.arange(50) * 0.005
-    times[row - 1:] -= 0.005
+    times[row - 1 :] -= 0.005
     assert f"stands still in row {row + 1} (data row {row})" in refusal(with_times(tmp_path, times))
 
 
@@ -73,7 +87,7 @@ def test_time_that_never_moves_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("row", "missing"), [(2, 1), (26, 1), (26, 49), (50, 1000)])
 def test_a_gap_is_named_with_its_row_and_length(tmp_path: Path, printed: str, row: int, missing: int) -> None:
     times = np.arange(50) * 0.005
-    times[row - 1:] += missing * 0.005
+    times[row - 1 :] += missing * 0.005
     sentence = refusal(with_times(tmp_path, [printed.format(float(t)) for t in times]))
     assert f"has a gap of {0.005 * (missing + 1):.9g} s before row {row + 1} (data row {row})" in sentence
     assert f"about {missing} sample" in sentence
@@ -120,10 +134,13 @@ def test_times_each_written_thrice_stand_still(tmp_path: Path) -> None:
     assert "stands still in row 3 (data row 2), at 0 s" in refusal(with_times(tmp_path, times))
 
 
-@pytest.mark.parametrize(("name", "times", "sample_time"), [
-    ("timestamp_ns", 1_700_000_000_123_456_789 + 125_000 * np.arange(5000), 125e-6),
-    ("timestamp_s", 1_700_000_000.1234 + 0.005 * np.arange(5000), 0.005),
-])
+@pytest.mark.parametrize(
+    ("name", "times", "sample_time"),
+    [
+        ("timestamp_ns", 1_700_000_000_123_456_789 + 125_000 * np.arange(5000), 125e-6),
+        ("timestamp_s", 1_700_000_000.1234 + 0.005 * np.arange(5000), 0.005),
+    ],
+)
 def test_times_since_1970_are_uniform(tmp_path: Path, name: str, times: np.ndarray, sample_time: float) -> None:
     columns = signals(5000)
     pq.write_table(pa.table({name: times, "u": columns["voltage_V"], "y": columns["time_s"]}), tmp_path / "s.parquet")

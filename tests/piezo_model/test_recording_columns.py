@@ -15,28 +15,44 @@ def stage(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("column", "stem", "unit"), [
-    ("voltage_V", "voltage", "V"), ("displacement_um", "displacement", "um"), ("y_nm", "y", "nm"), ("t_ms", "t", "ms"),
-    ("voltage [V]", "voltage", "V"), ("y(um)", "y", "um"), ("Weg (µm)", "Weg", "um"), ("Weg_μm", "Weg", "um"),
-    ("U/V", "U", "V"), ("force [counts]", "force", "counts"), ("position_x", "position_x", ""), ("V", "V", ""),
-    ("y_ref_um", "y_ref", "um"), ("", "", ""),
-])
+@pytest.mark.parametrize(
+    ("column", "stem", "unit"),
+    [
+        ("voltage_V", "voltage", "V"),
+        ("displacement_um", "displacement", "um"),
+        ("y_nm", "y", "nm"),
+        ("t_ms", "t", "ms"),
+        ("voltage [V]", "voltage", "V"),
+        ("y(um)", "y", "um"),
+        ("Weg (µm)", "Weg", "um"),
+        ("Weg_μm", "Weg", "um"),
+        ("U/V", "U", "V"),
+        ("force [counts]", "force", "counts"),
+        ("position_x", "position_x", ""),
+        ("V", "V", ""),
+        ("y_ref_um", "y_ref", "um"),
+        ("", "", ""),
+    ],
+)
 def test_a_unit_is_read_from_the_name(column: str, stem: str, unit: str) -> None:
     assert split_unit(column) == (stem, unit)
 
 
-@pytest.mark.parametrize(("header", "time", "x", "y"), [
-    (HEADER, "time_s", "voltage_V", "displacement_um"),
-    ("y,u,t", "t", "u", "y"),
-    ("t,x,y", "t", "x", "y"),
-    ("sensor_um,drive_V,time", "time", "drive_V", "sensor_um"),
-    ("Time [s],Command (V),Position [µm]", "Time [s]", "Command (V)", "Position [µm]"),
-    ("time_s,inputVoltage,measured_output", "time_s", "inputVoltage", "measured_output"),
-    ("time_s,ch1_V,ch2_um", "time_s", "ch1_V", "ch2_um"),
-    ("time_s,position_command_um,position_um", "time_s", "position_command_um", "position_um"),
-    ("time_s,amplifier_V,position_x_um", "time_s", "amplifier_V", "position_x_um"),
-    ("index,time_s,temperature,voltage_V,sensor_V", "time_s", "voltage_V", "sensor_V"),
-])
+@pytest.mark.parametrize(
+    ("header", "time", "x", "y"),
+    [
+        (HEADER, "time_s", "voltage_V", "displacement_um"),
+        ("y,u,t", "t", "u", "y"),
+        ("t,x,y", "t", "x", "y"),
+        ("sensor_um,drive_V,time", "time", "drive_V", "sensor_um"),
+        ("Time [s],Command (V),Position [µm]", "Time [s]", "Command (V)", "Position [µm]"),
+        ("time_s,inputVoltage,measured_output", "time_s", "inputVoltage", "measured_output"),
+        ("time_s,ch1_V,ch2_um", "time_s", "ch1_V", "ch2_um"),
+        ("time_s,position_command_um,position_um", "time_s", "position_command_um", "position_um"),
+        ("time_s,amplifier_V,position_x_um", "time_s", "amplifier_V", "position_x_um"),
+        ("index,time_s,temperature,voltage_V,sensor_V", "time_s", "voltage_V", "sensor_V"),
+    ],
+)
 def test_columns_are_guessed_from_the_header_and_said(tmp_path: Path, header: str, time: str, x: str, y: str) -> None:
     names = header.split(",")
     cells = {time: "{0}", x: "1{1}", y: "2{1}"}
@@ -89,8 +105,19 @@ def test_names_beyond_ascii_are_read_and_written(tmp_path: Path, suffix: str) ->
     np.testing.assert_array_equal(recording.arrays()[1], signals()["displacement_um"])
 
 
-@pytest.mark.parametrize(("name", "seconds"), [("time_s", 1.0), ("time_ms", 1e-3), ("t [us]", 1e-6), ("t(µs)", 1e-6),
-                                               ("time", 1.0), ("timestamp_ns", 1e-9), ("time [min]", 60.0), ("t (days)", 86400.0)])
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [
+        ("time_s", 1.0),
+        ("time_ms", 1e-3),
+        ("t [us]", 1e-6),
+        ("t(µs)", 1e-6),
+        ("time", 1.0),
+        ("timestamp_ns", 1e-9),
+        ("time [min]", 60.0),
+        ("t (days)", 86400.0),
+    ],
+)
 def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None:
     path = text_file(tmp_path, f"{name},u,y", *(f"{125 * k},{k % 3},{k % 5}" for k in range(40)))
     assert Recording.open(path).sample_time == pytest.approx(125 * seconds, rel=1e-12)

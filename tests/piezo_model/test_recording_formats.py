@@ -33,9 +33,13 @@ Y = np.round(5 * np.sin(6 * T - 0.2) + np.random.default_rng(0).normal(0, 0.01, 
 
 
 def gcs(path: Path) -> None:
-    path.write_text("# REM Sine\n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = 2 \n# SAMPLE_TIME = 0.000500 \n"
-                    f"# NDATA = {N} \n# NAME0 = Open-loop Control Value of axis 1 \n# NAME1 = Current Position of axis 1 \n"
-                    "# \n# END_HEADER \n" + "".join(f"{x!r} {y!r} \n" for x, y in zip(X.tolist(), Y.tolist(), strict=True)))
+    path.write_text(
+        "# REM Sine\n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = 2 \n# SAMPLE_TIME = 0.000500 "
+        "\n"
+        f"# NDATA = {N} \n# NAME0 = Open-loop Control Value of axis 1 \n# NAME1 = Current Position of axis "
+        "1 \n"
+        "# \n# END_HEADER \n" + "".join(f"{x!r} {y!r} \n" for x, y in zip(X.tolist(), Y.tolist(), strict=True))
+    )
 
 
 def gcs_tabs(path: Path) -> None:
@@ -60,7 +64,9 @@ def hdf5_matrix(path: Path) -> None:
 
 def hdf5_compound(path: Path) -> None:
     with h5py.File(path, "w") as file:
-        file.create_dataset("record", data=np.rec.fromarrays([T, X, Y], names="time,voltage_V,y_um"), chunks=(100,), compression="gzip")
+        file.create_dataset(
+            "record", data=np.rec.fromarrays([T, X, Y], names="time,voltage_V,y_um"), chunks=(100,), compression="gzip"
+        )
 
 
 def hdf5_attribute(path: Path) -> None:
@@ -71,7 +77,9 @@ def hdf5_attribute(path: Path) -> None:
 
 def mat_struct(path: Path) -> None:
     channels = [{"Name": "Piezo voltage", "Data": X, "Unit": "V"}, {"Name": "Position sensor", "Data": Y, "Unit": "um"}]
-    scipy.io.savemat(path, {"recorded": {"X": {"Name": "time", "Data": T}, "Y": np.array(channels, object), "Description": "stage"}})
+    scipy.io.savemat(
+        path, {"recorded": {"X": {"Name": "time", "Data": T}, "Y": np.array(channels, object), "Description": "stage"}}
+    )
 
 
 def mat_7_3(path: Path) -> None:
@@ -98,28 +106,44 @@ def workbook(path: Path) -> None:
 def tdms_waveform(path: Path) -> None:
     with nptdms.TdmsWriter(path) as writer:
         for part in np.array_split(np.arange(N), 3):
-            writer.write_segment([nptdms.ChannelObject("Stage", name, values[part], properties={
-                "wf_increment": PERIOD, "unit_string": unit}) for name, values, unit in (("Drive", X, "V"), ("Sensor", Y, "µm"))])
+            writer.write_segment(
+                [
+                    nptdms.ChannelObject(
+                        "Stage", name, values[part], properties={"wf_increment": PERIOD, "unit_string": unit}
+                    )
+                    for name, values, unit in (("Drive", X, "V"), ("Sensor", Y, "µm"))
+                ]
+            )
 
 
 def tdms_groups(path: Path) -> None:
     with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment([nptdms.ChannelObject("Stage", "Time", T), nptdms.ChannelObject("Stage", "AO0", X),
-                              nptdms.ChannelObject("Stage", "AI0", Y), nptdms.ChannelObject("Log", "temperature", np.arange(5.0))])
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("Stage", "Time", T),
+                nptdms.ChannelObject("Stage", "AO0", X),
+                nptdms.ChannelObject("Stage", "AI0", Y),
+                nptdms.ChannelObject("Log", "temperature", np.arange(5.0)),
+            ]
+        )
 
 
 def mdf(path: Path) -> None:
     with asammdf.MDF(version="4.10") as file:
-        file.append([asammdf.Signal(X, T, name="Drive voltage", unit="V"), asammdf.Signal(Y, T, name="Position", unit="um")])
+        file.append(
+            [asammdf.Signal(X, T, name="Drive voltage", unit="V"), asammdf.Signal(Y, T, name="Position", unit="um")]
+        )
         file.save(path.with_suffix(".mf4"), overwrite=True)
     path.with_suffix(".mf4").rename(path)
 
 
 def numpy_file(save: Callable[..., None], *arrays: Any, **named: Any) -> Callable[[Path], None]:
     """NumPy adds a suffix to a name and none to a file."""
+
     def write(path: Path) -> None:
         with path.open("wb") as file:
             save(file, *arrays, **named)
+
     return write
 
 
@@ -135,10 +159,14 @@ def tdms_stamps(path: Path) -> None:
     """With times in 2⁻⁶⁴ s, as the format has them; npTDMS writes whole microseconds."""
     written = nptdms.types.TimeStamp.to_array_bytes(STAMPS)
     with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment([nptdms.ChannelObject("Stage", name, values) for name, values in (("t", STAMPS), ("u", X), ("y", Y))])
+        writer.write_segment(
+            [nptdms.ChannelObject("Stage", name, values) for name, values in (("t", STAMPS), ("u", X), ("y", Y))]
+        )
     since = STAMPS - np.datetime64("1904-01-01", "ns")
     seconds, fractions = since // np.timedelta64(1, "s"), (since % np.timedelta64(1, "s")).astype(np.int64)
-    exact = np.array([((int(part) << 64) // 10**9, second) for second, part in zip(seconds, fractions, strict=True)], dtype="<u8,<i8")
+    exact = np.array(
+        [((int(part) << 64) // 10**9, second) for second, part in zip(seconds, fractions, strict=True)], dtype="<u8,<i8"
+    )
     content = path.read_bytes()
     assert content.count(written) == 1
     path.write_bytes(content.replace(written, exact.tobytes()))
@@ -146,8 +174,12 @@ def tdms_stamps(path: Path) -> None:
 
 TIMES: dict[str, Callable[[Path], Any]] = {
     "Parquet": lambda path: parquet_stamps(path, pa.array(STAMPS)),
-    "Parquet with a time zone": lambda path: parquet_stamps(path, pa.array(STAMPS).cast(pa.timestamp("ns", "Europe/Berlin"))),
-    "Parquet of durations": lambda path: parquet_stamps(path, pa.array(STAMPS - STAMPS[0] + np.timedelta64(10**9, "s"))),
+    "Parquet with a time zone": lambda path: parquet_stamps(
+        path, pa.array(STAMPS).cast(pa.timestamp("ns", "Europe/Berlin"))
+    ),
+    "Parquet of durations": lambda path: parquet_stamps(
+        path, pa.array(STAMPS - STAMPS[0] + np.timedelta64(10**9, "s"))
+    ),
     "Parquet of times of day": lambda path: parquet_stamps(path, pa.array(STAMPS).cast(pa.time64("ns"))),
     "NPY": numpy_file(np.save, np.rec.fromarrays([STAMPS, X, Y], names="t,u,y")),
     "NPZ": numpy_file(np.savez, t=STAMPS, u=X, y=Y),
@@ -163,16 +195,31 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "HDF5 matrix": (hdf5_matrix, {"input": "data/1", "output": "data/2"}),
     "HDF5 compound": (hdf5_compound, {"time": "record/time", "input": "record/voltage_V", "output": "record/y_um"}),
     "HDF5 attribute": (hdf5_attribute, {"input": "u", "output": "y"}),
-    "MAT 5": (lambda path: scipy.io.savemat(path, {"t": T, "u": X, "y": Y}), {"time": "t", "input": "u", "output": "y"}),
-    "MAT 5 matrix": (lambda path: scipy.io.savemat(path, {"data": np.stack([X, Y], 1), "Ts": PERIOD}), {"input": "data/1", "output": "data/2"}),
-    "MAT 5 struct": (mat_struct, {"time": "recorded/X/time", "input": "recorded/Y/Piezo voltage", "output": "recorded/Y/Position sensor"}),
-    "MAT 4": (lambda path: scipy.io.savemat(path.with_suffix(".mat"), {"t": T, "u": X, "y": Y}, format="4"),
-              {"time": "t", "input": "u", "output": "y"}),
+    "MAT 5": (
+        lambda path: scipy.io.savemat(path, {"t": T, "u": X, "y": Y}),
+        {"time": "t", "input": "u", "output": "y"},
+    ),
+    "MAT 5 matrix": (
+        lambda path: scipy.io.savemat(path, {"data": np.stack([X, Y], 1), "Ts": PERIOD}),
+        {"input": "data/1", "output": "data/2"},
+    ),
+    "MAT 5 struct": (
+        mat_struct,
+        {"time": "recorded/X/time", "input": "recorded/Y/Piezo voltage", "output": "recorded/Y/Position sensor"},
+    ),
+    "MAT 4": (
+        lambda path: scipy.io.savemat(path.with_suffix(".mat"), {"t": T, "u": X, "y": Y}, format="4"),
+        {"time": "t", "input": "u", "output": "y"},
+    ),
     "MAT 7.3": (mat_7_3, {"time": "t", "input": "u", "output": "y"}),
-    "NPY": (numpy_file(np.save, np.stack([T, X, Y], 1)),
-            {"time": "column 1", "input": "column 2", "output": "column 3"}),
-    "NPY of fields": (numpy_file(np.save, np.rec.fromarrays([Y, X, T], names="y_um,voltage_V,t")),
-                      {"time": "t", "input": "voltage_V", "output": "y_um"}),
+    "NPY": (
+        numpy_file(np.save, np.stack([T, X, Y], 1)),
+        {"time": "column 1", "input": "column 2", "output": "column 3"},
+    ),
+    "NPY of fields": (
+        numpy_file(np.save, np.rec.fromarrays([Y, X, T], names="y_um,voltage_V,t")),
+        {"time": "t", "input": "voltage_V", "output": "y_um"},
+    ),
     "NPZ": (numpy_file(np.savez, u=X, y=Y, dt=PERIOD), {"input": "u", "output": "y"}),
     "Excel": (workbook, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
     "TDMS waveform": (tdms_waveform, {"input": "Drive", "output": "Sensor"}),
@@ -206,19 +253,20 @@ def test_units_that_a_format_keeps_are_read(tmp_path: Path, name: str) -> None:
     assert "µm" in recording.describe()
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # asammdf's __del__ after a failed __init__
+# asammdf's __del__ after a failed __init__
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path, name: str) -> None:
     path = made(tmp_path, name)
     content = path.read_bytes()
-    path.write_bytes(content[:len(content) * 2 // 5] if not name.startswith("GCS") else content.replace(b"0", b"x"))
+    path.write_bytes(content[: len(content) * 2 // 5] if not name.startswith("GCS") else content.replace(b"0", b"x"))
     try:
         recording = Recording.open(path)
     except ValueError:
         refusal(path)
     else:  # what is left may be whole, as the segments of a TDMS file are
         assert recording.length < N
-        np.testing.assert_array_equal(recording.arrays()[0], X[:recording.length])
+        np.testing.assert_array_equal(recording.arrays()[0], X[: recording.length])
     gc.collect()
 
 
@@ -226,8 +274,12 @@ def test_channels_are_named_by_path_by_name_or_by_number(tmp_path: Path) -> None
     path = made(tmp_path, "NeXus")
     for x in ("entry/data/voltage", "voltage", "3"):
         np.testing.assert_array_equal(Recording.open(path, input=x).arrays()[0], X)
-    assert "has no column 'volts' for the input; its columns are 'entry/data/displacement'" in refusal(path, input="volts")
-    assert "not of one length: 'entry/log/temperature' has 17 rows" in refusal(path, time="temperature", input="voltage", output="displacement")
+    assert "has no column 'volts' for the input; its columns are 'entry/data/displacement'" in refusal(
+        path, input="volts"
+    )
+    assert "not of one length: 'entry/log/temperature' has 17 rows" in refusal(
+        path, time="temperature", input="voltage", output="displacement"
+    )
 
 
 def test_a_sheet_is_named_and_a_missing_one_refused(tmp_path: Path) -> None:
@@ -236,7 +288,9 @@ def test_a_sheet_is_named_and_a_missing_one_refused(tmp_path: Path) -> None:
     assert "has no sheet 'Messung 2'; its sheets are 'Sheet', 'Messung 1'" in refusal(path, sheet="Messung 2")
 
 
-@pytest.mark.parametrize(("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "sheet", "Messung 1"), ("NPZ", "header_row", 2)])
+@pytest.mark.parametrize(
+    ("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "sheet", "Messung 1"), ("NPZ", "header_row", 2)]
+)
 def test_what_a_format_does_not_go_by_is_refused(tmp_path: Path, form: str, option: str, value: object) -> None:
     assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
 
@@ -246,17 +300,29 @@ def test_a_cell_that_is_no_number_is_named_with_row_and_sheet(tmp_path: Path) ->
     for row in (["t", "u", "y"], [0, 1, 2], [1, "over", 3], [2, 3, 3], [3, 3, 4]):
         book.active.append(row)
     book.save(tmp_path / "stage.xlsx")
-    assert "column 'u' holds 'over' in row 3 of sheet 'Sheet', where a number is needed" in refusal(tmp_path / "stage.xlsx")
+    assert "column 'u' holds 'over' in row 3 of sheet 'Sheet', where a number is needed" in refusal(
+        tmp_path / "stage.xlsx"
+    )
 
 
-@pytest.mark.parametrize(("name", "package"), [("NeXus", "h5py"), ("MAT 7.3", "pymatreader"), ("Excel", "openpyxl"),
-                                               ("TDMS groups", "nptdms"), ("MDF 4", "asammdf")])
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [
+        ("NeXus", "h5py"),
+        ("MAT 7.3", "pymatreader"),
+        ("Excel", "openpyxl"),
+        ("TDMS groups", "nptdms"),
+        ("MDF 4", "asammdf"),
+    ],
+)
 def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Path, name: str, package: str) -> None:
     path, absent = made(tmp_path, name), tmp_path / "absent"
     absent.mkdir()
     (absent / f"{package}.py").write_text(f"raise ModuleNotFoundError('there is none', name={package!r})")
     program = f"from piezo_model import Recording; Recording.open({str(path)!r})"
-    said = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(absent)}, capture_output=True, text=True)
+    said = subprocess.run(
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(absent)}, capture_output=True, text=True
+    )
     assert said.returncode == 1
     assert f"{path}: is " in said.stderr
     assert f"reading it needs the package {package}: install piezobench[formats]" in said.stderr
@@ -272,11 +338,21 @@ def test_a_format_is_added_by_adding_a_file(tmp_path: Path) -> None:
     (tmp_path / "piezo_model/recordings/formats/doubles.py").write_text(
         'import numpy as np\nfrom piezo_model.recordings.tables import in_memory\nNAME, ORDER = "doubles", 5\n'
         'def recognises(path, head):\n    return head.startswith(b"DBL1")\n'
-        'def open_table(path, reading):\n    data = np.frombuffer(path.read_bytes()[8:]).reshape(-1, 2)\n'
-        '    return in_memory(path, "doubles", {"u": data[:, 0], "y": data[:, 1]}, sample_time=0.01)\n')
+        "def open_table(path, reading):\n    data = np.frombuffer(path.read_bytes()[8:]).reshape(-1, 2)\n"
+        '    return in_memory(path, "doubles", {"u": data[:, 0], "y": data[:, 1]}, sample_time=0.01)\n'
+    )
     (tmp_path / "stage.bin").write_bytes(b"DBL1\0\0\0\0" + np.stack([X, Y], 1).tobytes())
-    said = subprocess.run([sys.executable, "-c", "from piezo_model.recordings import Recording; print(Recording.open('stage.bin').describe())"],
-                          cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from piezo_model.recordings import Recording; print(Recording.open('stage.bin').describe())",
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     assert "doubles; 2500 samples over 24.99 s, one every 10 ms" in said
 
 
@@ -308,14 +384,19 @@ def test_times_are_read_to_the_nanosecond(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(recording.arrays(), [X, Y])
 
 
-@pytest.mark.parametrize(("over", "shown"), [
-    (1.0, "hh:mm:ss.000"), (2.0, "hh:mm:ss.000"), (2.0, "[h]:mm:ss.000"), (45000.0, "yyyy-mm-dd hh:mm:ss.000")])
+@pytest.mark.parametrize(
+    ("over", "shown"),
+    [(1.0, "hh:mm:ss.000"), (2.0, "hh:mm:ss.000"), (2.0, "[h]:mm:ss.000"), (45000.0, "yyyy-mm-dd hh:mm:ss.000")],
+)
 def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: str) -> None:
-    """In Excel a time is a number of days; one without date is shown as a time of day before the first midnight and as a date after it."""
+    """In Excel a time is a number of days; one without date is shown as a time of day before the first midnight and as
+    a date after it."""
     book = openpyxl.Workbook()
     book.active.append(["t", "voltage_V", "height_um"])
     for k in range(400):
-        book.active.append([(over - (2 - k / 100) / 86400) % (1.0 if over == 2.0 and shown[0] == "h" else np.inf), X[k], Y[k]])
+        book.active.append(
+            [(over - (2 - k / 100) / 86400) % (1.0 if over == 2.0 and shown[0] == "h" else np.inf), X[k], Y[k]]
+        )
         book.active.cell(k + 2, 1).number_format = shown
     book.save(tmp_path / "stage.xlsx")
     recording = Recording.open(tmp_path / "stage.xlsx")
@@ -328,5 +409,8 @@ def test_a_date_among_voltages_is_refused(tmp_path: Path) -> None:
         book.active.append(row)
     book.active["B7"] = datetime(2024, 1, 31)
     book.save(tmp_path / "stage.xlsx")
-    assert "column 'voltage_V' holds datetime.datetime(2024, 1, 31, 0, 0) in row 7 of sheet 'Sheet', where a number is needed" in refusal(
-        tmp_path / "stage.xlsx")
+    assert (
+        "column 'voltage_V' holds datetime.datetime(2024, 1, 31, 0, 0) in row 7 of sheet 'Sheet', where a number "
+        "is "
+        "needed"
+    ) in refusal(tmp_path / "stage.xlsx")

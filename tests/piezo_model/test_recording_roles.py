@@ -22,7 +22,9 @@ def play(x: np.ndarray, radius: float) -> np.ndarray:
     return y
 
 
-def kept_back(noise: float = 0.02, sign: float = 1.0, frequency: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def kept_back(
+    noise: float = 0.02, sign: float = 1.0, frequency: float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Three seconds at rest, a jump to -87 V, then a sine of 150 V; the sensor has an offset."""
     t = np.arange(12_000) / 1000
     x = np.where(t < 3, 0.0, 150 * np.sin(2 * np.pi * frequency * (t - 3) - np.arcsin(87 / 150)))
@@ -33,24 +35,36 @@ def kept_back(noise: float = 0.02, sign: float = 1.0, frequency: float = 1.0) ->
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("swapped", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.3])
-def test_of_two_unnamed_signals_the_one_that_lags_is_the_output(tmp_path: Path, sign: float, swapped: bool, noise: float) -> None:
+def test_of_two_unnamed_signals_the_one_that_lags_is_the_output(
+    tmp_path: Path, sign: float, swapped: bool, noise: float
+) -> None:
     t, x, y = kept_back(noise, sign)
     pair = (x, y) if swapped else (y, x)
     stamps = [repr(float(np.float32(value))) for value in t]
-    path = text_file(tmp_path, *(f"\t{at}\t{a!r}\t{b!r}" for at, a, b in zip(stamps, *(p.tolist() for p in pair), strict=True)))
+    path = text_file(
+        tmp_path, *(f"\t{at}\t{a!r}\t{b!r}" for at, a, b in zip(stamps, *(p.tolist() for p in pair), strict=True))
+    )
     recording = Recording.open(path)
-    clean = text_file(tmp_path, "time_s,voltage,position", *(f"{at!r},{a!r},{b!r}" for at, a, b in zip(
-        t.tolist(), x.tolist(), y.tolist(), strict=True)), name="clean.csv")
+    clean = text_file(
+        tmp_path,
+        "time_s,voltage,position",
+        *(f"{at!r},{a!r},{b!r}" for at, a, b in zip(t.tolist(), x.tolist(), y.tolist(), strict=True)),
+        name="clean.csv",
+    )
     np.testing.assert_array_equal(recording.arrays(), Recording.open(clean).arrays())
     assert recording.sample_time == Recording.open(clean).sample_time == 1e-3
-    assert "time as the only one that never falls; input, output because the output lags the input" in recording.describe()
+    assert (
+        "time as the only one that never falls; input, output because the output lags the input" in recording.describe()
+    )
 
 
 def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
     t = np.arange(5000) * 1e-3
     x = np.sin(20 * t)
     y = x + np.random.default_rng(1).normal(0, 1e-2, t.size)
-    path = text_file(tmp_path, *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), y.tolist(), x.tolist(), strict=True)))
+    path = text_file(
+        tmp_path, *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), y.tolist(), x.tolist(), strict=True))
+    )
     recording = Recording.open(path)
     assert recording.columns == {"time": "column 1", "input": "column 3", "output": "column 2"}
     assert "because the output is the noisier one" in recording.describe()
@@ -59,25 +73,44 @@ def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
 def test_what_the_values_do_not_tell_is_asked_for(tmp_path: Path) -> None:
     t = np.arange(500) * 1e-3
     path = text_file(tmp_path, *(f"{a:.3f},{math.sin(a)!r},{2 * math.sin(a)!r}" for a in t.tolist()))
-    assert ("cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2', 'column 3'; name "
-            "them with --time, --input and --output") in refusal(path)
+    assert (
+        "cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2', "
+        "'column 3'; name "
+        "them with --time, --input and --output"
+    ) in refusal(path)
 
 
-@pytest.mark.parametrize(("header", "columns"), [
-    ("stamp,flag,rest,driver_a,response", ("stamp", "driver_a", "response")),
-    ("n,stamp,zero,source,height_nm", ("stamp", "source", "height_nm")),
-    ("t,rest,height (measured),height (piezo),segment", ("t", "height (piezo)", "height (measured)")),
-    ("time,zero,Target Position,Current Position,flag", ("time", "Target Position", "Current Position")),
-    ("time,zero,desired_um,actual_um,error_um", ("time", "desired_um", "actual_um")),
-    ("time,zero,voltage,anything,flag", ("time", "voltage", "anything")),
-    ("time,zero,anything,displacement,flag", ("time", "anything", "displacement")),
-    ("time,zero,u,y_ref,y", ("time", "u", "y")),
-    ("time,zero,position_V,temperature,drive_V", ("time", "drive_V", "position_V")),
-])
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("stamp,flag,rest,driver_a,response", ("stamp", "driver_a", "response")),
+        ("n,stamp,zero,source,height_nm", ("stamp", "source", "height_nm")),
+        ("t,rest,height (measured),height (piezo),segment", ("t", "height (piezo)", "height (measured)")),
+        ("time,zero,Target Position,Current Position,flag", ("time", "Target Position", "Current Position")),
+        ("time,zero,desired_um,actual_um,error_um", ("time", "desired_um", "actual_um")),
+        ("time,zero,voltage,anything,flag", ("time", "voltage", "anything")),
+        ("time,zero,anything,displacement,flag", ("time", "anything", "displacement")),
+        ("time,zero,u,y_ref,y", ("time", "u", "y")),
+        ("time,zero,position_V,temperature,drive_V", ("time", "drive_V", "position_V")),
+    ],
+)
 def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: tuple[str, ...]) -> None:
     t, x, y = (values[::8] for values in kept_back())
-    cells = {"stamp": t, "t": t, "time": t, "n": np.arange(t.size), "flag": t > 5, "segment": t > 5, "rest": 0 * t, "zero": 0 * t + 1,
-             "temperature": 20 + 0 * t, "error_um": x - y, "y_ref": np.roll(y, 3), columns[1]: x, columns[2]: y}
+    cells = {
+        "stamp": t,
+        "t": t,
+        "time": t,
+        "n": np.arange(t.size),
+        "flag": t > 5,
+        "segment": t > 5,
+        "rest": 0 * t,
+        "zero": 0 * t + 1,
+        "temperature": 20 + 0 * t,
+        "error_um": x - y,
+        "y_ref": np.roll(y, 3),
+        columns[1]: x,
+        columns[2]: y,
+    }
     lines = zip(*(cells[name].tolist() for name in header.split(",")), strict=True)
     recording = Recording.open(text_file(tmp_path, header, *(",".join(map(str, line)) for line in lines)))
     assert tuple(recording.columns[role] for role in ("time", "input", "output")) == columns
@@ -96,7 +129,9 @@ def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
 
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("kind", "seed"), [("saturation and hysteresis", 11), ("Bouc-Wen", 3)])
-def test_a_guess_that_the_loops_suggest_and_the_fit_contradicts_is_turned(tmp_path: Path, kind: str, seed: int, turned: bool) -> None:
+def test_a_guess_that_the_loops_suggest_and_the_fit_contradicts_is_turned(
+    tmp_path: Path, kind: str, seed: int, turned: bool
+) -> None:
     x, y = (signal[:1500] for signal in DESCRIBABLE[kind](np.random.default_rng(seed)))
     guessed = Recording.open(two_columns(tmp_path, *((y, x) if turned else (x, y))), sample_time=1e-3)
     drive = "column 2" if turned else "column 1"
@@ -113,7 +148,11 @@ def test_columns_that_a_fit_cannot_tell_apart_are_asked_for(tmp_path: Path) -> N
     rng, x = np.random.default_rng(1), np.sin(np.linspace(-1.57, 1.7, 4000))
     y = noisy(rng, np.tanh(1.5 * creeping(rng, x)), 0.0005)  # hardly more than one way up, which any curve describes
     recording = Recording.open(two_columns(tmp_path, x, y), sample_time=1e-3)
-    with pytest.raises(RecordingError, match="cannot tell which column is the input and which the output: a model leaves") as caught:
+    with pytest.raises(
+        RecordingError, match="cannot tell which column is the input and which the output: a model leaves"
+    ) as caught:
         identify(recording)
     assert "name them with --input and --output" in str(caught.value)
-    assert identify(Recording.open(recording.name, input="1", output="2", sample_time=1e-3)).structure.x_scale == pytest.approx(1.0, abs=1e-3)
+    assert identify(
+        Recording.open(recording.name, input="1", output="2", sample_time=1e-3)
+    ).structure.x_scale == pytest.approx(1.0, abs=1e-3)

@@ -15,23 +15,32 @@ from piezo_model.recordings import Recording, write_table
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_comma_semicolon_and_tab_separate(tmp_path: Path, separator: str) -> None:
-    path = text_file(tmp_path, *(line.replace(",", separator) for line in
-                                 ("time_s,voltage_V,y_um", "0,+1.5,2e0", " 1 , .5,-2E-1", '2,"2.",3')))
+    path = text_file(
+        tmp_path,
+        *(
+            line.replace(",", separator)
+            for line in ("time_s,voltage_V,y_um", "0,+1.5,2e0", " 1 , .5,-2E-1", '2,"2.",3')
+        ),
+    )
     x, y = Recording.open(path).arrays()
     np.testing.assert_array_equal(x, [1.5, 0.5, 2.0])
     np.testing.assert_array_equal(y, [2.0, -0.2, 3.0])
 
 
-@pytest.mark.parametrize("content", [
-    b"\xef\xbb\xbftime_s,u_V,y_um\n0,1,2\n1,2,3\n",
-    b"time_s,u_V,y_um\r\n0,1,2\r\n1,2,3\r\n",
-    b"time_s,u_V,y_um\n0,1,2\n\n1,2,3\n\n",
-    b"time_s,u_V,y_um\n0,1,2\n1,2,3",
-    b"# made by a stage\n\n# on a day\ntime_s,u_V,y_um\n0,1,2\n1,2,3\n",
-    b"# time_s,u_V,y_um\n0,1,2\n1,2,3\n",
-    b"time_s,u_V,y_\xb5m\n0,1,2\n1,2,3\n",
-    b'time_s,u_V,"y_um",note\n0,1,2,\xe4\n1,2,3,"so, so"\n',
-], ids=["byte order mark", "Windows", "blank lines", "no last newline", "comments", "savetxt", "Latin-1", "quotes"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xef\xbb\xbftime_s,u_V,y_um\n0,1,2\n1,2,3\n",
+        b"time_s,u_V,y_um\r\n0,1,2\r\n1,2,3\r\n",
+        b"time_s,u_V,y_um\n0,1,2\n\n1,2,3\n\n",
+        b"time_s,u_V,y_um\n0,1,2\n1,2,3",
+        b"# made by a stage\n\n# on a day\ntime_s,u_V,y_um\n0,1,2\n1,2,3\n",
+        b"# time_s,u_V,y_um\n0,1,2\n1,2,3\n",
+        b"time_s,u_V,y_\xb5m\n0,1,2\n1,2,3\n",
+        b'time_s,u_V,"y_um",note\n0,1,2,\xe4\n1,2,3,"so, so"\n',
+    ],
+    ids=["byte order mark", "Windows", "blank lines", "no last newline", "comments", "savetxt", "Latin-1", "quotes"],
+)
 def test_common_dialects_are_read(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "stage.csv"
     path.write_bytes(content)
@@ -40,11 +49,20 @@ def test_common_dialects_are_read(tmp_path: Path, content: bytes) -> None:
     np.testing.assert_array_equal(recording.arrays(), [[1, 2], [2, 3]])
 
 
-@pytest.mark.parametrize(("lines", "sentence"), [
-    (("t;u;y", "0.0;1.5;2.5", "0.1;1,5;2.5", "0.2;1.5;2.5"), "column 'u' holds '1,5' in row 3 (data row 2), a decimal comma"),
-    (("t,u,y", "0,0,1,5,2,5", "0,1,1,5,2,5"), "row 2 (data row 1) has 6 columns where the header has 3; its numbers "
-                                              "seem to have decimal commas, write decimal points"),
-])
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        (
+            ("t;u;y", "0.0;1.5;2.5", "0.1;1,5;2.5", "0.2;1.5;2.5"),
+            "column 'u' holds '1,5' in row 3 (data row 2), a decimal comma",
+        ),
+        (
+            ("t,u,y", "0,0,1,5,2,5", "0,1,1,5,2,5"),
+            "row 2 (data row 1) has 6 columns where the header has 3; its numbers "
+            "seem to have decimal commas, write decimal points",
+        ),
+    ],
+)
 def test_decimal_commas_are_called_by_their_name(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
     assert sentence in refusal(text_file(tmp_path, *lines))
 
@@ -96,7 +114,7 @@ def test_parquet_of_zero_rows_is_refused(tmp_path: Path) -> None:
 def test_truncated_parquet_is_refused(tmp_path: Path, share: float) -> None:
     path = tmp_path / "stage.parquet"
     write_table(path, signals())
-    path.write_bytes(path.read_bytes()[:int(share * path.stat().st_size)])
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     assert "is a truncated Parquet file" in refusal(path)
 
 
@@ -129,8 +147,17 @@ def test_text_is_named_with_column_and_row(tmp_path: Path, column: int, name: st
     assert f"column '{name}' holds 'over' in row 18 (data row 17), where a number is needed" in sentence
 
 
-@pytest.mark.parametrize(("cell", "kind"), [("", "missing (or NaN)"), ("nan", "missing (or NaN)"), ("NaN", "missing"),
-                                            ("inf", "infinite"), ("-Infinity", "infinite"), ("1e999", "infinite")])
+@pytest.mark.parametrize(
+    ("cell", "kind"),
+    [
+        ("", "missing (or NaN)"),
+        ("nan", "missing (or NaN)"),
+        ("NaN", "missing"),
+        ("inf", "infinite"),
+        ("-Infinity", "infinite"),
+        ("1e999", "infinite"),
+    ],
+)
 def test_a_value_that_is_not_finite_is_named_with_column_and_row(tmp_path: Path, cell: str, kind: str) -> None:
     for column, name in enumerate(HEADER.split(",")):
         assert f"column '{name}' is {kind}" in (sentence := refusal(broken(tmp_path, 17, column, cell)))
@@ -152,7 +179,8 @@ def test_values_that_are_not_finite_are_counted(tmp_path: Path, suffix: str) -> 
     columns["voltage_V"][[70_000, 70_001, 99_999]] = np.nan, np.inf, np.nan
     path = tmp_path / f"stage{suffix}"
     pq.write_table(pa.table(columns), path) if suffix == ".parquet" else text_file(
-        tmp_path, HEADER, *(f"{t:.3f},{x},{y}" for t, x, y in zip(*columns.values(), strict=True)))
+        tmp_path, HEADER, *(f"{t:.3f},{x},{y}" for t, x, y in zip(*columns.values(), strict=True))
+    )
     sentence = refusal(path)
     assert "column 'voltage_V' is missing (or NaN) in" in sentence
     assert "data row 70001" in sentence
@@ -173,8 +201,11 @@ def test_parquet_columns_that_are_no_numbers_are_refused(tmp_path: Path, values:
 
 @pytest.mark.parametrize("kind", ["int16", "uint64", "float16", "float32", "decimal"])
 def test_parquet_numbers_of_any_type_are_read(tmp_path: Path, kind: str) -> None:
-    values = pa.array([1, 2, 3], pa.int64()).cast(pa.decimal128(30, 2)) if kind == "decimal" else pa.array(
-        np.array([1, 2, 3], kind))
+    values = (
+        pa.array([1, 2, 3], pa.int64()).cast(pa.decimal128(30, 2))
+        if kind == "decimal"
+        else pa.array(np.array([1, 2, 3], kind))
+    )
     pq.write_table(pa.table({"t": [0, 1, 2], "u.v": values, "y": [1.0, 2.0, 4.0]}), tmp_path / "s.parquet")
     np.testing.assert_array_equal(Recording.open(tmp_path / "s.parquet", input="u.v").arrays()[0], [1, 2, 3])
 

@@ -1,4 +1,5 @@
-"""One clean table written in every way that plain text is met in; each file must give the clean arrays to the last bit."""
+"""One clean table written in every way that plain text is met in; each file must give the clean arrays to the last
+bit."""
 
 import csv
 import io
@@ -24,9 +25,20 @@ Y = np.round(5 * np.sin(6 * T - 0.2) + np.random.default_rng(0).normal(0, 0.01, 
 def rows(line: str, end: str = "\n", decimal: str = ".", times: Sequence[str] | None = None) -> str:
     """Every sample in a line; {t}, {x} and {y} are printed with the decimal mark, {i} is the index."""
     times = times or [f"{t:.7f}" for t in T]
-    return end.join(line.format(i=i, t=times[i].replace(".", decimal), x=f"{X[i]:.6f}".replace(".", decimal),
-                                y=f"{Y[i]:.6f}".replace(".", decimal), flag=i > 1200, far=f"{X[i] + 10000:,.6f}")
-                    for i in range(N)) + end
+    return (
+        end.join(
+            line.format(
+                i=i,
+                t=times[i].replace(".", decimal),
+                x=f"{X[i]:.6f}".replace(".", decimal),
+                y=f"{Y[i]:.6f}".replace(".", decimal),
+                flag=i > 1200,
+                far=f"{X[i] + 10000:,.6f}",
+            )
+            for i in range(N)
+        )
+        + end
+    )
 
 
 def clock(day: str, start: float = 0.0) -> list[str]:
@@ -39,7 +51,10 @@ HEADER = "time_s,voltage_V,height_um\n"
 FILES: dict[str, tuple[bytes | str, dict]] = {
     "no header": (rows("{t},{x},{y}"), {}),
     "metadata": (f"Instrument: stage\nDate,2024-01-31\nGain,10,V/V\n\n{HEADER}{rows('{t},{x},{y}')}", {}),
-    "comments with the header": (f"# stage\n# 3 channels\n#\n# time\tvoltage\theight\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}", {}),
+    "comments with the header": (
+        f"# stage\n# 3 channels\n#\n# time\tvoltage\theight\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}",
+        {},
+    ),
     "per cent comments": (f"% time voltage height\n% s V um\n{rows('{t} {x} {y}')}", {}),
     "slash comments": (f"// recorded\n// {HEADER}{rows('{t},{x},{y}')}", {}),
     "units row": (f"time;voltage;height\ns;V;µm\n{rows('{t};{x};{y}')}", {}),
@@ -52,7 +67,10 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "text column": (f"segment,time_s,voltage_V,height_um\n{rows('approach,{t},{x},{y}')}", {}),
     "separator at the end": (f"time_s;voltage_V;height_um;\n{rows('{t};{x};{y};')}", {}),
     "separator at the end of rows": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y};')}", {}),
-    "comment that no row has": (f"X_Value\tvoltage_V\theight_um\tComment\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}", {}),
+    "comment that no row has": (
+        f"X_Value\tvoltage_V\theight_um\tComment\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}",
+        {},
+    ),
     "carriage returns": (f"time_s,voltage_V,height_um\r\n{rows('{t},{x},{y}', end=chr(13) + chr(10))}", {}),
     "carriage returns alone": (f"time_s,voltage_V,height_um\r{rows('{t},{x},{y}', end=chr(13))}", {}),
     "byte order mark": (b"\xef\xbb\xbf" + (HEADER + rows("{t},{x},{y}")).encode(), {}),
@@ -75,9 +93,16 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "clock past midnight": (f"Timestamp,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('{}', 86399.0))}", {}),
     "ISO date": (f"when,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('2024-01-31T{}Z'))}", {}),
     "dotted date": (f"when;voltage_V;height_um\n{rows('{t};{x};{y}', times=clock('2024.01.31 {}'))}", {}),
-    "German date": (f"Zeit;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',', times=clock('31.01.2024 {}'))}".replace(
-        "31,01,2024", "31.01.2024"), {}),
-    "dotted clock": (f"Zeit;voltage_V;height_um\n{rows('{t};{x};{y}', times=[c.replace(':', '.') for c in clock('{}')])}", {}),
+    "German date": (
+        f"Zeit;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',', times=clock('31.01.2024 {}'))}".replace(
+            "31,01,2024", "31.01.2024"
+        ),
+        {},
+    ),
+    "dotted clock": (
+        f"Zeit;voltage_V;height_um\n{rows('{t};{x};{y}', times=[c.replace(':', '.') for c in clock('{}')])}",
+        {},
+    ),
     "single precision": (HEADER + rows("{t},{x},{y}", times=[repr(float(np.float32(t))) for t in T + 40]), {}),
     "seven digits": (HEADER + rows("{t},{x},{y}", times=[f"{t:.7g}" for t in T + 8.5]), {}),
     "no time": (f"voltage_V,height_um\n{rows('{x},{y}')}", {"sample_time": 1 / RATE}),
@@ -109,7 +134,8 @@ def test_marks_between_thousands_are_no_separators(tmp_path: Path, line: str, sa
 def test_thousands_may_be_marked_as_in_germany(tmp_path: Path) -> None:
     swap = str.maketrans(".,", ",.")
     content = "time_s;voltage_V;height_um\n" + "".join(
-        f"{t:.7f};{1000 * x:,.6f};{y:.6f}\n".translate(swap) for t, x, y in zip(T, X, Y, strict=True))
+        f"{t:.7f};{1000 * x:,.6f};{y:.6f}\n".translate(swap) for t, x, y in zip(T, X, Y, strict=True)
+    )
     path = tmp_path / "stage.csv"
     path.write_text(content)
     np.testing.assert_array_equal(Recording.open(path).arrays(), [[float(f"{1000 * x:.6f}") for x in X], Y])
@@ -117,8 +143,11 @@ def test_thousands_may_be_marked_as_in_germany(tmp_path: Path) -> None:
 
 def test_a_header_that_lacks_its_line_break_still_names_the_columns(tmp_path: Path) -> None:
     path = tmp_path / "curve.tab"
-    path.write_text("# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
-                    + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"), newline="")
+    path.write_text(
+        "# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
+        + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"),
+        newline="",
+    )
     recording = Recording.open(path)
     np.testing.assert_array_equal(recording.arrays(), [X, Y])
     assert recording.columns == {"time": "time", "input": "height (piezo)", "output": "height (measured)"}
@@ -129,9 +158,14 @@ def test_what_was_understood_is_said_in_two_lines(tmp_path: Path) -> None:
     path = tmp_path / "stage.csv"
     path.write_text(f"Zeit;Spannung;Höhe\ns;V;µm\n{rows('{t};{x};{y}', decimal=',')}", encoding="latin-1")
     first, second = Recording.open(path).describe().splitlines()
-    assert "text in Latin-1, separated by semicolons, decimal comma, header in row 1; 2500 samples over 2.507 s" in first
-    assert second == ("input 'Spannung' from 2e-06 to 100 V, output 'Höhe' from -45.01 to -34.98 µm; guessed: time, input, output by "
-                      "name (otherwise --time, --input, --output)")
+    assert (
+        "text in Latin-1, separated by semicolons, decimal comma, header in row 1; 2500 samples over 2.507 s" in first
+    )
+    assert second == (
+        "input 'Spannung' from 2e-06 to 100 V, output 'Höhe' from -45.01 to -34.98 µm; guessed: time, "
+        "input, output by "
+        "name (otherwise --time, --input, --output)"
+    )
 
 
 def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
@@ -141,17 +175,38 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
     assert "the last row is not complete and left out; 3 samples" in said
 
 
-@pytest.mark.parametrize(("lines", "sentence"), [
-    (("t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"), "column 'u' is 9.91e+37 in row 3 (data row 2), which nothing measures"),
-    (("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"), "column 't': the sampling period must be from 1e-09 to 1e+09 s, not 1e-307"),
-    (("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"), "column 'u' is -1e+300 in row 3 (data row 2), which nothing measures"),
-    (("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"), "column 'u' holds 'True' in row 4 (data row 3), where a number is needed"),
-    (("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"),
-     "column 't' holds 'noon' in row 4 (data row 3), where a clock like '12:00:01' is needed"),
-    (("u,y", "1,2", "2,3", "3,3", "4,2"), "cannot tell which column is the time; its columns are 'u', 'y'; name it with --time, "
-                                          "or say --sample-time or --sample-rate"),
-    (("index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"), "cannot tell which column is the time"),
-])
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        (
+            ("t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"),
+            "column 'u' is 9.91e+37 in row 3 (data row 2), which nothing measures",
+        ),
+        (
+            ("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"),
+            "column 't': the sampling period must be from 1e-09 to 1e+09 s, not 1e-307",
+        ),
+        (
+            ("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"),
+            "column 'u' is -1e+300 in row 3 (data row 2), which nothing measures",
+        ),
+        (
+            ("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"),
+            "column 'u' holds 'True' in row 4 (data row 3), where a number is needed",
+        ),
+        (
+            ("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"),
+            "column 't' holds 'noon' in row 4 (data row 3), where a clock like '12:00:01' is needed",
+        ),
+        (
+            ("u,y", "1,2", "2,3", "3,3", "4,2"),
+            "cannot tell which column is the time; its columns are 'u', 'y'; name it "
+            "with --time, "
+            "or say --sample-time or --sample-rate",
+        ),
+        (("index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"), "cannot tell which column is the time"),
+    ],
+)
 def test_what_is_wrong_is_named_in_one_sentence(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
     assert sentence in refusal(text_file(tmp_path, *lines))
 
@@ -164,10 +219,15 @@ def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
 
 
 @pytest.mark.parametrize("period_ns", [100, 500, 1000, 125_500])
-@pytest.mark.parametrize("form", ["{Y}-{M}-{D}T{h}:{m}:{s}.{n}Z", "{D}.{M}.{Y} {h}:{m}:{s},{n}", "{h}:{m}:{s}.{n}", "{m}:{s}.{n}"])
+@pytest.mark.parametrize(
+    "form", ["{Y}-{M}-{D}T{h}:{m}:{s}.{n}Z", "{D}.{M}.{Y} {h}:{m}:{s},{n}", "{h}:{m}:{s}.{n}", "{m}:{s}.{n}"]
+)
 def test_clocks_are_read_to_the_nanosecond(tmp_path: Path, form: str, period_ns: int) -> None:
     decimal = ";" if "," in form else ","
-    rows = [f"{t}{decimal}{k % 7}{decimal}{k % 5}" for k, t in enumerate(stamps(form, "2024-01-31T12:00:59.9999", period_ns, 3000))]
+    rows = [
+        f"{t}{decimal}{k % 7}{decimal}{k % 5}"
+        for k, t in enumerate(stamps(form, "2024-01-31T12:00:59.9999", period_ns, 3000))
+    ]
     recording = Recording.open(text_file(tmp_path, HEADER.strip().replace(",", decimal), *rows))
     assert recording.sample_time == period_ns / 1e9
     assert recording.time_resolution < 1e-12
@@ -179,38 +239,61 @@ def test_a_sample_missing_at_ten_megahertz_is_found(tmp_path: Path) -> None:
     assert "has a gap of 2e-07 s before row 1002 (data row 1001): about 1 sample missing" in sentence
 
 
-@pytest.mark.parametrize(("order", "day", "rows_before_midnight"), [
-    *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}", "{D}-{M}-{Y}", "{M}-{D}-{Y}", "{D}.{M}.{Y}"], ["01-12", "01-11", "01-31", "12-31", "05-05"], [5]),
-    *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}"], ["01-12", "05-05"], [20_000])])
-def test_the_order_of_day_and_month_is_that_of_the_whole_column(tmp_path: Path, order: str, day: str, rows_before_midnight: int) -> None:
+@pytest.mark.parametrize(
+    ("order", "day", "rows_before_midnight"),
+    [
+        *product(
+            ["{D}/{M}/{Y}", "{M}/{D}/{Y}", "{D}-{M}-{Y}", "{M}-{D}-{Y}", "{D}.{M}.{Y}"],
+            ["01-12", "01-11", "01-31", "12-31", "05-05"],
+            [5],
+        ),
+        *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}"], ["01-12", "05-05"], [20_000]),
+    ],
+)
+def test_the_order_of_day_and_month_is_that_of_the_whole_column(
+    tmp_path: Path, order: str, day: str, rows_before_midnight: int
+) -> None:
     start = np.datetime64(f"2024-{day}T23:59:59.999999", "ns") - np.timedelta64(rows_before_midnight, "ms")
     times = stamps(f"{order} {{h}}:{{m}}:{{s}}.{{n}}", str(start), 1_000_000, rows_before_midnight + 1000)
     assert Recording.open(with_times(tmp_path, times)).sample_time == 0.001
 
 
-@pytest.mark.parametrize(("last_before", "first_after"), [("2024-03-31T01:59:59.{}+0100", "2024-03-31T03:00:00.{}+0200"),
-                                                          ("2024-10-27 02:59:59.{} +02:00", "2024-10-27 02:00:00.{} +01:00"),
-                                                          ("02:59:59.{}-05", "02:00:00.{}-06"),
-                                                          ("23:59:59.{}Z", "02:00:00.{}+02:00")])
-def test_offsets_from_utc_count_at_the_changes_of_summer_time(tmp_path: Path, last_before: str, first_after: str) -> None:
+@pytest.mark.parametrize(
+    ("last_before", "first_after"),
+    [
+        ("2024-03-31T01:59:59.{}+0100", "2024-03-31T03:00:00.{}+0200"),
+        ("2024-10-27 02:59:59.{} +02:00", "2024-10-27 02:00:00.{} +01:00"),
+        ("02:59:59.{}-05", "02:00:00.{}-06"),
+        ("23:59:59.{}Z", "02:00:00.{}+02:00"),
+    ],
+)
+def test_offsets_from_utc_count_at_the_changes_of_summer_time(
+    tmp_path: Path, last_before: str, first_after: str
+) -> None:
     times = [form.format(f"{k:03d}") for form in (last_before, first_after) for k in range(0, 1000, 5)]
     assert Recording.open(with_times(tmp_path, times)).sample_time == 0.005
 
 
-@pytest.mark.parametrize(("cells", "row"), [
-    (("28/02/2024 23:59:59", "29/02/2024 00:00:00", "30/02/2024 00:00:01"), 4),
-    (("12/01/2024 23:59:59", "13/01/2024 00:00:00", "01/14/2024 00:00:01"), 4),
-    (("2024-01-31 23:59:59", "01.02.2024 00:00:00", "01.02.2024 00:00:01"), 3),
-    (("2024-01-31 23:59:58", "2024-01-31 23:59:59", "00:00:00"), 4),
-    (("23:59:58", "2024-01-31 23:59:59", "00:00:00"), 3),
-    (("12:00:01+01:00", "12:00:02", "12:00:03+01:00"), 3),
-    (("12:00:01", "12:00:02", "12:00:03Z"), 4),
-    (("12:00:01+01:00", "12:00:02+99:00", "12:00:03+01:00"), 3),
-    (("12:00:01", "12:00:02", "3.5"), 4),
-])
+@pytest.mark.parametrize(
+    ("cells", "row"),
+    [
+        (("28/02/2024 23:59:59", "29/02/2024 00:00:00", "30/02/2024 00:00:01"), 4),
+        (("12/01/2024 23:59:59", "13/01/2024 00:00:00", "01/14/2024 00:00:01"), 4),
+        (("2024-01-31 23:59:59", "01.02.2024 00:00:00", "01.02.2024 00:00:01"), 3),
+        (("2024-01-31 23:59:58", "2024-01-31 23:59:59", "00:00:00"), 4),
+        (("23:59:58", "2024-01-31 23:59:59", "00:00:00"), 3),
+        (("12:00:01+01:00", "12:00:02", "12:00:03+01:00"), 3),
+        (("12:00:01", "12:00:02", "12:00:03Z"), 4),
+        (("12:00:01+01:00", "12:00:02+99:00", "12:00:03+01:00"), 3),
+        (("12:00:01", "12:00:02", "3.5"), 4),
+    ],
+)
 def test_a_clock_unlike_the_others_of_its_column_is_named(tmp_path: Path, cells: tuple[str, ...], row: int) -> None:
     sentence = refusal(with_times(tmp_path, [*cells, *cells[:1] * 20]))
-    assert f"column 'time_s' holds {cells[row - 2]!r} in row {row} (data row {row - 1}), where a clock like {cells[0]!r} is needed" in sentence
+    assert (
+        f"column 'time_s' holds {cells[row - 2]!r} in row {row} (data row {row - 1}), where a clock like "
+        f"{cells[0]!r} is needed"
+    ) in sentence
 
 
 def test_a_date_that_there_is_not_is_named(tmp_path: Path) -> None:
@@ -219,21 +302,27 @@ def test_a_date_that_there_is_not_is_named(tmp_path: Path) -> None:
 
 
 def test_clocks_of_minutes_and_seconds_need_no_fraction_everywhere(tmp_path: Path) -> None:
-    times = [f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)]
+    times = [
+        f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)
+    ]
     assert Recording.open(with_times(tmp_path, times)).sample_time == 0.1
 
 
 def test_a_line_that_never_ends_is_refused(tmp_path: Path) -> None:
     (tmp_path / "stage.csv").write_bytes(b"1" * (1 << 20))
     assert "longer than" in refusal(tmp_path / "stage.csv")
-    path = text_file(tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(60_000)), "7" * (3 << 20), "1,2,3")
+    path = text_file(
+        tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(60_000)), "7" * (3 << 20), "1,2,3"
+    )
     assert "a line is longer than" in refusal(path)
 
 
 def test_what_would_not_be_read_of_a_text_is_refused(tmp_path: Path) -> None:
     path = text_file(tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(40)))
     assert "is plain text, for which no sheet can be given" in refusal(path, sheet="Messung 1")
-    assert "so that the time column '1' would not be read; give one of the two" in refusal(path, time="1", sample_time=0.01)
+    assert "so that the time column '1' would not be read; give one of the two" in refusal(
+        path, time="1", sample_time=0.01
+    )
 
 
 def test_a_reference_of_one_column_needs_only_a_period(tmp_path: Path) -> None:
@@ -243,10 +332,19 @@ def test_a_reference_of_one_column_needs_only_a_period(tmp_path: Path) -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(separator=st.sampled_from(";\t ,|"), decimal=st.sampled_from(".,"), width=st.integers(2, 6), digits=st.integers(1, 9),
-       header=st.booleans(), units=st.booleans(), quote=st.booleans(), seed=st.integers(0, 999))
-def test_any_dialect_is_found_out(separator: str, decimal: str, width: int, digits: int, header: bool, units: bool, quote: bool,
-                                  seed: int) -> None:
+@given(
+    separator=st.sampled_from(";\t ,|"),
+    decimal=st.sampled_from(".,"),
+    width=st.integers(2, 6),
+    digits=st.integers(1, 9),
+    header=st.booleans(),
+    units=st.booleans(),
+    quote=st.booleans(),
+    seed=st.integers(0, 999),
+)
+def test_any_dialect_is_found_out(
+    separator: str, decimal: str, width: int, digits: int, header: bool, units: bool, quote: bool, seed: int
+) -> None:
     if (separator == "," == decimal and not quote) or (separator == " " and quote):
         return
     values = np.random.default_rng(seed).normal(0, 10, (30, width))

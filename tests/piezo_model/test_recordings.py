@@ -49,10 +49,14 @@ def test_chunks_of_any_size_hold_the_same_samples(stage: Path, size: int) -> Non
     recording = Recording.open(stage)
     chunks = list(recording.chunks(size))
     assert all(x.size == y.size == size for x, y in chunks[:-1])
-    assert all(array.dtype == np.float64 and array.flags.c_contiguous and array.flags.writeable
-               for pair in chunks for array in pair)
-    for joined, whole in zip((np.concatenate(parts) for parts in zip(*chunks, strict=True)), recording.arrays(),
-                             strict=True):
+    assert all(
+        array.dtype == np.float64 and array.flags.c_contiguous and array.flags.writeable
+        for pair in chunks
+        for array in pair
+    )
+    for joined, whole in zip(
+        (np.concatenate(parts) for parts in zip(*chunks, strict=True)), recording.arrays(), strict=True
+    ):
         np.testing.assert_array_equal(joined, whole)
 
 
@@ -98,8 +102,9 @@ def arrow_pool() -> Iterator[pa.MemoryPool]:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_memory_does_not_grow_with_the_length_of_the_file(tmp_path: Path, suffix: str,
-                                                          arrow_pool: pa.MemoryPool) -> None:
+def test_memory_does_not_grow_with_the_length_of_the_file(
+    tmp_path: Path, suffix: str, arrow_pool: pa.MemoryPool
+) -> None:
     peaks = []
     for rows in (300_000, 1_500_000):
         path = tmp_path / f"stage{rows}{suffix}"
@@ -121,8 +126,12 @@ def test_memory_does_not_grow_with_the_length_of_the_file(tmp_path: Path, suffix
 def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:
     folders = [Path(os.environ["PIEZOBENCH_DATA"])] if "PIEZOBENCH_DATA" in os.environ else []
     folders.append(REPOSITORY.parent / "shared" / "data")
-    found = [path for folder in folders for path in (folder / "dbo_identification.csv",
-                                                     folder / "dbo" / "dbo_identification.csv") if path.is_file()]
+    found = [
+        path
+        for folder in folders
+        for path in (folder / "dbo_identification.csv", folder / "dbo" / "dbo_identification.csv")
+        if path.is_file()
+    ]
     if not found:
         pytest.skip("the real recording dbo_identification.csv is absent; PIEZOBENCH_DATA may name its folder")
     recording = Recording.open(found[0])
@@ -152,17 +161,21 @@ def test_arrays_are_copied_in_and_out() -> None:
     np.testing.assert_array_equal(recording.arrays()[0], np.arange(5.0))
 
 
-@pytest.mark.parametrize(("x", "y", "sample_time", "sentence"), [
-    ([1, 2, 3], [1, 2], 1e-3, r"of one length.*\(3,\) and \(2,\)"),
-    ([[1, 2]], [[1, 2]], 1e-3, "one-dimensional"),
-    ([], [], 1e-3, "not empty"),
-    ([1, np.nan, 3], [1, 2, 3], 1e-3, "input is missing .or NaN. in sample 1"),
-    ([1, 2, 3], [1, 2, np.inf], 1e-3, "output is infinite in sample 2"),
-    ([2, 2, 2], [1, 2, 3], 1e-3, "input is constant, all 3 values are 2"),
-    ([1, 2, 3], [1, 2, 3], 0.0, "the sampling period must be from 1e-09 to 1e.09 s, not 0.0"),
-    ([1, 2, 3], [1, 2, 3], 1e308, "the sampling period must be from"), ([1, 2, 3], [1e-300, 0, 0], 1e-3, "output covers a range of 1e-300"),
-    ([1, 2, 3], [1, 2, 3], np.nan, "the sampling period must be from 1e-09 to 1e.09 s, not nan"),
-])
+@pytest.mark.parametrize(
+    ("x", "y", "sample_time", "sentence"),
+    [
+        ([1, 2, 3], [1, 2], 1e-3, r"of one length.*\(3,\) and \(2,\)"),
+        ([[1, 2]], [[1, 2]], 1e-3, "one-dimensional"),
+        ([], [], 1e-3, "not empty"),
+        ([1, np.nan, 3], [1, 2, 3], 1e-3, "input is missing .or NaN. in sample 1"),
+        ([1, 2, 3], [1, 2, np.inf], 1e-3, "output is infinite in sample 2"),
+        ([2, 2, 2], [1, 2, 3], 1e-3, "input is constant, all 3 values are 2"),
+        ([1, 2, 3], [1, 2, 3], 0.0, "the sampling period must be from 1e-09 to 1e.09 s, not 0.0"),
+        ([1, 2, 3], [1, 2, 3], 1e308, "the sampling period must be from"),
+        ([1, 2, 3], [1e-300, 0, 0], 1e-3, "output covers a range of 1e-300"),
+        ([1, 2, 3], [1, 2, 3], np.nan, "the sampling period must be from 1e-09 to 1e.09 s, not nan"),
+    ],
+)
 def test_arrays_that_are_no_recording_are_refused(x: list, y: list, sample_time: float, sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence):
         Recording.from_arrays(x, y, sample_time)
@@ -194,12 +207,15 @@ def test_a_constant_reference_is_one_to_be_held(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_reference(path).values, [5, 5, 5])
 
 
-@pytest.mark.parametrize(("lines", "sentence"), [
-    (("time_s,a,b", "0,1,2", "1,2,3"), "which column is the reference.*--time and --reference"),
-    (("time_s,ref", "0,1", "1,x"), r"'x' in row 3 \(data row 2\)"),
-    (("time_s,ref", "0,1", "1,"), r"'ref' is missing .or NaN. in row 3"),
-    (("time_s,ref", *(f"{max(k - 1, 0)},{k}" for k in range(12))), r"stands still in row 3 \(data row 2\)"),
-])
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        (("time_s,a,b", "0,1,2", "1,2,3"), "which column is the reference.*--time and --reference"),
+        (("time_s,ref", "0,1", "1,x"), r"'x' in row 3 \(data row 2\)"),
+        (("time_s,ref", "0,1", "1,"), r"'ref' is missing .or NaN. in row 3"),
+        (("time_s,ref", *(f"{max(k - 1, 0)},{k}" for k in range(12))), r"stands still in row 3 \(data row 2\)"),
+    ],
+)
 def test_a_bad_reference_is_refused(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence):
         read_reference(text_file(tmp_path, *lines))

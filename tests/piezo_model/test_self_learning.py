@@ -30,7 +30,9 @@ def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray,
     """References and the outputs measured before them of a session with a gap and a jump."""
     plant = sensor()
     y_ref = steps(plant, seconds)
-    y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200).run(y_ref, plant.run)[1]
+    y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200).run(
+        y_ref, plant.run
+    )[1]
     before = np.concatenate([[np.nan], y[:-1]])
     before[1000:1010] = np.nan
     before[6000:6080] += 15.0
@@ -98,10 +100,10 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(m
     learner.replay(*(v[:2500] for v in recorded(mode, "box_active_set", 4.0)))
     learner.save(path)
     text, random = path.read_text(), np.random.default_rng(0)
-    damaged = [text[:len(text) // 2], "", "[]", '{"format": "piezobench-model"}']
+    damaged = [text[: len(text) // 2], "", "[]", '{"format": "piezobench-model"}']
     for at in random.integers(0, len(text) - 1, 60):
         if text[at].isalnum():
-            damaged.append(text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1:])
+            damaged.append(text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1 :])
     for content in damaged:
         path.write_text(content)
         with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*$"):
@@ -115,10 +117,16 @@ def test_a_file_of_an_older_version_is_refused_with_the_way_to_take_its_model_wh
     learner.save(path)
     content = json.loads(path.read_text())
     path.write_text(json.dumps({**content, "version": 3}))
-    with pytest.raises(ModelError, match=r"version 3 is not 4, the one this program reads; save its model, the field memory\.compensator\.model, as"):
+    with pytest.raises(
+        ModelError,
+        match=r"version 3 is not 4, the one this program reads; save its model, the field "
+        r"memory\.compensator\.model, as",
+    ):
         SelfLearningCompensator.load(path)
     (tmp_path / "model.json").write_text(json.dumps(content["memory"]["compensator"]["model"]))
-    np.testing.assert_array_equal(HysteresisCreepModel.load(tmp_path / "model.json").all_weights, learner.model.all_weights)
+    np.testing.assert_array_equal(
+        HysteresisCreepModel.load(tmp_path / "model.json").all_weights, learner.model.all_weights
+    )
 
 
 def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
@@ -128,17 +136,24 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
     for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
         memory["learning"]["core"] = core
         compensator_file.write(path, learner.settings.to_dict(), memory)
-        with pytest.raises(ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"):
+        with pytest.raises(
+            ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"
+        ):
             SelfLearningCompensator.load(path)
 
 
 TO_THE_TIGHTEST = '{"tolerance": 0.001} to {"tolerance": 1e-13}'
 
 
-@pytest.mark.parametrize("setting", [99, 0.5, [], "x", '{"tolerance": 0.5}', '{"tolerance": 1e-6}'])  # that is written 1e-06
-def test_a_setting_that_the_solver_does_not_have_is_refused_before_anything_runs(setting: object, tmp_path: Path) -> None:
+# that is written 1e-06
+@pytest.mark.parametrize("setting", [99, 0.5, [], "x", '{"tolerance": 0.5}', '{"tolerance": 1e-6}'])
+def test_a_setting_that_the_solver_does_not_have_is_refused_before_anything_runs(
+    setting: object, tmp_path: Path
+) -> None:
     learner, path = fresh("cyclic", "accelerated_projection"), tmp_path / "learner.json"
-    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": {"setting": setting}}, learner.memory())
+    compensator_file.write(
+        path, {**learner.settings.to_dict(), "solver_options": {"setting": setting}}, learner.memory()
+    )
     sentence = re.escape(f"accelerated_projection has no setting {setting!r}; its ladder goes from {TO_THE_TIGHTEST}")
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{sentence}$"):
         SelfLearningCompensator.load(path)
@@ -157,24 +172,45 @@ def test_a_lane_that_the_solver_is_not_in_is_refused_before_anything_runs(tmp_pa
 
 
 def deployed(learner: SelfLearningCompensator, path: Path, settings: dict[str, Any]) -> None:
-    Deployment(model=learner.model, solver=learner.settings.solver, lane="kernel", tier="high", settings=settings, mode="cyclic",
-               x_limits=(10.0, 140.0)).save(path)
+    Deployment(
+        model=learner.model,
+        solver=learner.settings.solver,
+        lane="kernel",
+        tier="high",
+        settings=settings,
+        mode="cyclic",
+        x_limits=(10.0, 140.0),
+    ).save(path)
 
 
-@pytest.mark.parametrize("settings", [{"tolerance": 0.5}, {"tolerance": {}}, {"setting": 99}, {"rung": 2}, {"lane": "none"}], ids=str)
-def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused(settings: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "settings", [{"tolerance": 0.5}, {"tolerance": {}}, {"setting": 99}, {"rung": 2}, {"lane": "none"}], ids=str
+)
+def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused(
+    settings: dict[str, Any], tmp_path: Path
+) -> None:
     deployed(fresh("cyclic", "accelerated_projection"), tmp_path / "deployed.json", settings)
-    sentence = re.escape(f"accelerated_projection has no setting {json.dumps(settings)!r}; its ladder goes from {TO_THE_TIGHTEST}")
+    sentence = re.escape(
+        f"accelerated_projection has no setting {json.dumps(settings)!r}; its ladder goes from {TO_THE_TIGHTEST}"
+    )
     for load in (Deployment.load, SelfLearningCompensator.load):
         with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}$"):
             load(tmp_path / "deployed.json")
 
 
-@pytest.mark.parametrize(("setting", "value"), [("steps", None), ("steps", 1e300), ("steps", 2**70), ("step_ratio", []), ("tolerance", {})])
-def test_settings_of_the_stepped_solver_that_are_no_numbers_it_can_use_are_refused(setting: str, value: object, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("setting", "value"), [("steps", None), ("steps", 1e300), ("steps", 2**70), ("step_ratio", []), ("tolerance", {})]
+)
+def test_settings_of_the_stepped_solver_that_are_no_numbers_it_can_use_are_refused(
+    setting: str, value: object, tmp_path: Path
+) -> None:
     learner = fresh("cyclic", "projected_difference")
-    compensator_file.write(tmp_path / "learner.json", {**learner.settings.to_dict(), "solver_options": {setting: value}}, learner.memory())
-    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*projected_difference: {setting} must be [^\n]*$"):
+    compensator_file.write(
+        tmp_path / "learner.json", {**learner.settings.to_dict(), "solver_options": {setting: value}}, learner.memory()
+    )
+    with pytest.raises(
+        ModelError, match=rf"^[^\n]*learner\.json: [^\n]*projected_difference: {setting} must be [^\n]*$"
+    ):
         SelfLearningCompensator.load(tmp_path / "learner.json")
     deployed(learner, tmp_path / "deployed.json", {setting: value})
     with pytest.raises(ModelError, match=r"^[^\n]*deployed\.json: projected_difference has no setting [^\n]*$"):
@@ -184,8 +220,15 @@ def test_settings_of_the_stepped_solver_that_are_no_numbers_it_can_use_are_refus
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
     structure = structure_for(sensor())
     model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    Deployment(model=model, solver="projected_difference", lane="kernel", tier="high", settings={"steps": 100}, mode="cyclic",
-               x_limits=(10.0, 140.0)).save(tmp_path / "c.json")
+    Deployment(
+        model=model,
+        solver="projected_difference",
+        lane="kernel",
+        tier="high",
+        settings={"steps": 100},
+        mode="cyclic",
+        x_limits=(10.0, 140.0),
+    ).save(tmp_path / "c.json")
     learner = SelfLearningCompensator.load(tmp_path / "c.json", build_s=1.0)
     chosen = learner.settings
     assert (chosen.solver, chosen.x_limits, chosen.build_s) == ("projected_difference", (10.0, 140.0), 1.0)
@@ -205,10 +248,13 @@ def test_a_saved_file_says_what_it_is_and_takes_no_other_options(tmp_path: Path)
 # What it is for
 
 
-@pytest.mark.parametrize(("plant", "worst"), [("dense_prandtl_ishlinskii", 1 / 50), ("relay_preisach", 1 / 20),
-                                             ("bouc_wen", 1 / 9)])
+@pytest.mark.parametrize(
+    ("plant", "worst"), [("dense_prandtl_ishlinskii", 1 / 50), ("relay_preisach", 1 / 20), ("bouc_wen", 1 / 9)]
+)
 @pytest.mark.parametrize("mode", MODES)
-def test_three_cycles_take_away_most_of_the_error_of_the_best_straight_line(plant: str, worst: float, mode: str) -> None:
+def test_three_cycles_take_away_most_of_the_error_of_the_best_straight_line(
+    plant: str, worst: float, mode: str
+) -> None:
     one = sensor(plant)
     y_ref = steps(one, 24.0)
     y = learner_for(one, mode).run(y_ref, one.run)[1]
@@ -244,8 +290,17 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
     one = sensor()
     structure = structure_for(one, n=20, m=7)
     y_ref = steps(one, 30.0)
-    learner = SelfLearningCompensator(structure, 0.1, 6.0, 0.5, "box_active_set", mode=mode, hand_over_s=0.02,
-                                      samples_to_solve=5, state=OperatorState.at_rest(structure, -1.0, 1.0))
+    learner = SelfLearningCompensator(
+        structure,
+        0.1,
+        6.0,
+        0.5,
+        "box_active_set",
+        mode=mode,
+        hand_over_s=0.02,
+        samples_to_solve=5,
+        state=OperatorState.at_rest(structure, -1.0, 1.0),
+    )
     y = learner.run(y_ref, one.run)[1]
     assert rms_percent(y[-6000:], y_ref[-6000:], one) < 1.3 * 100.0 * NOISE
 
@@ -364,7 +419,9 @@ def test_a_solver_has_not_seen_the_data_when_it_is_set_up(monkeypatch: pytest.Mo
     assert not np.allclose(solved("box_active_set", {"lane": "kernel"}, program, np.zeros(2)), [1.0, 0.0])
 
 
-def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(BoxActiveSet, "solve", lambda self, warm_start=None: np.full(19, 3.0))
     plant = sensor()
     learner = learner_for(plant, build_s=2.0)

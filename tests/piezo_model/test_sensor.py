@@ -48,6 +48,7 @@ def test_the_noise_has_its_standard_deviation_and_is_white():
 def test_the_same_seed_gives_the_same_noise_and_another_seed_another():
     def noise(seed, size=0.02):
         return plants.Sensor(StillPlant(0.0), noise_um=size, seed=seed).run(np.zeros(100))
+
     np.testing.assert_array_equal(noise(1), noise(1))
     assert not np.array_equal(noise(1), noise(2))
     np.testing.assert_allclose(noise(1, 0.04), 2.0 * noise(1), rtol=1e-12)
@@ -88,6 +89,7 @@ def test_a_sensor_without_options_measures_the_displacement_itself():
 def test_sensors_can_be_stacked():
     def stacked():
         return plants.Sensor(plants.Sensor(bare("bouc_wen"), noise_um=0.1, seed=1), delay_samples=2, quantum_um=0.01)
+
     x = walk(0.5)
     sensor = stacked()
     sensor.run(x[:100])
@@ -98,9 +100,20 @@ def test_sensors_can_be_stacked():
     np.testing.assert_array_equal(other.run(x[100:]), first)
 
 
-@pytest.mark.parametrize(("option", "value"), [
-    ("noise_um", -1.0), ("quantum_um", np.nan), ("delay_samples", -1), ("delay_samples", 1.5), ("seed", -1),
-    ("gain_drift_per_s", np.inf), ("offset_um", np.nan), ("gain_swing", np.nan), ("gain_swing_period_s", 0.0)])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("noise_um", -1.0),
+        ("quantum_um", np.nan),
+        ("delay_samples", -1),
+        ("delay_samples", 1.5),
+        ("seed", -1),
+        ("gain_drift_per_s", np.inf),
+        ("offset_um", np.nan),
+        ("gain_swing", np.nan),
+        ("gain_swing_period_s", 0.0),
+    ],
+)
 def test_a_sensor_refuses_a_wrong_option_by_its_name(option, value):
     with pytest.raises(ValueError, match=option):
         plants.Sensor(StillPlant(0.0), **{option: value})
@@ -111,7 +124,7 @@ def test_the_lag_is_one_of_first_order_and_gaps_come_at_their_time():
     still, lagging = bare("duhem"), plants.Sensor(bare("duhem"), lag_s=tau)
     y, m = still.run(x), lagging.run(x)
     t = np.arange(300) * TS
-    away = (y[begin:begin + 300] - m[begin:begin + 300]) / (y[begin] - y[0])
+    away = (y[begin : begin + 300] - m[begin : begin + 300]) / (y[begin] - y[0])
     np.testing.assert_allclose(away, np.exp(-(t + TS) / tau), atol=0.02)  # creep goes on meanwhile
     m = plants.Sensor(bare("duhem"), gap_samples=3, gap_period_samples=50).run(x)
     assert np.flatnonzero(np.isnan(m)).tolist() == [k for k in range(1000) if k % 50 >= 47]

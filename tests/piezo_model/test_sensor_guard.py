@@ -23,8 +23,10 @@ def test_a_sensor_that_follows_its_actuator_is_good_at_every_sample(seed: int) -
     assert set(judged(x, 0.9 * x + random.normal(0.0, 1e-3, x.size))) == {Verdict.GOOD}
 
 
-@given(st.lists(st.floats(-1e300, 1e300) | st.sampled_from([math.nan, math.inf, -math.inf]), max_size=40),
-       st.integers(0, 40))
+@given(
+    st.lists(st.floats(-1e300, 1e300) | st.sampled_from([math.nan, math.inf, -math.inf]), max_size=40),
+    st.integers(0, 40),
+)
 def test_chunks_are_judged_as_the_whole_is(y: list[float], cut: int) -> None:
     x, y_array, guard = np.linspace(-1.0, 1.0, len(y)), np.array(y), SensorGuard()
     parts = [guard.judge(x[:cut], y_array[:cut]), guard.judge(x[cut:], y_array[cut:])]
@@ -51,7 +53,7 @@ def test_a_frozen_sensor_is_refused_as_soon_as_the_drive_has_moved_and_good_agai
     y[50:150] = y[49]
     verdicts = judged(RAMP, y)
     moved = int(FROZEN_DRIVE / (RAMP[1] - RAMP[0])) + 2
-    assert set(verdicts[50 + moved:150]) == {Verdict.REFUSED}
+    assert set(verdicts[50 + moved : 150]) == {Verdict.REFUSED}
     assert set(verdicts[:50] + verdicts[150:]) == {Verdict.GOOD}
 
 

@@ -81,11 +81,17 @@ def test_a_signal_is_not_written_to() -> None:
     np.testing.assert_array_equal(y, np.arange(200.0))
 
 
-@pytest.mark.parametrize(("y", "lag", "sentence"), [
-    (np.zeros(5), 5, "5 samples are too few to be shifted by 5"), (np.zeros(5), -7, "too few"),
-    (np.zeros(60), 0.5, "60 samples are too few to be shifted by 0.5"), (np.zeros(0), 0, "too few"),
-    (np.zeros((3, 3)), 1, "one-dimensional"), (np.zeros(5), np.nan, "finite number of samples, not nan"),
-])
+@pytest.mark.parametrize(
+    ("y", "lag", "sentence"),
+    [
+        (np.zeros(5), 5, "5 samples are too few to be shifted by 5"),
+        (np.zeros(5), -7, "too few"),
+        (np.zeros(60), 0.5, "60 samples are too few to be shifted by 0.5"),
+        (np.zeros(0), 0, "too few"),
+        (np.zeros((3, 3)), 1, "one-dimensional"),
+        (np.zeros(5), np.nan, "finite number of samples, not nan"),
+    ],
+)
 def test_a_shift_that_leaves_nothing_is_refused(y: np.ndarray, lag: float, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         shift_output(y, lag)
@@ -140,6 +146,6 @@ def test_the_lag_of_a_hysteretic_actuator_is_found(lag: float, noise: float) -> 
 
     def residual(at: float) -> float:
         values, kept = shift_output(y, at)
-        return hysteretic_residual(x[window], values[window.start - kept.start:window.stop - kept.start])
+        return hysteretic_residual(x[window], values[window.start - kept.start : window.stop - kept.start])
 
     assert minimise_over_lag(residual, 6).lag == pytest.approx(lag, abs=0.05 if noise == 0 else 0.2)

@@ -44,20 +44,40 @@ def test_another_seed_gives_another_signal(function):
 
 
 @every_signal
-@pytest.mark.parametrize(("option", "value"), [("duration_s", 0.0), ("duration_s", np.nan), ("sample_time", -1.0),
-                                               ("sample_time", np.inf), ("low", 130.0), ("high", np.nan),
-                                               ("duration_s", 1e-4)])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("duration_s", 0.0),
+        ("duration_s", np.nan),
+        ("sample_time", -1.0),
+        ("sample_time", np.inf),
+        ("low", 130.0),
+        ("high", np.nan),
+        ("duration_s", 1e-4),
+    ],
+)
 def test_a_signal_refuses_a_wrong_common_option_by_its_name(name, option, value):
     with pytest.raises(ValueError, match=option):
         make(name, **{option: value})
 
 
-@pytest.mark.parametrize(("name", "option", "value"), [
-    ("staircase", "levels", 1), ("staircase", "hold_s", 0.0), ("decaying_triangle", "cycles", 0.5),
-    ("decaying_triangle", "final_share", 1.5), ("multi_sine", "tones", 0), ("multi_sine", "highest_Hz", 500.0),
-    ("multi_sine", "lowest_Hz", 80.0), ("raster_scan", "line_rate_Hz", 500.0), ("raster_scan", "fast_share", -0.1),
-    ("raster_scan", "slow_axis", "diagonal"), ("random_walk", "bandwidth_Hz", -1.0),
-    ("random_walk", "spread_per_root_s", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "option", "value"),
+    [
+        ("staircase", "levels", 1),
+        ("staircase", "hold_s", 0.0),
+        ("decaying_triangle", "cycles", 0.5),
+        ("decaying_triangle", "final_share", 1.5),
+        ("multi_sine", "tones", 0),
+        ("multi_sine", "highest_Hz", 500.0),
+        ("multi_sine", "lowest_Hz", 80.0),
+        ("raster_scan", "line_rate_Hz", 500.0),
+        ("raster_scan", "fast_share", -0.1),
+        ("raster_scan", "slow_axis", "diagonal"),
+        ("random_walk", "bandwidth_Hz", -1.0),
+        ("random_walk", "spread_per_root_s", 0.0),
+    ],
+)
 def test_a_signal_refuses_its_own_wrong_option_by_its_name(name, option, value):
     with pytest.raises(ValueError, match=option):
         make(name, **{option: value})
@@ -102,6 +122,7 @@ def test_the_tones_have_the_phases_of_schroeder():
 def test_schroeder_phases_give_a_lower_crest_than_cosines_in_phase():
     def crest(s):
         return np.abs(s - s.mean()).max() / s.std()
+
     t = np.arange(2000) * 1e-3
     in_phase = sum(np.cos(2 * np.pi * f * t) for f in np.geomspace(0.5, 50.0, 12))
     assert crest(multi_sine(**TWO_SECONDS)) < 0.75 * crest(in_phase)
@@ -126,4 +147,4 @@ def test_a_random_walk_starts_at_the_centre_roams_the_range_and_is_band_limited(
     assert s[0] == pytest.approx(75.0)
     assert np.ptp(s) > 120.0
     power = np.abs(np.fft.rfft(np.diff(s) * np.hanning(s.size - 1))) ** 2
-    assert power[200 * 60:].sum() < 1e-3 * power.sum()
+    assert power[200 * 60 :].sum() < 1e-3 * power.sum()

@@ -23,13 +23,19 @@ def axis(name="relay_preisach", actuators=1, options=None, **more):
 
 
 def stage(actuators=1, **options):
-    return Stage(axes=(axis(actuators=actuators), axis("dense_prandtl_ishlinskii", actuators)),
-                 **{"coupling": COUPLING, "noise_um": 0.01, "quantum_um": 0.001, "seed": 3, **options})
+    return Stage(
+        axes=(axis(actuators=actuators), axis("dense_prandtl_ishlinskii", actuators)),
+        **{"coupling": COUPLING, "noise_um": 0.01, "quantum_um": 0.001, "seed": 3, **options},
+    )
 
 
 def wander(seconds=1.0, seed=0):
-    return np.column_stack([random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=seed + i,
-                                        spread_per_root_s=3.0) for i in range(2)])
+    return np.column_stack(
+        [
+            random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=seed + i, spread_per_root_s=3.0)
+            for i in range(2)
+        ]
+    )
 
 
 # Structure
@@ -49,8 +55,14 @@ def test_the_structure_rings_at_its_damped_frequency_and_decays_as_its_damping_s
 
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.3, 1.0, 2.5])
 def test_the_discretisation_is_exact_so_halving_the_period_changes_nothing(damping_ratio):
-    coarse, fine = (Axis(actuators=(plants.get("relay_preisach", sample_time=ts, creep_share=0.0),), natural_frequency_Hz=40.0,
-                         damping_ratio=damping_ratio) for ts in (TS, TS / 2))
+    coarse, fine = (
+        Axis(
+            actuators=(plants.get("relay_preisach", sample_time=ts, creep_share=0.0),),
+            natural_frequency_Hz=40.0,
+            damping_ratio=damping_ratio,
+        )
+        for ts in (TS, TS / 2)
+    )
     x = wander(0.3)[:, 0]
     np.testing.assert_allclose(fine.run(np.repeat(x, 2))[1::2], coarse.run(x), atol=1e-9)
 
@@ -189,23 +201,36 @@ def test_a_recording_that_cannot_tell_the_axes_apart_is_refused():
 def loops(one):
     learners = []
     for each in one.axes:
-        structure = ModelStructure.equidistant(n=5, m=3, x_range=each.x_range, y_range=each.y_range, creep_rates=(10.0, 1.0),
-                                               sample_time=TS, offset=True)
-        learners.append(SelfLearningCompensator(structure, 0.05, 3.0, 0.05, "box_active_set", each.x_range, samples_to_solve=7,
-                                                state=OperatorState.at_rest(structure, -1.0, 1.0)))
+        structure = ModelStructure.equidistant(
+            n=5, m=3, x_range=each.x_range, y_range=each.y_range, creep_rates=(10.0, 1.0), sample_time=TS, offset=True
+        )
+        learners.append(
+            SelfLearningCompensator(
+                structure,
+                0.05,
+                3.0,
+                0.05,
+                "box_active_set",
+                each.x_range,
+                samples_to_solve=7,
+                state=OperatorState.at_rest(structure, -1.0, 1.0),
+            )
+        )
     return SelfLearningStage(learners, np.linalg.inv(one.C))
 
 
 def reference(seconds):
     steps = staircase(duration_s=seconds + 0.5, sample_time=TS, low=-15.0, high=15.0, hold_s=0.1)
-    smooth = np.convolve(steps, np.hanning(42)[1:-1] / np.hanning(42).sum(), "full")[:steps.size]
+    smooth = np.convolve(steps, np.hanning(42)[1:-1] / np.hanning(42).sum(), "full")[: steps.size]
     return np.column_stack([smooth[:-500], smooth[500:]])
 
 
 def test_both_axes_learn_behind_the_decoupling_matrix():
     one, y_ref = stage(), reference(12.0)
     y = loops(one).run(y_ref, one.run)[1]
-    before, after = (np.sqrt(np.mean((y - y_ref)[part] ** 2, axis=0)) for part in (slice(500, 2500), slice(-2000, None)))
+    before, after = (
+        np.sqrt(np.mean((y - y_ref)[part] ** 2, axis=0)) for part in (slice(500, 2500), slice(-2000, None))
+    )
     assert (after < 0.1 * before).all()
 
 

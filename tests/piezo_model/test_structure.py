@@ -12,8 +12,17 @@ from piezo_model.structure import ModelStructure, StructureError
 
 
 def equidistant(**changes: Any) -> ModelStructure:
-    return ModelStructure.equidistant(**{"n": 5, "m": 3, "x_range": (0.0, 150.0), "y_range": (-20.0, 20.0),
-                                         "creep_rates": (10.0, 1.0), "sample_time": 125e-6, **changes})
+    return ModelStructure.equidistant(
+        **{
+            "n": 5,
+            "m": 3,
+            "x_range": (0.0, 150.0),
+            "y_range": (-20.0, 20.0),
+            "creep_rates": (10.0, 1.0),
+            "sample_time": 125e-6,
+            **changes,
+        }
+    )
 
 
 def test_creep_weights_do_not_grow_with_the_rates_and_go_without_them() -> None:
@@ -50,41 +59,50 @@ def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
     assert decoded(json.dumps(s.to_dict()), ModelStructure) == s
 
 
-@pytest.mark.parametrize(("changes", "sentence"), [
-    ({"n": -1}, "orders n and m must not be negative, not n = -1, m = 3"),
-    ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
-    ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
-    ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
-    ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
-    ({"creep_rates": (math.inf,)}, "creep_rates must be from"),
-    ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.09, not 0.0"),
-    ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
-])
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"n": -1}, "orders n and m must not be negative, not n = -1, m = 3"),
+        ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
+        ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
+        ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
+        ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
+        ({"creep_rates": (math.inf,)}, "creep_rates must be from"),
+        ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.09, not 0.0"),
+        ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
+    ],
+)
 def test_a_structure_that_cannot_be_is_refused_by_the_name_of_its_field(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(StructureError, match=sentence):
         equidistant(**changes)
 
 
-@pytest.mark.parametrize(("play", "dead_zone", "sentence"), [
-    ([0.5, 0.5], [0.0], "play_thresholds must be positive and ascending"),
-    ([0.0], [0.0], "play_thresholds must be positive and ascending"),
-    ([], [0.1, 0.2], "dead_zone_thresholds must be ascending with 0 among them"),
-    ([], [], "dead_zone_thresholds must be ascending with 0 among them"),
-    ([], [0.0, 0.5, 0.2], "dead_zone_thresholds must be ascending with 0 among them"),
-])
+@pytest.mark.parametrize(
+    ("play", "dead_zone", "sentence"),
+    [
+        ([0.5, 0.5], [0.0], "play_thresholds must be positive and ascending"),
+        ([0.0], [0.0], "play_thresholds must be positive and ascending"),
+        ([], [0.1, 0.2], "dead_zone_thresholds must be ascending with 0 among them"),
+        ([], [], "dead_zone_thresholds must be ascending with 0 among them"),
+        ([], [0.0, 0.5, 0.2], "dead_zone_thresholds must be ascending with 0 among them"),
+    ],
+)
 def test_thresholds_out_of_order_are_refused(play: list[float], dead_zone: list[float], sentence: str) -> None:
     with pytest.raises(StructureError, match=sentence):
         ModelStructure(tuple(play), tuple(dead_zone), (), 1e-3, 0.0, 1.0, 0.0, 1.0)
 
 
-@pytest.mark.parametrize(("change", "sentence"), [
-    ({"x_scale": None}, "the field 'x_scale' is missing"),
-    ({"colour": "red"}, "there is no field 'colour'"),
-    ({"sample_time": "fast"}, "the field 'sample_time' is wrong: expected `float`, got `str`"),
-    ({"offset": 1}, "the field 'offset' is wrong: expected `bool`, got `int`"),
-    ({"play_thresholds": [0.1, "b"]}, r"the field 'play_thresholds\[1\]' is wrong: expected `float`, got `str`"),
-    ({"input_unit": 3}, "the field 'input_unit' is wrong: expected `str`, got `int`"),
-])
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"x_scale": None}, "the field 'x_scale' is missing"),
+        ({"colour": "red"}, "there is no field 'colour'"),
+        ({"sample_time": "fast"}, "the field 'sample_time' is wrong: expected `float`, got `str`"),
+        ({"offset": 1}, "the field 'offset' is wrong: expected `bool`, got `int`"),
+        ({"play_thresholds": [0.1, "b"]}, r"the field 'play_thresholds\[1\]' is wrong: expected `float`, got `str`"),
+        ({"input_unit": 3}, "the field 'input_unit' is wrong: expected `str`, got `int`"),
+    ],
+)
 def test_fields_that_are_missing_unknown_or_of_the_wrong_type_are_named(change: dict[str, Any], sentence: str) -> None:
     data = {**equidistant().to_dict(), **change}
     if change.get("x_scale", 1) is None:

@@ -20,26 +20,33 @@ def old(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 def test_a_written_table_comes_back_to_the_last_bit(old: Path) -> None:
-    columns = {"time_s": np.arange(500) * 125e-6, "u_V": np.random.default_rng(2).normal(size=500),
-               "y_um": np.arange(500)}
+    columns = {
+        "time_s": np.arange(500) * 125e-6,
+        "u_V": np.random.default_rng(2).normal(size=500),
+        "y_um": np.arange(500),
+    }
     write_table(old, columns)
     x, y = Recording.open(old).arrays()
     np.testing.assert_array_equal(x, columns["u_V"])
     np.testing.assert_array_equal(y, columns["y_um"])
 
 
-@pytest.mark.parametrize(("name", "columns", "sentence"), [
-    ("drive.xlsx", {"t": [0, 1]}, r"unknown suffix '.xlsx'; a table is written as .csv or .parquet"),
-    ("drive", {"t": [0, 1]}, "unknown suffix ''"),
-    ("drive.csv", {}, "needs at least one column"),
-    ("drive.csv", {"t": [0, 1], "u": [1]}, r"of one length, not 't' \(2,\), 'u' \(1,\)"),
-    ("drive.csv", {"t": [[0, 1]]}, "one-dimensional"),
-    ("drive.csv", {"t": [0, 1], "u": [1, np.nan]}, "column 'u' holds nan in data row 2"),
-    ("drive.csv", {"t": ["a", "b"]}, "column 't' holds <U1, where numbers are needed"),
-    ("absent/drive.csv", {"t": [0, 1]}, "cannot be written: No such file"),
-])
-def test_a_table_that_cannot_be_written_is_refused_and_leaves_nothing(tmp_path: Path, name: str, columns: dict,
-                                                                      sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "columns", "sentence"),
+    [
+        ("drive.xlsx", {"t": [0, 1]}, r"unknown suffix '.xlsx'; a table is written as .csv or .parquet"),
+        ("drive", {"t": [0, 1]}, "unknown suffix ''"),
+        ("drive.csv", {}, "needs at least one column"),
+        ("drive.csv", {"t": [0, 1], "u": [1]}, r"of one length, not 't' \(2,\), 'u' \(1,\)"),
+        ("drive.csv", {"t": [[0, 1]]}, "one-dimensional"),
+        ("drive.csv", {"t": [0, 1], "u": [1, np.nan]}, "column 'u' holds nan in data row 2"),
+        ("drive.csv", {"t": ["a", "b"]}, "column 't' holds <U1, where numbers are needed"),
+        ("absent/drive.csv", {"t": [0, 1]}, "cannot be written: No such file"),
+    ],
+)
+def test_a_table_that_cannot_be_written_is_refused_and_leaves_nothing(
+    tmp_path: Path, name: str, columns: dict, sentence: str
+) -> None:
     with pytest.raises(RecordingError, match=sentence):
         write_table(tmp_path / name, columns)
     assert list(tmp_path.iterdir()) == []
@@ -52,8 +59,11 @@ def test_a_folder_in_the_way_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["drive.csv"]
 
 
-@pytest.mark.parametrize("spoil", [lambda t: {**t, "voltage_V": t["voltage_V"] / 0}, lambda t: {**t, "time_s": [0]}],
-                         ids=["not finite", "unequal"])
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda t: {**t, "voltage_V": t["voltage_V"] / 0}, lambda t: {**t, "time_s": [0]}],
+    ids=["not finite", "unequal"],
+)
 def test_bad_columns_leave_the_old_file_untouched(old: Path, spoil: Callable[[dict], dict]) -> None:
     before = old.read_bytes()
     with np.errstate(all="ignore"), pytest.raises(RecordingError):

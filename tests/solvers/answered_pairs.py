@@ -2,8 +2,9 @@
 
     q = −P x − Rᵀw,   w_i > 0 only where row i of R = (I; A; G) is at its upper side, w_i < 0 only at its lower side,
 
-so x is the optimum by the Karush-Kuhn-Tucker conditions, and the only one since P is positive definite. The two problems
-of a pair share their constraints and have different P, q and answers, so that a stale answer after an update shows.
+so x is the optimum by the Karush-Kuhn-Tucker conditions, and the only one since P is positive definite. The two
+problems of a pair share their constraints and have different P, q and answers, so that a stale answer after an update
+shows.
 """
 
 from __future__ import annotations
@@ -18,8 +19,13 @@ from solvers.backend import LibrarySolver
 from solvers.protocol import Matrix, Solver, Vector
 
 FORMS = ("boxes", "one-sided", "mixed", "free", "rows")
-SHARES = {"boxes": (1.0, 0.0, 0.0, 0.0), "one-sided": (0.0, 1.0, 0.0, 0.0), "mixed": (0.25, 0.25, 0.25, 0.25),
-          "free": (0.0, 0.0, 0.0, 1.0), "rows": (1.0, 0.0, 0.0, 0.0)}
+SHARES = {
+    "boxes": (1.0, 0.0, 0.0, 0.0),
+    "one-sided": (0.0, 1.0, 0.0, 0.0),
+    "mixed": (0.25, 0.25, 0.25, 0.25),
+    "free": (0.0, 0.0, 0.0, 1.0),
+    "rows": (1.0, 0.0, 0.0, 0.0),
+}
 
 
 @dataclass
@@ -79,13 +85,19 @@ def apart_and_locked(array: Matrix | Vector) -> Any:
     return view
 
 
-FINER = {"scipy_trust_constr": {"gtol": 1e-6}, "highspy": {"qp_regularization_value": 1e-3}, "highs": {"qp_regularization_value": 1e-3}}
+FINER = {
+    "scipy_trust_constr": {"gtol": 1e-6},
+    "highspy": {"qp_regularization_value": 1e-3},
+    "highs": {"qp_regularization_value": 1e-3},
+}
 """Settings that are to lie so much below what is asked of the others."""
 
 
 def asking(cls: type[Solver], tolerance: float | None) -> dict[str, Any]:
     """Settings that ask for one tolerance everywhere, absolute and relative alike; none where it is None."""
-    if tolerance is None or not (issubclass(cls, LibrarySolver) or any("tolerance" in rung for rung in cls.ladder(1.0))):
+    if tolerance is None or not (
+        issubclass(cls, LibrarySolver) or any("tolerance" in rung for rung in cls.ladder(1.0))
+    ):
         return {}
     if not issubclass(cls, LibrarySolver):
         return {"tolerance": tolerance}

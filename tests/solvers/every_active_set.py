@@ -1,4 +1,5 @@
-"""The optimum of a small program by brute force, every active set in fractions.Fraction and without FLINT, and programs to try it on."""
+"""The optimum of a small program by brute force, every active set in fractions.Fraction and without FLINT, and programs
+to try it on."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -38,8 +39,9 @@ def constraint_rows(problem: Problem) -> tuple[list[Row], list[Row]]:
     inequalities = [] if problem.G is None else list(zip(fractions(problem.G), fractions(problem.h), strict=True))
     for bound, sign in ((problem.lb, -1), (problem.ub, 1)):
         if bound is not None:
-            inequalities += [([sign * e for e in unit[i]], sign * Fraction(float(v)))
-                             for i, v in enumerate(bound) if np.isfinite(v)]
+            inequalities += [
+                ([sign * e for e in unit[i]], sign * Fraction(float(v))) for i, v in enumerate(bound) if np.isfinite(v)
+            ]
     equalities = [] if problem.A is None else list(zip(fractions(problem.A), fractions(problem.b), strict=True))
     return inequalities, [(a, b) for a, b in equalities if any(a) or b]  # 0 = 0 would make every system singular
 
@@ -101,8 +103,15 @@ def polyhedra(draw: st.DrawFn) -> Problem:
 
     factor, G, A = matrix(1, d), matrix(0, 4), matrix(0, min(d - 1, 1)) if d > 1 else np.zeros((0, d))
     lb = np.where(vector(d) > 0, -INF, -2.0)
-    return Problem(factor.T @ factor, vector(d), G=G if len(G) else None, h=vector(len(G)) if len(G) else None,
-                   A=A if len(A) else None, b=vector(len(A)) if len(A) else None, lb=lb)
+    return Problem(
+        factor.T @ factor,
+        vector(d),
+        G=G if len(G) else None,
+        h=vector(len(G)) if len(G) else None,
+        A=A if len(A) else None,
+        b=vector(len(A)) if len(A) else None,
+        lb=lb,
+    )
 
 
 def gram_problem(d: int, seed: int, rows_per_variable: int = 4) -> Problem:

@@ -1,6 +1,5 @@
 """The accelerated projected gradient method against the exact solver."""
 
-
 import numpy as np
 import pytest
 from box_programs import INF, inside, random_bounds, seeds, spectrum_matrix
@@ -54,8 +53,10 @@ def test_each_rung_meets_its_tolerance_on_the_projected_gradient(rung):
 
 def test_a_tighter_rung_takes_more_steps():
     P, q, lb, ub = random_problem(4, 18, 5)
-    steps = [solved("accelerated_projection", P, q, lb, ub, **rung)[1].solution().extras["steps"]
-             for rung in get("accelerated_projection").ladder(1.0)]
+    steps = [
+        solved("accelerated_projection", P, q, lb, ub, **rung)[1].solution().extras["steps"]
+        for rung in get("accelerated_projection").ladder(1.0)
+    ]
     assert steps == sorted(steps)
     assert steps[0] < steps[-1]
 

@@ -1,4 +1,5 @@
-"""Many box programs at once: the answers of single ones, whatever stands beside them and however many threads there are."""
+"""Many box programs at once: the answers of single ones, whatever stands beside them and however many threads there
+are."""
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from solvers.certificate import certify, exact_cost_gap
 def programs(count: int, d: int, seed: int) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Random programs of condition up to 1e12, every kind of bound among them."""
     random = np.random.default_rng(seed)
-    rows = random.normal(size=(count, 2 * d, d)) * 10.0 ** random.uniform(-6, 0, (count, 1, d)) ** random.integers(0, 2, (count, 1, 1))
+    rows = random.normal(size=(count, 2 * d, d)) * 10.0 ** random.uniform(-6, 0, (count, 1, d)) ** random.integers(
+        0, 2, (count, 1, 1)
+    )
     P, target = np.einsum("bki,bkj->bij", rows, rows) / d, random.normal(size=(count, d))
     lb = np.where(random.random((count, d)) < 0.7, 0.0, -np.inf)
     ub = np.where(random.random((count, d)) < 0.2, 0.7, np.inf)
@@ -76,7 +79,12 @@ def test_threads_and_the_order_of_programs_change_no_bit(count: int) -> None:
 
 
 def test_data_of_another_kind_are_copied_and_none_is_written_to() -> None:
-    P, q, lb, ub = np.tile(np.eye(2, dtype=int), (3, 1, 1)), np.full((3, 2), -1, np.float32), np.zeros((3, 2)), np.full((3, 2), 0.5)
+    P, q, lb, ub = (
+        np.tile(np.eye(2, dtype=int), (3, 1, 1)),
+        np.full((3, 2), -1, np.float32),
+        np.zeros((3, 2)),
+        np.full((3, 2), 0.5),
+    )
     for array in (P, q, lb, ub):
         array.flags.writeable = False
     x, _ = BoxBatch(2).solve(P, q, lb, ub)
@@ -86,13 +94,18 @@ def test_data_of_another_kind_are_copied_and_none_is_written_to() -> None:
 def test_what_is_no_batch_is_refused_in_a_sentence() -> None:
     P, q, lb, ub = programs(3, 2, 0)
     batch = BoxBatch(2)
-    for wrong, said in (((P[0], q, lb, ub), "P must be of shape (3, 2, 2), one program a row as in q, and not (2, 2)"),
-                        ((P, q, lb[:2], ub), "lb must be of shape (3, 2), one program a row as in q, and not (2, 2)"),
-                        ((P, q.astype(complex), lb, ub), "q must be made of real numbers, and not of complex128")):
+    for wrong, said in (
+        ((P[0], q, lb, ub), "P must be of shape (3, 2, 2), one program a row as in q, and not (2, 2)"),
+        ((P, q, lb[:2], ub), "lb must be of shape (3, 2), one program a row as in q, and not (2, 2)"),
+        ((P, q.astype(complex), lb, ub), "q must be made of real numbers, and not of complex128"),
+    ):
         with pytest.raises(ValueError, match="must be") as refused:
             batch.solve(*wrong)
         assert str(refused.value) == said
-    for options, said in (((0,), "a program has 1 to 1000 variables, and not 0"), ((2, 0), "there must be at least one thread, and not 0")):
+    for options, said in (
+        ((0,), "a program has 1 to 1000 variables, and not 0"),
+        ((2, 0), "there must be at least one thread, and not 0"),
+    ):
         with pytest.raises(ValueError, match="and not") as refused:
             BoxBatch(*options)
         assert str(refused.value) == said

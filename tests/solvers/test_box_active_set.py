@@ -26,20 +26,23 @@ def rational(value):
 
 
 def test_the_nearest_doubles_to_the_optimum_pass_the_threshold_of_exactness_and_would_not_pass_a_smaller_one():
-    # The exchanges end where |g_F| <= (d + 4) u s with u = eps/2 and s = max(|q|, |x|), in variables in which |P_ij| is about 1 at most.
-    # Rounding the optimum to doubles moves each x_j by at most u |x_j| and so g_i by at most u sum_j |P_ij| |x_j| <= d u s: no answer in
-    # doubles can be asked for less. Evaluating g adds a rounding of each product and of each partial sum. For d = 1 the product's is
-    # another u s in full, so that d u s refuses the best x there is and sends it to the second path; for larger d the roundings are of
-    # either sign and add up like a random walk, to about u s sqrt(3 d), while the first term, too, stays far below its bound. The sum of
-    # all worst cases is near d^2 u s and would let through what refinement still improves. So d + 4: the unavoidable, and room
-    # for the few roundings of few variables, which have not yet averaged out.
+    # The exchanges end where |g_F| <= (d + 4) u s with u = eps/2 and s = max(|q|, |x|), in variables in which |P_ij| is
+    # about 1 at most. Rounding the optimum to doubles moves each x_j by at most u |x_j| and so g_i by at most u sum_j
+    # |P_ij| |x_j| <= d u s: no answer in doubles can be asked for less. Evaluating g adds a rounding of each product
+    # and of each partial sum. For d = 1 the product's is another u s in full, so that d u s refuses the best x there is
+    # and sends it to the second path; for larger d the roundings are of either sign and add up like a random walk, to
+    # about u s sqrt(3 d), while the first term, too, stays far below its bound. The sum of all worst cases is near d^2
+    # u s and would let through what refinement still improves. So d + 4: the unavoidable, and room for the few
+    # roundings of few variables, which have not yet averaged out.
     u, above = np.finfo(float).eps / 2, {}
     for d in (1, 2, 3, 5, 8, 13, 21, 34):
         for seed in range(30):
             rng = np.random.default_rng([d, seed])
             P = np.eye(d) * rng.uniform(1, 2, d) + np.tril(rng.uniform(-1, 1, (d, d)), -1) / d
             P, q = np.tril(P) + np.tril(P, -1).T, rng.normal(size=d)
-            exact = flint.fmpq_mat(d, d, [rational(v) for v in P.ravel()]).solve(flint.fmpq_mat(d, 1, [-rational(v) for v in q]))
+            exact = flint.fmpq_mat(d, d, [rational(v) for v in P.ravel()]).solve(
+                flint.fmpq_mat(d, 1, [-rational(v) for v in q])
+            )
             x = np.array([float(Fraction(int(v.p), int(v.q))) for v in exact.entries()])
             g = q.copy()
             for j in range(d):
@@ -194,8 +197,9 @@ def test_free_fixed_and_two_sided_variables_alone_have_their_plain_answers(path)
     np.testing.assert_allclose(answer(path, P, q, -free, free), np.linalg.solve(P, -q), rtol=1e-11)
     fixed = rng.normal(size=10)
     assert (answer(path, P, q, fixed, fixed) == fixed).all()
-    np.testing.assert_allclose(answer(path, np.diag(np.diag(P)), q, -0.1 - 0 * q, 0.1 + 0 * q),
-                               np.clip(-q / np.diag(P), -0.1, 0.1), rtol=1e-14)
+    np.testing.assert_allclose(
+        answer(path, np.diag(np.diag(P)), q, -0.1 - 0 * q, 0.1 + 0 * q), np.clip(-q / np.diag(P), -0.1, 0.1), rtol=1e-14
+    )
 
 
 def test_a_linear_program_in_a_far_box_ends_at_its_corner():
@@ -255,13 +259,15 @@ def test_an_unsymmetric_P_is_found_wherever_it_differs(seed, d, decades, entries
     above = bool(rng.integers(2))  # the same added on both sides would leave P symmetric
     for _ in range(entries):
         i, j = sorted(rng.choice(d, 2, replace=False), reverse=above)
-        P[i, j] += 10 ** decades * rng.uniform(0.5, 1)
+        P[i, j] += 10**decades * rng.uniform(0.5, 1)
     with pytest.raises(ValueError, match="not symmetric"):
         s.update(P, np.zeros(d))
 
 
-@pytest.mark.parametrize(("lb", "ub", "message"), [(2.0, 1.0, "above"), (np.nan, 1.0, "NaN"), (0.0, np.nan, "NaN"),
-                                                   (INF, INF, "above"), (-INF, -INF, "above")])
+@pytest.mark.parametrize(
+    ("lb", "ub", "message"),
+    [(2.0, 1.0, "above"), (np.nan, 1.0, "NaN"), (0.0, np.nan, "NaN"), (INF, INF, "above"), (-INF, -INF, "above")],
+)
 def test_impossible_bounds_are_refused(lb, ub, message):
     with pytest.raises(ValueError, match=message):
         solver(np.eye(2), np.zeros(2), np.array([0.0, lb]), np.array([1.0, ub]))
@@ -290,7 +296,7 @@ def test_a_warm_start_from_anywhere_finds_the_cold_answer(seed, d, decades):
     warm = s.solve(rng.normal(size=d)).copy()
     assert 0.5 * (warm - cold) @ P @ (warm - cold) <= 1e-13 * np.abs(q) @ np.abs(cold) + 1e-300
     again = s.solve(cold)
-    np.testing.assert_allclose(again, cold, rtol=0, atol=10 ** decades * 1e-13)
+    np.testing.assert_allclose(again, cold, rtol=0, atol=10**decades * 1e-13)
     assert s.solution().extras["systems"] <= 3
 
 
@@ -378,9 +384,17 @@ def test_inputs_are_not_written_and_may_change_afterwards():
     np.testing.assert_allclose(s.solve(), x, atol=1e-12)
 
 
-AS_GIVEN = {"contiguous": np.array, "Fortran": np.asfortranarray, "strided": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
-            "single precision": np.float32, "other byte order": lambda a: a.astype(">f8"), "list": np.ndarray.tolist,
-            "subclass": np.ma.array, "pickled": lambda a: pickle.loads(pickle.dumps(a)), "locked": lambda a: locked(a.copy())}
+AS_GIVEN = {
+    "contiguous": np.array,
+    "Fortran": np.asfortranarray,
+    "strided": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
+    "single precision": np.float32,
+    "other byte order": lambda a: a.astype(">f8"),
+    "list": np.ndarray.tolist,
+    "subclass": np.ma.array,
+    "pickled": lambda a: pickle.loads(pickle.dumps(a)),
+    "locked": lambda a: locked(a.copy()),
+}
 
 
 def locked(array):
@@ -410,8 +424,16 @@ def test_P_and_q_may_be_renewed_alone():
     assert (s.solve() == solver(new, r, lb, None).solve()).all()
 
 
-@pytest.mark.parametrize(("P", "q"), [(np.eye(3), np.zeros(2)), (np.eye(2), np.zeros(3)), (np.ones(4), np.zeros(2)),
-                                      (np.eye(2), np.zeros((2, 1))), (np.eye(2)[:, :1], np.zeros(2))])
+@pytest.mark.parametrize(
+    ("P", "q"),
+    [
+        (np.eye(3), np.zeros(2)),
+        (np.eye(2), np.zeros(3)),
+        (np.ones(4), np.zeros(2)),
+        (np.eye(2), np.zeros((2, 1))),
+        (np.eye(2)[:, :1], np.zeros(2)),
+    ],
+)
 def test_data_of_another_shape_are_refused(P, q):
     s = solver(np.eye(2), np.zeros(2), np.zeros(2), np.ones(2))
     with pytest.raises(ValueError, match="shape"):

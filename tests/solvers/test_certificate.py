@@ -39,8 +39,14 @@ def test_a_box_problem_solved_by_hand_is_certified() -> None:
 
 def test_an_equality_with_general_rows_solved_by_hand_is_certified() -> None:
     # Nearest point to (1, 2, 3) with sum 1 and x₂ − x₀ ≤ 1: the plane gives (−2/3, 1/3, 4/3), the row then binds.
-    problem = Problem(np.eye(3), np.array([-1.0, -2.0, -3.0]), G=np.array([[-1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]),
-                      h=np.array([1.0, 5.0]), A=np.ones((1, 3)), b=np.ones(1))
+    problem = Problem(
+        np.eye(3),
+        np.array([-1.0, -2.0, -3.0]),
+        G=np.array([[-1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]),
+        h=np.array([1.0, 5.0]),
+        A=np.ones((1, 3)),
+        b=np.ones(1),
+    )
     proof = certify(problem, np.zeros(3))
     assert [str(v) for v in exact_optimum(problem, proof)] == ["-1/6", "1/3", "5/6"]
     assert (proof.rows, proof.equalities) == ((0,), (0,))
@@ -57,14 +63,16 @@ def test_an_exact_optimum_that_no_double_holds_is_rebuilt_from_the_active_set() 
 @settings(max_examples=40, deadline=None)
 @given(boxes(), st.lists(st.floats(-10, 10), min_size=4, max_size=4))
 def test_a_box_optimum_from_any_start_is_the_best_of_all_active_sets_and_unique_if_no_other_is_as_good(
-        problem: Problem, start: list[float]) -> None:
+    problem: Problem, start: list[float]
+) -> None:
     proof = certify(problem, np.array(start[: len(problem.q)]))
     verify(problem, proof)
     x = [Fraction(int(v.p), int(v.q)) for v in exact_optimum(problem, proof)]
     points = {tuple(point) for point in feasible_stationary_points(problem)}
     best = min(cost(problem, point) for point in points)
     assert Fraction(proof.value) == cost(problem, x) == best
-    assert proof.unique == (sum(cost(problem, point) == best for point in points) == 1)  # two optima in a box have two extreme points
+    # two optima in a box have two extreme points
+    assert proof.unique == (sum(cost(problem, point) == best for point in points) == 1)
     assert all(lo <= v <= hi for lo, v, hi in zip(fractions(problem.lb), x, fractions(problem.ub), strict=True))
 
 
@@ -78,7 +86,8 @@ def walled(problem: Problem, size: float) -> Problem:
 @settings(max_examples=60, deadline=None)
 @given(problem=polyhedra(), start=st.lists(st.floats(-10, 10), min_size=3, max_size=3))
 def test_general_rows_end_in_the_best_active_set_a_contradiction_or_a_ray(
-        prime: int, problem: Problem, start: list[float]) -> None:
+    prime: int, problem: Problem, start: list[float]
+) -> None:
     d = len(problem.q)
     nearest_to_zero = Problem(np.eye(d), np.zeros(d), problem.G, problem.h, problem.A, problem.b, problem.lb)
     try:
@@ -135,8 +144,10 @@ def test_a_rough_start_among_bounds_and_rows_ends_in_the_same_value(rank: int) -
 @pytest.mark.parametrize("d", [18, 60])
 def test_a_rough_start_still_ends_in_the_same_proof(d: int) -> None:
     problem = gram_problem(d, seed=d)
-    first, *others = (certify(problem, start) for start in (
-        np.zeros(d), np.ones(d), np.random.default_rng(0).normal(size=d), np.full(d, 1e300)))
+    first, *others = (
+        certify(problem, start)
+        for start in (np.zeros(d), np.ones(d), np.random.default_rng(0).normal(size=d), np.full(d, 1e300))
+    )
     verify(problem, first)
     assert 0 < len(first.lower) < d
     assert all(proof == first for proof in (*others, certify(problem, np.array(first.x))))
@@ -176,9 +187,16 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
 
 
 def test_equal_bounds_and_repeated_rows_are_certified() -> None:
-    problem = Problem(np.eye(2), np.array([-1.0, -1.0]), G=np.array([[1.0, 1.0]] * 3), h=np.ones(3),
-                      A=np.array([[1.0, -1.0], [2.0, -2.0]]), b=np.zeros(2), lb=np.array([0.5, -INF]),
-                      ub=np.array([0.5, INF]))
+    problem = Problem(
+        np.eye(2),
+        np.array([-1.0, -1.0]),
+        G=np.array([[1.0, 1.0]] * 3),
+        h=np.ones(3),
+        A=np.array([[1.0, -1.0], [2.0, -2.0]]),
+        b=np.zeros(2),
+        lb=np.array([0.5, -INF]),
+        ub=np.array([0.5, INF]),
+    )
     proof = certify(problem, np.full(2, 0.5))
     verify(problem, proof)
     assert (proof.x, proof.value, len(proof.equalities)) == ((0.5, 0.5), "-3/4", 1)
@@ -226,23 +244,37 @@ def test_an_unbounded_problem_is_refused_with_the_reason() -> None:
         certify(Problem(np.diag([1.0, 0.0]), np.array([0.0, -1.0])), np.zeros(2))
 
 
-@pytest.mark.parametrize(("rows", "message"), [
-    ({"lb": np.ones(2), "ub": np.zeros(2)}, "(upper|lower) bound of variable 0 against (upper|lower)"),
-    ({"G": np.array([[1.0, 1.0], [-1.0, -1.0]]), "h": np.array([0.0, -1.0])}, "inequality row"),
-    ({"A": np.ones((2, 2)), "b": np.array([0.0, 1.0])}, "equality row 1 against equality row 0"),
-    ({"G": np.zeros((1, 2)), "h": -np.ones(1)}, "its row is zero"),
-], ids=["bounds", "rows", "equalities", "zero row"])
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ({"lb": np.ones(2), "ub": np.zeros(2)}, "(upper|lower) bound of variable 0 against (upper|lower)"),
+        ({"G": np.array([[1.0, 1.0], [-1.0, -1.0]]), "h": np.array([0.0, -1.0])}, "inequality row"),
+        ({"A": np.ones((2, 2)), "b": np.array([0.0, 1.0])}, "equality row 1 against equality row 0"),
+        ({"G": np.zeros((1, 2)), "h": -np.ones(1)}, "its row is zero"),
+    ],
+    ids=["bounds", "rows", "equalities", "zero row"],
+)
 @pytest.mark.parametrize("P", [np.eye(2), np.zeros((2, 2))], ids=["strictly convex", "linear"])
 def test_an_infeasible_problem_is_refused_with_the_contradiction(P: np.ndarray, rows: dict, message: str) -> None:
     with pytest.raises(Infeasible, match=message):
         certify(Problem(P, np.array([-1.0, 2.0]), **rows), np.zeros(2))
 
 
-@pytest.mark.parametrize(("name", "value"), [("P", np.nan), ("q", INF), ("lb", np.nan), ("lb", INF), ("ub", -INF),
-                                             ("h", np.nan), ("G", INF), ("b", INF)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("P", np.nan), ("q", INF), ("lb", np.nan), ("lb", INF), ("ub", -INF), ("h", np.nan), ("G", INF), ("b", INF)],
+)
 def test_nan_and_misplaced_infinities_in_the_data_are_refused_by_name(name: str, value: float) -> None:
-    data = {"P": np.eye(2), "q": np.zeros(2), "G": np.ones((1, 2)), "h": np.ones(1), "A": np.array([[1.0, -1.0]]),
-            "b": np.zeros(1), "lb": -np.ones(2), "ub": np.ones(2)}
+    data = {
+        "P": np.eye(2),
+        "q": np.zeros(2),
+        "G": np.ones((1, 2)),
+        "h": np.ones(1),
+        "A": np.array([[1.0, -1.0]]),
+        "b": np.zeros(1),
+        "lb": -np.ones(2),
+        "ub": np.ones(2),
+    }
     data[name].flat[-1] = value
     with pytest.raises(ValueError, match=rf"^{name}\[.*\] is -?(nan|inf), and no exact proof starts from that$"):
         certify(Problem(**data), np.zeros(2))

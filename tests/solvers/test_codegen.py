@@ -23,12 +23,21 @@ ENTRIES = {entry.name: entry for entry in solvers.entries() if entry.lane is Lan
 NAMES = sorted(ENTRIES)
 OURS = ("box_active_set", "projected_difference")
 # Largest error at a tolerance of 1e-9 in answers of about 1; a doubled problem and a cone cost accuracy.
-ERROR = {"box_active_set": 1e-13, "projected_difference": 1e-12, "casadi_qrqp": 1e-12, "osqp": 1e-7, "qocogen": 1e-5,
-         "cvxpygen_osqp": 1e-7, "cvxpygen_qoco": 1e-6, "cvxpygen_scs": 1e-7, "cvxpygen_ecos": 3e-5}
+ERROR = {
+    "box_active_set": 1e-13,
+    "projected_difference": 1e-12,
+    "casadi_qrqp": 1e-12,
+    "osqp": 1e-7,
+    "qocogen": 1e-5,
+    "cvxpygen_osqp": 1e-7,
+    "cvxpygen_qoco": 1e-6,
+    "cvxpygen_scs": 1e-7,
+    "cvxpygen_ecos": 3e-5,
+}
 # At 1e-9 its regularisation of 1e-8 keeps QOCOGEN from ending on this pair.
 TOLERANCES = {"qocogen": 1e-6}
-# Variables with both bounds, one and none, of which none is fixed (fixed ones leave an interior point method no interior); one
-# shape, so that each solver is built once.
+# Variables with both bounds, one and none, of which none is fixed (fixed ones leave an interior point method no
+# interior); one shape, so that each solver is built once.
 PAIR = pair("mixed", 8, seed=16)
 
 
@@ -204,9 +213,28 @@ def test_our_c_is_plain_c99_without_a_warning(name: str, tmp_path: Path) -> None
     solver, shape = make(name), Shape(8, (0, 1), (1,))
     assert isinstance(solver, OurOwn)
     files, options = solver.sources(shape, tmp_path)
-    subprocess.run([COMPILER, "-std=c99", "-O3", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror",
-                    "-Wno-unused-const-variable", f"-I{tmp_path}", f"-I{FOLDER}", *options, "-c", *files, FOLDER / "timed_loop.c"],
-                   cwd=tmp_path, check=True)
+    subprocess.run(
+        [
+            COMPILER,
+            "-std=c99",
+            "-O3",
+            "-Wall",
+            "-Wextra",
+            "-Wpedantic",
+            "-Wconversion",
+            "-Wshadow",
+            "-Werror",
+            "-Wno-unused-const-variable",
+            f"-I{tmp_path}",
+            f"-I{FOLDER}",
+            *options,
+            "-c",
+            *files,
+            FOLDER / "timed_loop.c",
+        ],
+        cwd=tmp_path,
+        check=True,
+    )
 
 
 def test_what_is_built_is_not_built_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,10 +245,14 @@ def test_what_is_built_is_not_built_again(monkeypatch: pytest.MonkeyPatch) -> No
     assert PAIR.error(again.solve()) < ERROR["box_active_set"]
 
 
-@pytest.mark.parametrize(("problem", "sentence"), [
-    (Problem(np.eye(2), np.ones(2), np.ones((1, 2)), np.ones(1)), "takes bounds only"),
-    (Problem(np.eye(2), np.ones(2)), "this one has none"),
-    (Problem(np.eye(2), np.ones(2), lb=np.ones(2), ub=np.zeros(2)), "refuses bounds that cross")])
+@pytest.mark.parametrize(
+    ("problem", "sentence"),
+    [
+        (Problem(np.eye(2), np.ones(2), np.ones((1, 2)), np.ones(1)), "takes bounds only"),
+        (Problem(np.eye(2), np.ones(2)), "this one has none"),
+        (Problem(np.eye(2), np.ones(2), lb=np.ones(2), ub=np.zeros(2)), "refuses bounds that cross"),
+    ],
+)
 def test_a_form_that_cannot_be_taken_is_said(problem: Problem, sentence: str) -> None:
     with pytest.raises(Unsupported, match=sentence):
         ready("box_active_set", problem)
@@ -246,7 +278,9 @@ def test_c_that_does_not_compile_is_said_in_one_sentence() -> None:
 
 
 @pytest.mark.needs("gcc")
-def test_no_library_is_loaded_from_a_folder_that_others_can_write_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_library_is_loaded_from_a_folder_that_others_can_write_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from solvers.codegen._build import BuildError
 
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -258,9 +292,13 @@ def test_no_library_is_loaded_from_a_folder_that_others_can_write_to(tmp_path: P
 
 
 def test_without_a_compiler_the_lane_is_absent_with_a_reason() -> None:
-    program = ("from solvers import entries\nfrom solvers.registry import describe\n"
-               "print(*(describe(entry).absent for entry in entries() if entry.lane == 'codegen'), sep='\\n')")
-    done = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PATH": ""}, capture_output=True, text=True, check=True)
+    program = (
+        "from solvers import entries\nfrom solvers.registry import describe\n"
+        "print(*(describe(entry).absent for entry in entries() if entry.lane == 'codegen'), sep='\\n')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], env={**os.environ, "PATH": ""}, capture_output=True, text=True, check=True
+    )
     lines = done.stdout.splitlines()
     assert len(lines) == len(NAMES)
     assert all(line.startswith(("there is no C compiler on this machine", "No module named")) for line in lines)

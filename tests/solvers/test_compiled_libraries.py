@@ -1,4 +1,5 @@
-"""Libraries in the compiled lane by their C functions: the answers of their own interface, its settings, and absence with a reason."""
+"""Libraries in the compiled lane by their C functions: the answers of their own interface, its settings, and absence
+with a reason."""
 
 from __future__ import annotations
 
@@ -25,12 +26,16 @@ DISTRIBUTIONS = {"casadi_hpipm": "casadi", "mujoco": "mujoco-core", "piqp": "cas
 ANY_FORM = ("boxes", "one-sided", "mixed", "rows")
 FORMS = {**dict.fromkeys(NAMES, ANY_FORM), "mujoco": ("boxes", "one-sided")}
 APART = {"casadi_hpipm": 5e-5, "piqp": 1e-6}
-"""How far apart answers may be, relatively, where the lanes have a library in two versions or hand it two forms of the program; all others
-agree to the last bit."""
+"""How far apart answers may be, relatively, where the lanes have a library in two versions or hand it two forms of the
+program; all others agree to the last bit."""
 
 
-LIMITED: dict[str, dict[str, Any]] = {"daqp": {"iter_limit": 2}, "piqp": {"max_iter": 6}, "casadi_hpipm": {"iter_max": 3},
-                                      "osqp": {"max_iter": 25, "eps_abs": 1e-9, "eps_rel": 0.0}}
+LIMITED: dict[str, dict[str, Any]] = {
+    "daqp": {"iter_limit": 2},
+    "piqp": {"max_iter": 6},
+    "casadi_hpipm": {"iter_max": 3},
+    "osqp": {"max_iter": 25, "eps_abs": 1e-9, "eps_rel": 0.0},
+}
 """Too few iterations for a program with active bounds; the others are given a P that is not positive definite."""
 
 
@@ -67,7 +72,11 @@ def programs(form: str, d: int, count: int, seed: int = 0) -> tuple[Problem, Mat
     ub = np.full(d, np.inf) if form == "one-sided" else rng.random(d)
     if form == "mixed":
         lb[0] = ub[0] = 0.1
-    rows = {"G": rng.normal(size=(3, d)), "h": np.full(3, 0.5), "A": rng.normal(size=(1, d)), "b": np.zeros(1)} if form == "rows" else {}
+    rows = (
+        {"G": rng.normal(size=(3, d)), "h": np.full(3, 0.5), "A": rng.normal(size=(1, d)), "b": np.zeros(1)}
+        if form == "rows"
+        else {}
+    )
     return Problem(P[0], q[0], lb=lb, ub=ub, **rows), P, q
 
 
@@ -156,8 +165,10 @@ def test_the_settings_of_each_library_stand_where_it_has_them() -> None:
     assert structure("daqp", "daqp_default_settings") == daqp.Model().settings
     defaults = osqp.ext_builtin.OSQPSettings()
     osqp.ext_builtin.osqp_set_default_settings(defaults)
-    for ours, theirs in ((structure("osqp", "osqp_set_default_settings"), defaults),
-                         (structure("piqp", "piqp_set_default_settings_dense"), piqp.DenseSolver().settings)):
+    for ours, theirs in (
+        (structure("osqp", "osqp_set_default_settings"), defaults),
+        (structure("piqp", "piqp_set_default_settings_dense"), piqp.DenseSolver().settings),
+    ):
         shared = [field for field in ours if isinstance(getattr(theirs, field, None), (bool, int, float))]
         assert len(shared) >= 20
         assert {field: ours[field] for field in shared} == {field: getattr(theirs, field) for field in shared}
@@ -246,13 +257,16 @@ def test_what_a_library_allocates_is_let_go_with_its_solver(name: str) -> None:
 def test_a_library_that_is_named_without_a_lane_is_that_of_its_own_interface(name: str) -> None:
     assert solvers.find(name).lane is Lane.DIRECT
     assert solvers.find(name, Lane.KERNEL).times_itself
-    assert [entry.module for entry in solvers.entries() if (entry.name, entry.lane) == (name, Lane.DIRECT)] == [f"solvers.direct.{name}"]
+    assert [entry.module for entry in solvers.entries() if (entry.name, entry.lane) == (name, Lane.DIRECT)] == [
+        f"solvers.direct.{name}"
+    ]
     assert solvers.find("box_active_set").lane is Lane.KERNEL
 
 
 @pytest.mark.parametrize(("name", "distribution"), [(name, DISTRIBUTIONS.get(name, name)) for name in NAMES])
-def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(name: str, distribution: str,
-                                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(
+    name: str, distribution: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     both(name)
     real = importlib.metadata.version
     monkeypatch.delitem(sys.modules, f"solvers.kernel.{name}")
@@ -267,9 +281,17 @@ def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_se
 
     daqp = pytest.importorskip("daqp")
     version = importlib.metadata.version("daqp")
-    with pytest.raises(ImportError, match=r"^the library of daqp .* does not offer its C functions here: .*undefined symbol: daqp_fly$"):
+    with pytest.raises(
+        ImportError,
+        match=r"^the library of daqp .* does not offer its C functions here: .*undefined "
+        r"symbol: daqp_fly$",
+    ):
         opened("daqp", version, Path(daqp.__file__), ("daqp_solve", "daqp_fly"))
-    with pytest.raises(ImportError, match=r"^the library of daqp .* does not offer its C functions here: .*cannot open shared object file"):
+    with pytest.raises(
+        ImportError,
+        match=r"^the library of daqp .* does not offer its C functions here: .*cannot open "
+        r"shared object file",
+    ):
         opened("daqp", version, tmp_path / "nothing.so", ("daqp_solve",))
     with pytest.raises(ImportError, match=r"^No module named 'no_such_package'$"):
         folder("no_such_package")

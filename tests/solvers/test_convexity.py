@@ -38,7 +38,10 @@ def test_an_optimum_that_hangs_on_the_shift_is_none_and_one_that_does_not_is_cer
     P = np.array([[1.0, 1.0], [1.0, 1.0 - 2.0**-53]])  # its negative curvature is one rounding, along (1, -1)
     with pytest.raises(RoundingDecides, match="indefinite by rounding"):
         certify(Problem(P, np.array([1.0, -1.0])), np.zeros(2))
-    for problem in (Problem(P, np.array([-1.0, -1.0])), Problem(P, np.array([1.0, -1.0]), lb=np.full(2, -3.0), ub=np.full(2, 3.0))):
+    for problem in (
+        Problem(P, np.array([-1.0, -1.0])),
+        Problem(P, np.array([1.0, -1.0]), lb=np.full(2, -3.0), ub=np.full(2, 3.0)),
+    ):
         proof = certify(problem, np.zeros(2))
         assert proof.convexity_shift > 0.0
         verify(problem, proof)
@@ -46,7 +49,9 @@ def test_an_optimum_that_hangs_on_the_shift_is_none_and_one_that_does_not_is_cer
 
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 2**32), d=st.integers(1, 12), decades=st.floats(0.0, 18.0), spread=st.floats(0.0, 8.0))
-def test_what_a_factorisation_in_doubles_calls_definite_is_definite_in_rationals(seed: int, d: int, decades: float, spread: float) -> None:
+def test_what_a_factorisation_in_doubles_calls_definite_is_definite_in_rationals(
+    seed: int, d: int, decades: float, spread: float
+) -> None:
     rng = np.random.default_rng(seed)
     U, D = np.linalg.qr(rng.normal(size=(d, d)))[0], 10.0 ** rng.uniform(-spread, spread, size=d)
     P = (U * 10.0 ** -np.linspace(0.0, decades, d)) @ U.T * np.outer(D, D)
@@ -68,23 +73,33 @@ def is_semidefinite(P: np.ndarray, shift: Fraction) -> bool:
 def determinant(M: list[list[Fraction]]) -> Fraction:
     if not M:
         return Fraction(1)
-    return sum(((-1) ** j * v * determinant([row[:j] + row[j + 1:] for row in M[1:]]) for j, v in enumerate(M[0]) if v),
-               Fraction(0))
+    return sum(
+        ((-1) ** j * v * determinant([row[:j] + row[j + 1 :] for row in M[1:]]) for j, v in enumerate(M[0]) if v),
+        Fraction(0),
+    )
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 4), st.data())
 def test_semidefiniteness_and_rank_agree_with_all_principal_minors(d: int, data: st.DataObject) -> None:
     lower = data.draw(st.lists(st.lists(st.integers(-2, 2), min_size=d, max_size=d), min_size=d, max_size=d))
-    P = np.array(lower) + np.array(lower).T if data.draw(st.booleans()) else np.array(lower).T @ np.diag(
-        data.draw(st.lists(st.integers(0, 2), min_size=d, max_size=d))) @ np.array(lower)
+    P = (
+        np.array(lower) + np.array(lower).T
+        if data.draw(st.booleans())
+        else np.array(lower).T
+        @ np.diag(data.draw(st.lists(st.integers(0, 2), min_size=d, max_size=d)))
+        @ np.array(lower)
+    )
     rank = exact_linear_algebra.semidefinite_rank([[int(v) for v in row] for row in P])
     assert (rank is not None) == is_semidefinite(P.astype(float), Fraction(0))
     assert rank is None or rank == np.linalg.matrix_rank(P)
 
 
-@pytest.mark.parametrize("P", [np.diag([1.0, -1e-9]), np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([-1.0, -1.0])],
-                         ids=["slightly", "saddle", "concave"])
+@pytest.mark.parametrize(
+    "P",
+    [np.diag([1.0, -1e-9]), np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([-1.0, -1.0])],
+    ids=["slightly", "saddle", "concave"],
+)
 def test_a_problem_that_is_not_convex_is_refused(P: np.ndarray) -> None:
     with pytest.raises(NotCertified, match="P is not convex"):
         certify(Problem(P, np.zeros(2), lb=-np.ones(2), ub=np.ones(2)), np.zeros(2))

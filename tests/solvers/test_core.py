@@ -26,14 +26,18 @@ STRUCTS = {
     "PyModuleDef": "m_base m_name m_doc m_size m_methods m_slots m_traverse m_clear m_free",
 }
 CONSTANTS = "METH_FASTCALL PyBUF_WRITABLE PyBUF_FORMAT PyBUF_ND PyBUF_C_CONTIGUOUS PYTHON_ABI_VERSION"
-HEADERS = [path for path in (sysconfig.get_path("include"), "/usr/include/python3.11") if Path(path, "Python.h").exists()]
+HEADERS = [
+    path for path in (sysconfig.get_path("include"), "/usr/include/python3.11") if Path(path, "Python.h").exists()
+]
 
 
 def compiled(folder, text, *options, compiler="gcc"):
     source = folder / "check.c"
     source.write_text(text, encoding="utf-8")
     target = folder / "check"
-    done = subprocess.run([program(compiler), f"-I{FOLDER}", *options, str(source), "-o", str(target)], capture_output=True, text=True)
+    done = subprocess.run(
+        [program(compiler), f"-I{FOLDER}", *options, str(source), "-o", str(target)], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return target
 
@@ -43,29 +47,60 @@ def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path
         lacking("Python.h", "python3-dev")
     members = [f"offsetof({name}, {member})" for name, list_ in STRUCTS.items() for member in list_.split()]
     numbers = [*members, *(f"sizeof({name})" for name in STRUCTS), *CONSTANTS.split()]
-    body = "\n".join(["int main(void) {", *(f'printf("%ld\\n", (long)({number}));' for number in numbers), "return 0; }", ""])
+    body = "\n".join(
+        ["int main(void) {", *(f'printf("%ld\\n", (long)({number}));' for number in numbers), "return 0; }", ""]
+    )
     real = ["#define Py_LIMITED_API 0x030B0000", "#include <Python.h>"]
     ours, theirs = (
-        subprocess.run([compiled(tmp_path, "\n".join(["#include <stddef.h>", "#include <stdio.h>", *lines, body]), f"-I{HEADERS[0]}")],
-                       capture_output=True, text=True, check=True).stdout.split()
-        for lines in (['#include "python_abi.h"'], real))
+        subprocess.run(
+            [
+                compiled(
+                    tmp_path, "\n".join(["#include <stddef.h>", "#include <stdio.h>", *lines, body]), f"-I{HEADERS[0]}"
+                )
+            ],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.split()
+        for lines in (['#include "python_abi.h"'], real)
+    )
     assert ours == theirs
     assert len(ours) == len(numbers)
     # Declarations that differ from those before them are errors of the compiler.
-    compiled(tmp_path, "\n".join([*real, "#define CORE_PYTHON_ABI_CHECKED_BY_PYTHON_H", '#include "python_abi.h"', ""]), "-c",
-             f"-I{HEADERS[0]}")
+    compiled(
+        tmp_path,
+        "\n".join([*real, "#define CORE_PYTHON_ABI_CHECKED_BY_PYTHON_H", '#include "python_abi.h"', ""]),
+        "-c",
+        f"-I{HEADERS[0]}",
+    )
 
 
-@pytest.mark.parametrize(("compiler", "options"), [
-    ("gcc", ["-O2", "-DCORE_FLOAT"]), ("clang", ["-fsyntax-only", "-DCORE_FLOAT"]), ("clang", ["-fsyntax-only", "-DCORE_PLAIN"])])
+@pytest.mark.parametrize(
+    ("compiler", "options"),
+    [
+        ("gcc", ["-O2", "-DCORE_FLOAT"]),
+        ("clang", ["-fsyntax-only", "-DCORE_FLOAT"]),
+        ("clang", ["-fsyntax-only", "-DCORE_PLAIN"]),
+    ],
+)
 def test_plain_numbers_and_single_precision_compile_without_a_warning(compiler, options, tmp_path):
     subprocess.run([program(compiler), *WARNINGS, "-c", *options, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
 
 
 def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and_fabs(tmp_path):
     subprocess.run([program("gcc"), "-O2", "-fno-math-errno", "-c", *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
-    said = subprocess.run([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, capture_output=True, text=True, check=True)
-    wanted = set(re.findall(r" U (\w+)", said.stdout)) - set(re.findall(r" T (\w+)", said.stdout)) - {"_GLOBAL_OFFSET_TABLE_"}
+    said = subprocess.run(
+        [program("nm"), *(f.name for f in tmp_path.glob("*.o"))],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    wanted = (
+        set(re.findall(r" U (\w+)", said.stdout))
+        - set(re.findall(r" T (\w+)", said.stdout))
+        - {"_GLOBAL_OFFSET_TABLE_"}
+    )
     assert wanted <= {"memcpy", "memset", "sqrt", "fabs"}
     assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
 
@@ -101,13 +136,18 @@ def test_a_library_beside_other_sources_or_none_is_refused_in_one_sentence(tmp_p
 
 
 VARIANTS = {
-    "plain": ("gcc", "-O0", "-DCORE_PLAIN"), "level 2": ("gcc", "-O1", "-march=x86-64-v2"), "level 3": ("clang", "-O1", "-march=x86-64-v3"),
-    "level 4": ("clang", "-O3", "-march=x86-64-v4"), "level 4 by gcc": ("gcc", "-O3", "-march=x86-64-v4", "-funroll-loops")}
+    "plain": ("gcc", "-O0", "-DCORE_PLAIN"),
+    "level 2": ("gcc", "-O1", "-march=x86-64-v2"),
+    "level 3": ("clang", "-O1", "-march=x86-64-v3"),
+    "level 4": ("clang", "-O3", "-march=x86-64-v4"),
+    "level 4 by gcc": ("gcc", "-O3", "-march=x86-64-v4", "-funroll-loops"),
+}
 
 
 @pytest.fixture(scope="module")
 def variants(tmp_path_factory):
-    """The core built by two compilers for several instruction sets at several levels of optimisation, without a warning.
+    """The core built by two compilers for several instruction sets at several levels of optimisation, without a
+    warning.
 
     Beside them those that are installed, for every instruction set of this processor.
     """
@@ -120,9 +160,15 @@ def variants(tmp_path_factory):
     def build(name):
         target, (compiler, *options) = folder / f"{name.replace(' ', '_')}.so", VARIANTS[name]
         words = [f'-D{word}="x"' for word in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
-        flags = [*WARNINGS, *(flag for flag in compile_core.FLAGS if not flag.startswith("-O")), *(f"-I{each}" for each in FOLDERS)]
+        flags = [
+            *WARNINGS,
+            *(flag for flag in compile_core.FLAGS if not flag.startswith("-O")),
+            *(f"-I{each}" for each in FOLDERS),
+        ]
         files = sorted(str(file) for each in FOLDERS for file in each.glob("*.c"))
-        subprocess.run([program(compiler), *flags, *options, *words, *files, "-shared", "-o", str(target), "-lm"], check=True)
+        subprocess.run(
+            [program(compiler), *flags, *options, *words, *files, "-shared", "-o", str(target), "-lm"], check=True
+        )
         loader = importlib.machinery.ExtensionFileLoader("_core", str(target))
         module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("_core", target, loader=loader))
         loader.exec_module(module)
@@ -150,11 +196,20 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
     d, out = q.size, []
     for P, linear in programs:
         box, swept = block(c.box_bytes(d)), block(c.swept_bytes(d))
-        out.append([c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve_factorised(box, 0)])
+        out.append(
+            [c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve_factorised(box, 0)]
+        )
         out.append(box.tobytes())
         out.append([c.swept_setup(swept, lb, ub, 0.9, 1.0, 1e-10), c.swept_begin(swept, P, linear)])
         answers, nanoseconds = np.empty((40, d)), np.empty(40, np.int64)
-        out.append([c.swept_take_rows(swept, rows, answers, nanoseconds), answers.tobytes(), swept.tobytes(), c.swept_error(swept)])
+        out.append(
+            [
+                c.swept_take_rows(swept, rows, answers, nanoseconds),
+                answers.tobytes(),
+                swept.tobytes(),
+                c.swept_error(swept),
+            ]
+        )
         for method in (c.projected_steps, c.accelerated_steps):
             descent = block(c.descent_bytes(d))
             c.descent_setup(descent, lb, ub)
@@ -172,19 +227,22 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(var
         assert bits_of_everything(module, *data) == expected, name
 
 
-@pytest.mark.parametrize(("arguments", "error", "message"), [
-    ((), TypeError, "takes 3 arguments, not 0"),
-    ((None, np.zeros(2), np.zeros(2)), TypeError, "bytes-like object is required"),
-    ((block(10_000), np.zeros(2, np.float32), np.zeros(2)), TypeError, "argument 2 holds numbers of type f, not d"),
-    ((block(10_000), np.zeros(2, ">f8"), np.zeros(2)), TypeError, "argument 2 holds numbers of type >d, not d"),
-    ((block(10_000), np.zeros(4)[::2], np.zeros(2)), ValueError, "contiguous"),
-    ((block(10_000), np.zeros((1, 2)), np.zeros(2)), ValueError, "argument 2 has not the shape"),
-    ((block(10_000), np.zeros(2), np.zeros(3)), ValueError, "argument 3 has not the shape"),
-    ((block(100), np.zeros(2), np.zeros(2)), ValueError, "the state has room for 100 bytes and needs"),
-    ((block(10_000)[1:], np.zeros(2), np.zeros(2)), ValueError, "not the state"),
-    ((np.zeros(2000), np.zeros(2), np.zeros(2)), TypeError, "argument 1 holds numbers of type d, not B"),
-    ((bytes(10_000), np.zeros(2), np.zeros(2)), BufferError, "writable"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ((), TypeError, "takes 3 arguments, not 0"),
+        ((None, np.zeros(2), np.zeros(2)), TypeError, "bytes-like object is required"),
+        ((block(10_000), np.zeros(2, np.float32), np.zeros(2)), TypeError, "argument 2 holds numbers of type f, not d"),
+        ((block(10_000), np.zeros(2, ">f8"), np.zeros(2)), TypeError, "argument 2 holds numbers of type >d, not d"),
+        ((block(10_000), np.zeros(4)[::2], np.zeros(2)), ValueError, "contiguous"),
+        ((block(10_000), np.zeros((1, 2)), np.zeros(2)), ValueError, "argument 2 has not the shape"),
+        ((block(10_000), np.zeros(2), np.zeros(3)), ValueError, "argument 3 has not the shape"),
+        ((block(100), np.zeros(2), np.zeros(2)), ValueError, "the state has room for 100 bytes and needs"),
+        ((block(10_000)[1:], np.zeros(2), np.zeros(2)), ValueError, "not the state"),
+        ((np.zeros(2000), np.zeros(2), np.zeros(2)), TypeError, "argument 1 holds numbers of type d, not B"),
+        ((bytes(10_000), np.zeros(2), np.zeros(2)), BufferError, "writable"),
+    ],
+)
 def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, error, message):
     with pytest.raises(error, match=message):
         face.descent_setup(*arguments)

@@ -25,13 +25,23 @@ from solvers.registry import Entry
 NAMES = ("clarabel", "daqp", "highspy", "osqp", "piqp", "proxsuite", "pyqpmad", "quadprog", "scs")
 WARM = ("daqp", "osqp", "proxsuite", "scs")
 
-# What a tolerance of 1e-9 reaches here: error of x in the unit of each variable, and residuals relative to q. Active set methods
-# end at rounding. Splitting methods stop at residuals of 1e-9, from which an error of x follows that is larger by the
-# condition of the problem. Interior point methods stop at a gap of 1e-9 of the cost, and the error of x is its square root.
-# Measured over 20 seeds of these problems: at most a fifth of each number, but for HiGHS, whose number holds on the seeds used
-# here: of 1 920 others it ended 12 in "Solve error" and was off by up to 2e-4 on 3 that it called optimal.
-ERROR = {"daqp": 1e-11, "pyqpmad": 1e-11, "quadprog": 1e-11, "scs": 1e-5, "proxsuite": 1e-5, "osqp": 1e-5,
-         "highspy": 2e-5, "clarabel": 1e-3, "piqp": 1e-3}
+# What a tolerance of 1e-9 reaches here: error of x in the unit of each variable, and residuals relative to q. Active
+# set methods end at rounding. Splitting methods stop at residuals of 1e-9, from which an error of x follows that is
+# larger by the condition of the problem. Interior point methods stop at a gap of 1e-9 of the cost, and the error of x
+# is its square root. Measured over 20 seeds of these problems: at most a fifth of each number, but for HiGHS, whose
+# number holds on the seeds used here: of 1 920 others it ended 12 in "Solve error" and was off by up to 2e-4 on 3 that
+# it called optimal.
+ERROR = {
+    "daqp": 1e-11,
+    "pyqpmad": 1e-11,
+    "quadprog": 1e-11,
+    "scs": 1e-5,
+    "proxsuite": 1e-5,
+    "osqp": 1e-5,
+    "highspy": 2e-5,
+    "clarabel": 1e-3,
+    "piqp": 1e-3,
+}
 RESIDUAL = {"daqp": 1e-11, "pyqpmad": 1e-11, "quadprog": 1e-11}
 RESIDUAL_OTHERS = 1e-6
 LOOSE = {None: 0.05, 1e-3: 0.05, 1e-6: 1e-2}
@@ -123,8 +133,10 @@ def test_class_declares_the_name_of_its_file_and_the_lane(name: str) -> None:
 
 @pytest.mark.parametrize("decades", [0, 4])
 @pytest.mark.parametrize("d", [2, 7, 18, 30])
-@pytest.mark.parametrize(("kind", "rows"), [("boxes", False), ("one-sided", False), ("mixed", False), ("free", False),
-                                            ("mixed", True), ("free", True)])
+@pytest.mark.parametrize(
+    ("kind", "rows"),
+    [("boxes", False), ("one-sided", False), ("mixed", False), ("free", False), ("mixed", True), ("free", True)],
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_answer_is_the_one_the_problem_was_made_from(name: str, kind: str, rows: bool, d: int, decades: int) -> None:
     pair = twins(d, kind, rows and d > 2, decades)
@@ -191,8 +203,24 @@ def test_what_was_solved_before_leaves_no_trace(name: str, kind: str, rows: bool
     pair = twins(9, kind, rows)
     solver = ready(name, pair.problems[0])
     which = 0
-    for step in ["solve", "other", "solve", "solve", "warm", "warm", "q", "solve", "other", "warm", "solve", "other", "other",
-                 "warm", "q", "warm"]:
+    for step in [
+        "solve",
+        "other",
+        "solve",
+        "solve",
+        "warm",
+        "warm",
+        "q",
+        "solve",
+        "other",
+        "warm",
+        "solve",
+        "other",
+        "other",
+        "warm",
+        "q",
+        "warm",
+    ]:
         if step == "other":
             which = 1 - which
             solver.update(pair.problems[which].P, pair.problems[which].q)
@@ -210,8 +238,14 @@ def test_warm_start_does_not_change_the_answer(name: str, rows: bool) -> None:
     pair = twins(12, "mixed", rows)
     solver = ready(name, pair.problems[0])
     cold = solver.solve().copy()
-    starts = {"the answer": cold, "the other answer": pair.answers[1], "far outside": np.full(12, 50.0),
-              "zero": np.zeros(12), "not contiguous": apart(cold), "all at bounds": np.maximum(pair.problems[0].lb, -1.0)}
+    starts = {
+        "the answer": cold,
+        "the other answer": pair.answers[1],
+        "far outside": np.full(12, 50.0),
+        "zero": np.zeros(12),
+        "not contiguous": apart(cold),
+        "all at bounds": np.maximum(pair.problems[0].lb, -1.0),
+    }
     for start in starts.values():
         assert pair.error(solver.solve(start)) < ERROR[name]
     solver.update(pair.problems[1].P, pair.problems[1].q)
@@ -313,7 +347,9 @@ def test_infeasible_rows_are_reported_and_give_no_number(name: str) -> None:
     d = 6
     rng = np.random.default_rng(2)
     M = rng.normal(size=(d + 5, d))
-    problem = Problem(M.T @ M, rng.normal(size=d), np.ones((1, d)), np.array([-1.0]), lb=np.zeros(d), ub=np.full(d, np.inf))
+    problem = Problem(
+        M.T @ M, rng.normal(size=d), np.ones((1, d)), np.array([-1.0]), lb=np.zeros(d), ub=np.full(d, np.inf)
+    )
     solver = ready(name, problem)
     assert np.all(np.isnan(solver.solve()))
     solution = solver.solution()
@@ -402,7 +438,9 @@ def test_time_limit_of_highspy_counts_from_each_solve() -> None:
     assert before > 0
 
 
-def test_a_solver_whose_distribution_is_not_installed_is_absent_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_solver_whose_distribution_is_not_installed_is_absent_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     entry = solvers.find("box_active_set")
     monkeypatch.setattr(entry.load(), "distribution", "no_such_package")
     assert "'no_such_package', which is not installed" in solvers.describe(entry).absent

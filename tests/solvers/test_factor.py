@@ -1,4 +1,5 @@
-"""The factor of the free variables alone (solvers/core/factor.h): its solutions, what it leaves alone, and when a pivot is not safe."""
+"""The factor of the free variables alone (solvers/core/factor.h): its solutions, what it leaves alone, and when a pivot
+is not safe."""
 
 import numpy as np
 import pytest

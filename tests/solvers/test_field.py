@@ -60,8 +60,7 @@ FIELD = {
 }
 WARM = ("mujoco", "qpalm", "scipy_lbfgsb", "scipy_slsqp")
 COUNTED = tuple(name for name in WARM if name != "mujoco")  # it tells no count of iterations
-REFUSE_CROSSING = ("casadi_hpipm", "casadi_qpoases", "casadi_qrqp", "qpalm", "scipy_slsqp",
-                   "scipy_trust_constr")
+REFUSE_CROSSING = ("casadi_hpipm", "casadi_qpoases", "casadi_qrqp", "qpalm", "scipy_slsqp", "scipy_trust_constr")
 
 
 def sizes(name: str, form: str) -> tuple[int, ...]:
@@ -170,8 +169,11 @@ def test_arrays_handed_in_are_read_at_any_stride_and_never_written(name: str) ->
 @pytest.mark.parametrize(("name", "of"), INFEASIBLE)
 def test_an_infeasible_problem_is_never_called_found(name: str, of: str) -> None:
     eye = np.eye(3)
-    problem = Problem(eye, np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0])) if of == "boxes" else \
-        Problem(eye, np.ones(3), G=np.vstack([eye[:1], -eye[:1]]), h=np.array([-1.0, -1.0]), lb=np.full(3, -5.0))
+    problem = (
+        Problem(eye, np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0]))
+        if of == "boxes"
+        else Problem(eye, np.ones(3), G=np.vstack([eye[:1], -eye[:1]]), h=np.array([-1.0, -1.0]), lb=np.full(3, -5.0))
+    )
     if of == "boxes" and name in REFUSE_CROSSING:
         with pytest.raises(Unsupported, match=f"{name} refuses bounds that cross"):
             ready(name, problem)

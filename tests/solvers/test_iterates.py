@@ -9,8 +9,11 @@ import solvers
 from solvers import Lane
 from solvers.certificate import certify, exact_cost_gap
 
-LIMITED = [entry for entry in solvers.available()
-           if entry.lane is Lane.DIRECT and entry.load().iteration_setting not in (None, "steps")]
+LIMITED = [
+    entry
+    for entry in solvers.available()
+    if entry.lane is Lane.DIRECT and entry.load().iteration_setting not in (None, "steps")
+]
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +28,15 @@ def hard() -> Problem:
 
 
 def test_the_libraries_that_have_a_limit_name_it() -> None:
-    assert {entry.name for entry in LIMITED} >= {"osqp", "scs", *that_load("proxsuite"), "piqp", "clarabel", "qpalm", "qoco"}
+    assert {entry.name for entry in LIMITED} >= {
+        "osqp",
+        "scs",
+        *that_load("proxsuite"),
+        "piqp",
+        "clarabel",
+        "qpalm",
+        "qoco",
+    }
 
 
 @pytest.mark.parametrize("entry", LIMITED, ids=lambda entry: entry.name)

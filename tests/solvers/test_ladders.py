@@ -31,12 +31,16 @@ COMPILES = ("qpax",)
 
 # What no rung reaches, and why; the cause lies in the library.
 MISSES = {
-    "ecos": (1e-9, "the cost is in a second-order cone, whose squares leave half the digits: 'close to optimal' from k = 10 on"),
+    "ecos": (
+        1e-9,
+        "the cost is in a second-order cone, whose squares leave half the digits: 'close to optimal' from k = 10 on",
+    ),
     "qpax": (1e-9, "its test of convergence looks at the largest residual and stops falling near rounding"),
     "scipy_trust_constr": (1e-9, "it stops with a trust radius below xtol, however small that is"),
 }
 LUCKY = ("ecos",)
-"""Those that reach it on some processors: ecos ends at 2.3e-10 with OpenBLAS's kernels for AVX-512, at 1.7e-8 with those for AVX2."""
+"""Those that reach it on some processors: ecos ends at 2.3e-10 with OpenBLAS's kernels for AVX-512, at 1.7e-8 with
+those for AVX2."""
 
 
 def named(entries: list[Entry]) -> list[object]:
@@ -53,8 +57,10 @@ def loaded(entry: Entry) -> type[Solver]:
 @cache
 def two_problems() -> tuple[CertifiedForm, ...]:
     """Two problems of the set paper, scaled: the largest and a common ratio of |V*| to V* + c."""
-    return tuple(Experiment(plant, drive, seed=SEED).problem("paper", f"{plant}-{drive}").forms["scaled"]
-                 for plant, drive in (("bouc_wen", "staircase"), ("dense_prandtl_ishlinskii", "random_walk")))
+    return tuple(
+        Experiment(plant, drive, seed=SEED).problem("paper", f"{plant}-{drive}").forms["scaled"]
+        for plant, drive in (("bouc_wen", "staircase"), ("dense_prandtl_ishlinskii", "random_walk"))
+    )
 
 
 def accuracy(solver: Solver, form: CertifiedForm) -> float:
@@ -94,7 +100,9 @@ def test_every_setting_of_a_ladder_has_a_name_of_its_own_and_is_found_by_it_for_
 
 
 @pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
-def test_a_ladder_that_names_exponents_has_one_for_each_rung_from_loose_to_tight_and_those_of_wrappers_do(entry: Entry) -> None:
+def test_a_ladder_that_names_exponents_has_one_for_each_rung_from_loose_to_tight_and_those_of_wrappers_do(
+    entry: Entry,
+) -> None:
     cls = loaded(entry)
     assert len(cls.exponents) in (0, len(cls.ladder(1.0)))
     assert list(cls.exponents) == sorted(cls.exponents)

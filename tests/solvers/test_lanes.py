@@ -1,4 +1,5 @@
-"""The lanes qpsolvers and cvxpy: every solver behind them answers right, in the ecosystem's signs, and writes to nothing.
+"""The lanes qpsolvers and cvxpy: every solver behind them answers right, in the ecosystem's signs, and writes to
+nothing.
 
 The problems are made backwards from their answers, see ``answered_pairs``.
 """
@@ -25,11 +26,21 @@ BEHIND = [(lane, name) for lane, module in LANES.items() for name in module.BACK
 # qpsolvers has JAX trace qpax anew at every call, which takes about a second.
 QUICK = [(lane, name) for lane, name in BEHIND if name != "qpax"]
 
-# Error of x, whose entries are about 1, at a tolerance of 1e-6, about ten times what was seen over three seeds: active set
-# methods end at rounding, an interior point method leaves up to √ε where a multiplier is small, and a second-order cone
-# squares that.
-MID = {"daqp": 1e-9, "pyqpmad": 1e-12, "quadprog": 1e-12, "highs": 1e-8, "osqp": 1e-4, "scs": 1e-4, "qpalm": 1e-4,
-       "proxqp": 2e-4, "ecos": 1e-2, "cvxopt": 5e-3}
+# Error of x, whose entries are about 1, at a tolerance of 1e-6, about ten times what was seen over three seeds: active
+# set methods end at rounding, an interior point method leaves up to √ε where a multiplier is small, and a second-order
+# cone squares that.
+MID = {
+    "daqp": 1e-9,
+    "pyqpmad": 1e-12,
+    "quadprog": 1e-12,
+    "highs": 1e-8,
+    "osqp": 1e-4,
+    "scs": 1e-4,
+    "qpalm": 1e-4,
+    "proxqp": 2e-4,
+    "ecos": 1e-2,
+    "cvxopt": 5e-3,
+}
 MID_OTHERS = 1e-3
 
 
@@ -65,15 +76,28 @@ def test_a_solver_that_is_not_there_raises_import_error_that_names_it(lane: Lane
 
 
 def test_a_library_that_does_not_load_is_absent_in_silence(tmp_path: Path) -> None:
-    (tmp_path / "proxsuite.py").write_text("raise ImportError('libgomp.so.1: cannot open shared object file: No such file or directory')\n")
+    (tmp_path / "proxsuite.py").write_text(
+        "raise ImportError('libgomp.so.1: cannot open shared object file: No such file or directory')\n"
+    )
     program = "from solvers import cvxpy_lane\nprint('proxqp' in cvxpy_lane.installed())"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True,
-                          env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])})
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    )
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 
-@pytest.mark.parametrize(("lane", "name", "form"), [(*behind, form) for behind, form in product(
-    BEHIND, FORMS) if form != "free" and (behind in QUICK or form == "rows")])
+@pytest.mark.parametrize(
+    ("lane", "name", "form"),
+    [
+        (*behind, form)
+        for behind, form in product(BEHIND, FORMS)
+        if form != "free" and (behind in QUICK or form == "rows")
+    ],
+)
 def test_answer_and_duals_are_as_exact_as_stated(lane: Lane, name: str, form: str) -> None:
     for d in (7, 30) if name != "qpax" else (7,):
         problem = pair(form, d)

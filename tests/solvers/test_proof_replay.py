@@ -11,20 +11,23 @@ from qpsolvers import Problem
 from solvers.certificate import Certificate, NotCertified, certify, exact_cost_gap, verify
 
 
-@pytest.mark.parametrize(("line", "change"), [
-    (r"1 \(problem\)", {"problem": "0" * 64}),
-    (r"2 \(convexity\)", {"convexity_shift": 2.0**-60}),
-    (r"3 \(stationarity\)", {"lower": (1, 1)}),
-    (r"3 \(stationarity\)", {"lower": (7,)}),
-    (r"3 \(stationarity\)", {"upper": (1,)}),
-    (r"4 \(feasibility\)", {"lower": ()}),
-    (r"5 \(signs\)", {"lower": (0, 1)}),
-    (r"5 \(signs\)", {"pinned": (0,)}),
-    (r"6 \(value\)", {"value": "-1000000000000000000000000000001/1000000000000000000000000000000"}),
-    (r"7 \(answer\)", {"value_rounded": -1.0000000000000002}),
-    (r"7 \(answer\)", {"x": (1.0000000000000002, 0.0)}),
-    (r"7 \(answer\)", {"unique": False}),
-])
+@pytest.mark.parametrize(
+    ("line", "change"),
+    [
+        (r"1 \(problem\)", {"problem": "0" * 64}),
+        (r"2 \(convexity\)", {"convexity_shift": 2.0**-60}),
+        (r"3 \(stationarity\)", {"lower": (1, 1)}),
+        (r"3 \(stationarity\)", {"lower": (7,)}),
+        (r"3 \(stationarity\)", {"upper": (1,)}),
+        (r"4 \(feasibility\)", {"lower": ()}),
+        (r"5 \(signs\)", {"lower": (0, 1)}),
+        (r"5 \(signs\)", {"pinned": (0,)}),
+        (r"6 \(value\)", {"value": "-1000000000000000000000000000001/1000000000000000000000000000000"}),
+        (r"7 \(answer\)", {"value_rounded": -1.0000000000000002}),
+        (r"7 \(answer\)", {"x": (1.0000000000000002, 0.0)}),
+        (r"7 \(answer\)", {"unique": False}),
+    ],
+)
 def test_a_perturbed_certificate_fails_at_the_line_that_is_wrong(line: str, change: dict) -> None:
     proof = certify(corner, np.zeros(2))
     with pytest.raises(NotCertified, match=f"proof line {line} fails"):

@@ -1,4 +1,5 @@
-"""Random box programs of every kind on both exact solvers: what is found meets the optimality conditions, what is refused has no optimum."""
+"""Random box programs of every kind on both exact solvers: what is found meets the optimality conditions, what is
+refused has no optimum."""
 
 from fractions import Fraction
 
@@ -11,12 +12,14 @@ from solvers.certificate import NotCertified, certify
 
 INF = np.inf
 CONTRADICTED = {5741}
-"""Programs that are refused though their optimum is certified, a miss: a Hilbert matrix of 20, four eigenvalues negative by rounding."""
+"""Programs that are refused though their optimum is certified, a miss: a Hilbert matrix of 20, four eigenvalues
+negative by rounding."""
 SETTINGS = {"box_active_set": {}, "recursive_active_set": {"proximal": 0.0}}
 
 
 def random_program(seed):
-    """P, q, lb, ub of 1 to 200 variables, mostly few, with spectra down to 1e-14, ties, integers, Hilbert matrices and none of full rank."""
+    """P, q, lb, ub of 1 to 200 variables, mostly few, with spectra down to 1e-14, ties, integers, Hilbert matrices and
+    none of full rank."""
     rng = np.random.default_rng(seed)
     d = int(rng.integers(1, 201)) if rng.random() < 0.15 else int(rng.integers(1, 25))
     kind = rng.choice(["spectrum", "integers", "hilbert", "singular", "ties"])
@@ -46,7 +49,8 @@ def random_program(seed):
 
 
 def violation(P, q, lb, ub, x):
-    """The largest violation of the optimality conditions in extended precision, relative to the largest terms of a gradient."""
+    """The largest violation of the optimality conditions in extended precision, relative to the largest terms of a
+    gradient."""
     g = P.astype(np.longdouble) @ x + q
     wrong = np.where(lb == ub, 0, np.where(x <= lb, np.minimum(g, 0), np.where(x >= ub, np.maximum(g, 0), g)))
     size = np.abs(P) @ np.abs(x) + np.abs(q)
@@ -54,13 +58,16 @@ def violation(P, q, lb, ub, x):
 
 
 def is_refuted(P, q, lb, ub, sentence):
-    """Whether the certificate contradicts a refusal: an optimum is proven, and towards it P has a curvature above its rounding."""
+    """Whether the certificate contradicts a refusal: an optimum is proven, and towards it P has a curvature above its
+    rounding."""
     try:
         proof = certify(Problem(P, q, lb=lb, ub=ub), np.clip(np.zeros(q.size), lb, ub))
     except NotCertified:
         return False
     x = [Fraction(entry) for entry in proof.x]
-    curvature = sum(x[i] * x[j] * Fraction(P[i, j]) for i in range(q.size) for j in range(q.size)) / (sum(v * v for v in x) or 1)
+    curvature = sum(x[i] * x[j] * Fraction(P[i, j]) for i in range(q.size) for j in range(q.size)) / (
+        sum(v * v for v in x) or 1
+    )
     return "indefinite" in sentence or curvature > Fraction(q.size * np.finfo(float).eps * P.diagonal().max())
 
 

@@ -1,5 +1,5 @@
-"""The recursive exact solver against rational arithmetic, after every row of streams that are easy, degenerate and hostile."""
-
+"""The recursive exact solver against rational arithmetic, after every row of streams that are easy, degenerate and
+hostile."""
 
 import numpy as np
 import pytest
@@ -56,8 +56,8 @@ def test_every_row_of_a_stream_leaves_the_exact_optimum_of_all_data_so_far(seed,
             P, q = follow(P, q, each, forgetting, 1.0)
         x = s.solve()
         assert inside(x, lb, ub)
-        # Rows of size 1e3 among fading ones bring cond P to 2e10. Then the terms of the cost are 1e7 times the cost, and their
-        # rounding is what counts: two orders of summing the same rows give two P.
+        # Rows of size 1e3 among fading ones bring cond P to 2e10. Then the terms of the cost are 1e7 times the cost,
+        # and their rounding is what counts: two orders of summing the same rows give two P.
         problem = Problem(P, q, lb=lb, ub=ub)
         cost, terms = (0.5 * v @ M @ v + g @ v for v, M, g in ((x, P, q), (np.abs(x), np.abs(P), np.abs(q))))
         assert gap(problem, x) * abs(cost) < 1e-12 * abs(cost) + 1e-13 * terms
@@ -92,7 +92,8 @@ def test_from_no_data_on_the_answer_is_the_optimum_with_the_proximal_term_that_i
             distance = gap(s.problem(), s.solve())
         except RoundingDecides:
             reject()  # rounding has made a singular P indefinite, and there is no proven optimum to compare with
-        assert distance < 1e-9  # the inverse of what is singular but for 1e-11 has five digits; 2.1e-10 is the most that was seen
+        # the inverse of what is singular but for 1e-11 has five digits; 2.1e-10 is the most that was seen
+        assert distance < 1e-9
 
 
 @quick
@@ -156,7 +157,7 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
     P, q, c = np.eye(d), np.zeros(d), np.zeros(1)
     s = recursive(P, q, lb, ub, forgetting=forgetting, proximal=0.0)
     for first in range(0, count, block):
-        part = rows[first:first + block]
+        part = rows[first : first + block]
         answers, nanoseconds = s.time_rows(part, forgetting)
         assert nanoseconds.shape == (len(part),)
         assert nanoseconds.min() > 0
@@ -176,11 +177,11 @@ def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
     rng = np.random.default_rng(6)
     s = recursive(np.eye(18), np.zeros(18), np.zeros(18), forgetting=0.9995, proximal=0.0)
     ld = 24
-    M = s._numbers[s._places["M"]:s._places["M"] + 19 * ld]
+    M = s._numbers[s._places["M"] : s._places["M"] + 19 * ld]
     s.append_many(drifting(rng, 18, 4 * REFRESH))
     while s._head[s._places["since_refresh"]] < REFRESH - 18:
         s.append_many(drifting(rng, 18, 1))
-    row_weight, root_weight = s._numbers[s._places["row_weight"]:][:2]
+    row_weight, root_weight = s._numbers[s._places["row_weight"] :][:2]
     carried, root = M.copy(), root_weight**2 / row_weight
     free = np.append(s.part("free") > 0, False)
     face.swept_refresh(s.state)
@@ -211,7 +212,7 @@ def test_a_swept_matrix_that_is_damaged_is_made_anew_and_the_answer_is_exact(dam
     s = recursive(P, q, lb, proximal=0.0)
     for k in range(30):
         if k == 20:  # no longer the inverse of anything definite, the answer included
-            M = s._numbers[s._places["M"]:][:16 * 16].reshape(16, 16)
+            M = s._numbers[s._places["M"] :][: 16 * 16].reshape(16, 16)
             np.fill_diagonal(M[:d, :d], damage)
             M[d, :d] = damage if np.isnan(damage) else 1.0
         row = rng.normal(size=d + 1)
@@ -239,7 +240,9 @@ def test_exchanges_that_do_not_end_fall_back_on_the_cold_solver(monkeypatch):
 
 
 @quick
-@given(seed=seeds, d=st.integers(1, 9), words=st.lists(st.sampled_from(["append", "many", "update", "setup"]), max_size=8))
+@given(
+    seed=seeds, d=st.integers(1, 9), words=st.lists(st.sampled_from(["append", "many", "update", "setup"]), max_size=8)
+)
 def test_any_mixture_of_calls_answers_as_a_fresh_solver_does(seed, d, words):
     rng = np.random.default_rng(seed)
     lb, ub = random_bounds(rng, d)
@@ -289,10 +292,17 @@ def test_a_row_that_is_not_finite_is_refused_and_changes_nothing(bad, where):
     assert (s.state == untouched.state).all()
 
 
-@pytest.mark.parametrize(("P", "q", "why"), [
-    (np.full((2, 2), np.nan), None, "finite"), (None, np.array([0.0, INF]), "finite"),
-    (np.array([[1.0, 0.5], [0.0, 1.0]]), None, "not symmetric"), (np.diag([1.0, -1.0]), None, "indefinite"),
-    (np.zeros((2, 2)), np.array([0.0, 1.0]), "unbounded"), (np.eye(3), None, "size")])
+@pytest.mark.parametrize(
+    ("P", "q", "why"),
+    [
+        (np.full((2, 2), np.nan), None, "finite"),
+        (None, np.array([0.0, INF]), "finite"),
+        (np.array([[1.0, 0.5], [0.0, 1.0]]), None, "not symmetric"),
+        (np.diag([1.0, -1.0]), None, "indefinite"),
+        (np.zeros((2, 2)), np.array([0.0, 1.0]), "unbounded"),
+        (np.eye(3), None, "size"),
+    ],
+)
 def test_data_that_are_refused_change_nothing(P, q, why):
     s, untouched = (recursive(np.eye(2), -np.ones(2)) for _ in range(2))
     with pytest.raises(ValueError, match=why):

@@ -18,8 +18,16 @@ def problem() -> Problem:
     M = rng.normal(size=(8, d))
     lb = np.array([0.0, -np.inf, -1.0, 0.5, -np.inf])
     ub = np.array([np.inf, 2.0, 1.0, 0.5, np.inf])
-    return Problem(M.T @ M, rng.normal(size=d), rng.normal(size=(3, d)), np.array([1.0, np.inf, 2.0]),
-                   rng.normal(size=(1, d)), np.array([0.3]), lb, ub)
+    return Problem(
+        M.T @ M,
+        rng.normal(size=d),
+        rng.normal(size=(3, d)),
+        np.array([1.0, np.inf, 2.0]),
+        rng.normal(size=(1, d)),
+        np.array([0.3]),
+        lb,
+        ub,
+    )
 
 
 def allowed(program: Program, x: Vector) -> bool:
@@ -51,7 +59,7 @@ def test_forms_allow_the_same_points() -> None:
         verdict = allowed(program, x)
         verdicts.append(verdict)
         assert verdict == bool(np.all((value >= intervals.l - 1e-12) & (value <= intervals.u + 1e-12)))
-        assert verdict == bool(np.all(np.abs(slack[:cones.equal]) < 1e-12) and np.all(slack[cones.equal:] > -1e-12))
+        assert verdict == bool(np.all(np.abs(slack[: cones.equal]) < 1e-12) and np.all(slack[cones.equal :] > -1e-12))
     assert any(verdicts)
     assert not all(verdicts)
 

@@ -1,4 +1,5 @@
-"""The compiled loop that times a solver: new data at every call, their own answers, and an end when its time is spent."""
+"""The compiled loop that times a solver: new data at every call, their own answers, and an end when its time is
+spent."""
 
 from __future__ import annotations
 
@@ -15,7 +16,10 @@ from solvers.protocol import Matrix, Vector
 from solvers.registry import Entry
 
 KERNELS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.times_itself]
-SETTINGS: dict[str, dict[str, Any]] = {"projected_difference": {"steps": 300}, "recursive_active_set": {"proximal": 0.0}}
+SETTINGS: dict[str, dict[str, Any]] = {
+    "projected_difference": {"steps": 300},
+    "recursive_active_set": {"proximal": 0.0},
+}
 D = 9
 
 
@@ -99,7 +103,9 @@ def test_data_of_any_stride_are_taken_and_none_are_written_to(entry: Entry) -> N
         np.testing.assert_allclose(answers[k], optimum(P[2 * k], q[5 - 2 * k]), rtol=0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", ["box_active_set", "recursive_active_set", "projected_difference", "accelerated_projection"])
+@pytest.mark.parametrize(
+    "name", ["box_active_set", "recursive_active_set", "projected_difference", "accelerated_projection"]
+)
 def test_data_that_cannot_be_are_refused_in_the_loop_as_by_an_update(name: str) -> None:
     solver, (P, q) = ready(solvers.find(name, Lane.KERNEL)), data(3)
     P[1, 0, 0] = np.nan

@@ -40,8 +40,8 @@ static void log_error(const logger *l, const char *why)
 EXPORTED const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORTED const char *fmi2GetVersion(void) { return "2.0"; }
 
-EXPORTED void *fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources, const fmi2CallbackFunctions *callbacks,
-                               fmi2Boolean visible, fmi2Boolean logging)
+EXPORTED void *fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
 {
     instance *const i = type == fmi2CoSimulation ? instantiated(guid) : NULL;
     if (i != NULL) {
@@ -53,8 +53,8 @@ EXPORTED void *fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, 
     return i;
 }
 
-EXPORTED fmi2Status fmi2SetupExperiment(void *c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real now, fmi2Boolean has_stop,
-                                        fmi2Real stop)
+EXPORTED fmi2Status fmi2SetupExperiment(void *c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real now,
+                                        fmi2Boolean has_stop, fmi2Real stop)
 {
     return fmi2OK;
 }
@@ -71,7 +71,10 @@ EXPORTED fmi2Status fmi2SetReal(void *c, const fmi2ValueReference references[], 
     return set_values(c, references, count, values);
 }
 
-EXPORTED fmi2Status fmi2DoStep(void *c, fmi2Real now, fmi2Real interval, fmi2Boolean no_set_state) { return do_step(c, now, interval); }
+EXPORTED fmi2Status fmi2DoStep(void *c, fmi2Real now, fmi2Real interval, fmi2Boolean no_set_state)
+{
+    return do_step(c, now, interval);
+}
 EXPORTED fmi2Status fmi2CancelStep(void *c) { return refuse(c, "no step is under way"); }
 
 EXPORTED fmi2Status fmi2GetStatus(void *c, const fmi2StatusKind kind, fmi2Status *value) { return fmi2Discard; }
@@ -83,7 +86,8 @@ EXPORTED fmi2Status fmi2GetStringStatus(void *c, const fmi2StatusKind kind, fmi2
 NONE_OF_TYPE(Integer)
 NONE_OF_TYPE(Boolean)
 NONE_OF_TYPE(String)
-ABSENT(GetDirectionalDerivative, const fmi2ValueReference of[], size_t n, const fmi2ValueReference by[], size_t m, const fmi2Real seed[],
-       fmi2Real values[])
-ABSENT(SetRealInputDerivatives, const fmi2ValueReference r[], size_t n, const fmi2Integer order[], const fmi2Real values[])
+ABSENT(GetDirectionalDerivative, const fmi2ValueReference of[], size_t n, const fmi2ValueReference by[], size_t m,
+       const fmi2Real seed[], fmi2Real values[])
+ABSENT(SetRealInputDerivatives, const fmi2ValueReference r[], size_t n, const fmi2Integer order[],
+       const fmi2Real values[])
 ABSENT(GetRealOutputDerivatives, const fmi2ValueReference r[], size_t n, const fmi2Integer order[], fmi2Real values[])

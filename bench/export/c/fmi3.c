@@ -44,49 +44,56 @@ static void log_error(const logger *l, const char *why)
 
 EXPORTED const char *fmi3GetVersion(void) { return "3.0"; }
 
-EXPORTED void *fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
-                                           fmi3Boolean event_mode, fmi3Boolean early_return, const fmi3ValueReference required[],
-                                           size_t count, void *environment, fmi3LogMessageCallback log, fmi3Callback update)
+EXPORTED void *fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                           fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
+                                           const fmi3ValueReference required[], size_t count, void *environment,
+                                           fmi3LogMessageCallback log, fmi3Callback update)
 {
     instance *const i = instantiated(token);
     if (i != NULL) {
-        i->logger = (logger){ environment, log };
+        i->logger = (logger){environment, log};
     }
     return i;
 }
 
-EXPORTED void *fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
-                                            fmi3Boolean logging, void *environment, fmi3LogMessageCallback log)
+EXPORTED void *fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
+                                            fmi3Boolean visible, fmi3Boolean logging, void *environment,
+                                            fmi3LogMessageCallback log)
 {
     return NULL;
 }
 
-EXPORTED void *fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
-                                                 fmi3Boolean logging, void *environment, fmi3LogMessageCallback log, fmi3Callback update,
-                                                 fmi3Callback lock, fmi3Callback unlock)
+EXPORTED void *fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
+                                                 fmi3Boolean visible, fmi3Boolean logging, void *environment,
+                                                 fmi3LogMessageCallback log, fmi3Callback update, fmi3Callback lock,
+                                                 fmi3Callback unlock)
 {
     return NULL;
 }
 
-EXPORTED fmi3Status fmi3EnterInitializationMode(void *c, fmi3Boolean has_tolerance, fmi3Float64 tolerance, fmi3Float64 now,
-                                                fmi3Boolean has_stop, fmi3Float64 stop)
+EXPORTED fmi3Status fmi3EnterInitializationMode(void *c, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
+                                                fmi3Float64 now, fmi3Boolean has_stop, fmi3Float64 stop)
 {
     ((fmu_state *)c)->values[TIME] = now;
     return fmi3OK;
 }
 
-EXPORTED fmi3Status fmi3GetFloat64(void *c, const fmi3ValueReference references[], size_t count, fmi3Float64 values[], size_t sizes)
+EXPORTED fmi3Status fmi3GetFloat64(void *c, const fmi3ValueReference references[], size_t count, fmi3Float64 values[],
+                                   size_t sizes)
 {
-    return count <= sizes ? get_values(c, references, count, values) : refuse(c, "there are fewer values than variables");
+    return count <= sizes ? get_values(c, references, count, values)
+                          : refuse(c, "there are fewer values than variables");
 }
 
-EXPORTED fmi3Status fmi3SetFloat64(void *c, const fmi3ValueReference references[], size_t count, const fmi3Float64 values[], size_t sizes)
+EXPORTED fmi3Status fmi3SetFloat64(void *c, const fmi3ValueReference references[], size_t count,
+                                   const fmi3Float64 values[], size_t sizes)
 {
-    return count <= sizes ? set_values(c, references, count, values) : refuse(c, "there are fewer values than variables");
+    return count <= sizes ? set_values(c, references, count, values)
+                          : refuse(c, "there are fewer values than variables");
 }
 
-EXPORTED fmi3Status fmi3DoStep(void *c, fmi3Float64 now, fmi3Float64 interval, fmi3Boolean no_set_state, fmi3Boolean *event,
-                               fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
+EXPORTED fmi3Status fmi3DoStep(void *c, fmi3Float64 now, fmi3Float64 interval, fmi3Boolean no_set_state,
+                               fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
     const fmi3Status status = do_step(c, now, interval);
     *event = *terminate = *early = false;
@@ -105,7 +112,7 @@ NONE_OF_TYPE(Int64)
 NONE_OF_TYPE(UInt64)
 NONE_OF_TYPE(Boolean)
 NONE_OF_TYPE(String)
-#define ABSENT_ALONE(name) \
+#define ABSENT_ALONE(name)                                                                                             \
     EXPORTED fmi3Status fmi3##name(void *c) { return refuse(c, #name " is not supported"); }
 ABSENT_ALONE(EnterEventMode)
 ABSENT_ALONE(EnterStepMode)

@@ -1,8 +1,9 @@
-/* A compensator as an FMU for Co-Simulation: what FMI 2 and 3 have alike, for fmi2.c and fmi3.c to include below their own types.
+/* A compensator as an FMU for Co-Simulation: what FMI 2 and 3 have alike, for fmi2.c and fmi3.c to include below their
+ * own types.
  *
- * They define FMI(name), FMI_STATE(verb, rest), FMI_DESERIALIZE and FMI_SIZES, the version's spelling of names and of a parameter that
- * FMI 3 alone has, FIRST_VARIABLE, a type `logger` and how it logs an error. At a communication point the step takes the reference of
- * that point; the drive is there after it.
+ * They define FMI(name), FMI_STATE(verb, rest), FMI_DESERIALIZE and FMI_SIZES, the version's spelling of names and of a
+ * parameter that FMI 3 alone has, FIRST_VARIABLE, a type `logger` and how it logs an error. At a communication point
+ * the step takes the reference of that point; the drive is there after it.
  *
  * Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org. */
 #include "piezo.h"
@@ -17,7 +18,17 @@
 #define EXPORTED
 #endif
 
-enum { TIME, REFERENCE, DRIVE, LOWEST, HIGHEST, RATE_LIMIT, MEASURED, GAIN, VARIABLES }; /* value references; FMI 2 has none for time */
+enum {
+    TIME,
+    REFERENCE,
+    DRIVE,
+    LOWEST,
+    HIGHEST,
+    RATE_LIMIT,
+    MEASURED,
+    GAIN,
+    VARIABLES
+}; /* value references; FMI 2 has none for time */
 
 typedef struct {
     piezo_axis axis;
@@ -35,14 +46,17 @@ static FMI(Status) refuse(void *c, const char *why)
     return FMI(Error);
 }
 
-EXPORTED FMI(Status) FMI(SetDebugLogging)(void *c, FMI(Boolean) on, size_t count, const FMI(String) categories[]) { return FMI(OK); }
+EXPORTED FMI(Status) FMI(SetDebugLogging)(void *c, FMI(Boolean) on, size_t count, const FMI(String) categories[])
+{
+    return FMI(OK);
+}
 EXPORTED FMI(Status) FMI(Terminate)(void *c) { return FMI(OK); }
 EXPORTED void FMI(FreeInstance)(void *c) { free(c); }
 
 static void start(fmu_state *s)
 {
-    const double values[VARIABLES] = { 0.0, PIEZO_Y_CENTRE, PIEZO_X_CENTRE, PIEZO_LOW, PIEZO_HIGH, PIEZO_FMU_RATE_LIMIT, PIEZO_Y_CENTRE,
-                                       PIEZO_FMU_INTEGRAL_GAIN };
+    const double values[VARIABLES] = {0.0,        PIEZO_Y_CENTRE,       PIEZO_X_CENTRE, PIEZO_LOW,
+                                      PIEZO_HIGH, PIEZO_FMU_RATE_LIMIT, PIEZO_Y_CENTRE, PIEZO_FMU_INTEGRAL_GAIN};
     piezo_reset(&s->axis);
     memcpy(s->values, values, sizeof values);
 }
@@ -67,9 +81,11 @@ EXPORTED FMI(Status) FMI(ExitInitializationMode)(void *c)
 {
     fmu_state *const s = c;
     const double rate = s->values[RATE_LIMIT];
-    const int valid = rate >= 0.0 && piezo_set_limits(&s->axis, s->values[LOWEST], s->values[HIGHEST],
-                                                      rate > 0.0 ? rate * PIEZO_SAMPLE_TIME_S : INFINITY) == PIEZO_OK
-        && piezo_set_integral_gain(&s->axis, s->values[GAIN]) == PIEZO_OK;
+    const int valid = rate >= 0.0
+                      && piezo_set_limits(&s->axis, s->values[LOWEST], s->values[HIGHEST],
+                                          rate > 0.0 ? rate * PIEZO_SAMPLE_TIME_S : INFINITY)
+                             == PIEZO_OK
+                      && piezo_set_integral_gain(&s->axis, s->values[GAIN]) == PIEZO_OK;
     return valid ? FMI(OK) : refuse(c, "the limits of the drive make no sense");
 }
 
@@ -160,14 +176,16 @@ EXPORTED FMI(Status) FMI_DESERIALIZE(void *c, const FMI(Byte) bytes[], size_t si
 }
 
 /* What an FMU of real numbers without events, clocks and derivatives has no use for. */
-#define ABSENT(name, ...) \
+#define ABSENT(name, ...)                                                                                              \
     EXPORTED FMI(Status) FMI(name)(void *c, __VA_ARGS__) { return refuse(c, #name " is not supported"); }
-#define NONE_OF_TYPE(kind) \
-    EXPORTED FMI(Status) FMI(Get##kind)(void *c, const FMI(ValueReference) r[], size_t count, FMI(kind) values[] FMI_SIZES) \
-    { \
-        return count == 0 ? FMI(OK) : refuse(c, "there is no variable of type " #kind); \
-    } \
-    EXPORTED FMI(Status) FMI(Set##kind)(void *c, const FMI(ValueReference) r[], size_t count, const FMI(kind) values[] FMI_SIZES) \
-    { \
-        return count == 0 ? FMI(OK) : refuse(c, "there is no variable of type " #kind); \
+#define NONE_OF_TYPE(kind)                                                                                             \
+    EXPORTED FMI(Status)                                                                                               \
+        FMI(Get##kind)(void *c, const FMI(ValueReference) r[], size_t count, FMI(kind) values[] FMI_SIZES)             \
+    {                                                                                                                  \
+        return count == 0 ? FMI(OK) : refuse(c, "there is no variable of type " #kind);                                \
+    }                                                                                                                  \
+    EXPORTED FMI(Status)                                                                                               \
+        FMI(Set##kind)(void *c, const FMI(ValueReference) r[], size_t count, const FMI(kind) values[] FMI_SIZES)       \
+    {                                                                                                                  \
+        return count == 0 ? FMI(OK) : refuse(c, "there is no variable of type " #kind);                                \
     }

@@ -1,5 +1,6 @@
-/* The compensator of core/compensator.h, with learning the step of core/controller.h, behind the interface of piezo.h. Build with
- * -ffp-contract=off for the same numbers on every machine, and never with -ffast-math: the guards are comparisons with NaN. */
+/* The compensator of core/compensator.h, with learning the step of core/controller.h, behind the interface of piezo.h.
+ * Build with -ffp-contract=off for the same numbers on every machine, and never with -ffast-math: the guards are
+ * comparisons with NaN. */
 #include "piezo.h"
 
 #ifdef PIEZO_FLOAT
@@ -43,7 +44,8 @@ static Controller controller_of(const piezo_axis *axis)
     return c;
 }
 
-/* Begin to learn from the weights in use and the states of the operators; what is on its way between step and learner is dropped. */
+/* Begin to learn from the weights in use and the states of the operators; what is on its way between step and learner
+ * is dropped. */
 static void begin_learning(piezo_axis *axis)
 {
     const Controller c = controller_of(axis);
@@ -144,7 +146,8 @@ static piezo_status check(const piezo_weights *given, real *weights)
 #endif
     weights[PIEZO_ALL_WEIGHTS - 1] = given->offset;
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
-        const int may_be_negative = (i >= PIEZO_THRESHOLDS && i < PIEZO_THRESHOLDS + PIEZO_ZONES) || i == PIEZO_ALL_WEIGHTS - 1;
+        const int may_be_negative =
+            (i >= PIEZO_THRESHOLDS && i < PIEZO_THRESHOLDS + PIEZO_ZONES) || i == PIEZO_ALL_WEIGHTS - 1;
         finite = finite && isfinite(weights[i]);
         invertible = invertible && (may_be_negative || weights[i] >= 0);
     }
@@ -215,8 +218,8 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
 {
     const Compensator c = of(axis);
-    int finite = isfinite(state->bump) && isfinite(state->fade) && isfinite(state->last_y_ref)
-        && isfinite(state->correction);
+    int finite =
+        isfinite(state->bump) && isfinite(state->fade) && isfinite(state->last_y_ref) && isfinite(state->correction);
     for (int i = 0; i < PIEZO_PLAY; ++i) {
         finite = finite && isfinite(state->play[i]);
     }

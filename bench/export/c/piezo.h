@@ -1,4 +1,5 @@
-/* A compensator of hysteresis and creep for a controller, alone or with learning that identifies its model while it runs.
+/* A compensator of hysteresis and creep for a controller, alone or with learning that identifies its model while it
+ * runs.
  *
  * Everything that it knows is in a piezo_axis of the caller's; it allocates nothing, and several axes run side by side.
  *
@@ -10,9 +11,9 @@
  *
  * where y_measured_before is the output that the last x has produced, NaN where there is none.
  *
- * With learning, the step belongs into an interrupt: it takes nearly the same time at every sample. piezo_learn is the task behind it, in
- * the main loop, a task of lower priority or another thread, or right after the step. Step and task may run at the same time, on one core
- * or on coherent ones, and neither waits for the other. An axis has one of each.
+ * With learning, the step belongs into an interrupt: it takes nearly the same time at every sample. piezo_learn is the
+ * task behind it, in the main loop, a task of lower priority or another thread, or right after the step. Step and task
+ * may run at the same time, on one core or on coherent ones, and neither waits for the other. An axis has one of each.
  */
 #ifndef PIEZO_H
 #define PIEZO_H
@@ -60,8 +61,9 @@ typedef struct {
 } piezo_state;
 
 #if PIEZO_LEARNING
-/* How often what has happened since the reset: hand-overs of new weights and refusals, faults of sensor and arithmetic; new weights that
- * came after their sample, and blocks of samples for which there was no room, both since piezo_learn was late. */
+/* How often what has happened since the reset: hand-overs of new weights and refusals, faults of sensor and arithmetic;
+ * new weights that came after their sample, and blocks of samples for which there was no room, both since piezo_learn
+ * was late. */
 typedef struct {
     uint32_t hand_overs, refusals, sensor_faults, numeric_faults, late_offers, dropped_blocks;
 } piezo_events;
@@ -71,9 +73,15 @@ enum { PIEZO_LEARNED = 4 }; /* those that piezo_learn counts */
 
 /* Nobody's business but that of the functions below. */
 typedef struct {
-    union { double alignment; unsigned char bytes[PIEZO_COMPENSATOR_BYTES]; } compensator;
+    union {
+        double alignment;
+        unsigned char bytes[PIEZO_COMPENSATOR_BYTES];
+    } compensator;
 #if PIEZO_LEARNING
-    union { double alignment; unsigned char bytes[PIEZO_LEARNER_BYTES]; } learner;
+    union {
+        double alignment;
+        unsigned char bytes[PIEZO_LEARNER_BYTES];
+    } learner;
     uint32_t learned[PIEZO_LEARNED];
     int driven;
 #endif
@@ -83,33 +91,35 @@ typedef struct {
 void piezo_reset(piezo_axis *axis);
 
 #if PIEZO_LEARNING
-/* The interrupt: take the output that the last drive has produced, then the drive for the reference. A reference that is NaN or infinite
- * holds the drive where it is; whatever the reference, the drive is finite and inside its limits. The output moves the integral action,
- * where PIEZO_INTEGRAL_GAIN is not 0 and the guard trusts the sensor, and it is handed to the learner, PIEZO_BLOCK samples at a time. */
+/* The interrupt: take the output that the last drive has produced, then the drive for the reference. A reference that
+ * is NaN or infinite holds the drive where it is; whatever the reference, the drive is finite and inside its limits.
+ * The output moves the integral action, where PIEZO_INTEGRAL_GAIN is not 0 and the guard trusts the sensor, and it is
+ * handed to the learner, PIEZO_BLOCK samples at a time. */
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref, piezo_real y_measured_before);
 
-/* The task: learn from one block of samples; whether there was one. New weights are taken PIEZO_DELAY samples behind the samples that they
- * come from, so the drive does not depend on when the task ran. Where it is later than that, they are taken with the next block; where
- * PIEZO_BLOCKS are full, samples are left out. Both are counted. */
+/* The task: learn from one block of samples; whether there was one. New weights are taken PIEZO_DELAY samples behind
+ * the samples that they come from, so the drive does not depend on when the task ran. Where it is later than that, they
+ * are taken with the next block; where PIEZO_BLOCKS are full, samples are left out. Both are counted. */
 int piezo_learn(piezo_axis *axis);
 
 /* May be called from anywhere. */
 piezo_events piezo_get_events(const piezo_axis *axis);
 #else
-/* The drive that brings the actuator to the reference. A reference that is NaN or infinite holds the drive where it is; whatever the
- * reference, the drive is finite and inside its limits. */
+/* The drive that brings the actuator to the reference. A reference that is NaN or infinite holds the drive where it is;
+ * whatever the reference, the drive is finite and inside its limits. */
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref);
 #endif
 
-/* Integral action, where PIEZO_INTEGRAL_GAIN is not 0: take the output that the last drive has produced. With learning, piezo_step does
- * it; alone, call it before each step where there is a sensor. */
+/* Integral action, where PIEZO_INTEGRAL_GAIN is not 0: take the output that the last drive has produced. With learning,
+ * piezo_step does it; alone, call it before each step where there is a sensor. */
 void piezo_correct(piezo_axis *axis, piezo_real y_measured);
 
 /* What follows is to be called between two steps, while piezo_learn is at rest. */
 
-/* Go on with another model. What it would drive differently at this moment is added to the drive and multiplied by fade,
- * 0 <= fade < 1, after each sample: exp(-sample time / time constant), 0 to let the drive jump. A model without an inverse is refused,
- * and nothing changes. Learning starts anew from it, and samples and weights that are on their way are dropped. */
+/* Go on with another model. What it would drive differently at this moment is added to the drive and multiplied by
+ * fade, 0 <= fade < 1, after each sample: exp(-sample time / time constant), 0 to let the drive jump. A model without
+ * an inverse is refused, and nothing changes. Learning starts anew from it, and samples and weights that are on their
+ * way are dropped. */
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, piezo_real fade);
 
 /* Limits of the drive and its largest change from sample to sample, in input units. */

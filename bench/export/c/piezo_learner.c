@@ -55,12 +55,24 @@ void piezo_learner_reset(void *learner)
 {
     const Shape shape = CORE_SHAPE;
     const LearnerSettings settings = {
-        .way = CORE_WAY, .solver = CORE_SOLVER, .middle = PIEZO_MIDDLE, .reset_lasts = PIEZO_RESET_SAMPLES,
-        .forgetting = PIEZO_FORGETTING, .share = PIEZO_SHARE, .proximal = PIEZO_PROXIMAL, .min_slope = PIEZO_MIN_SLOPE,
+        .way = CORE_WAY,
+        .solver = CORE_SOLVER,
+        .middle = PIEZO_MIDDLE,
+        .reset_lasts = PIEZO_RESET_SAMPLES,
+        .forgetting = PIEZO_FORGETTING,
+        .share = PIEZO_SHARE,
+        .proximal = PIEZO_PROXIMAL,
+        .min_slope = PIEZO_MIN_SLOPE,
 #if PIEZO_LEARNING == PIEZO_CONTINUOUS
-        .interval = PIEZO_INTERVAL, .checkpoint = PIEZO_CHECKPOINT, .half_window = PIEZO_HALF_WINDOW, .smoothing = PIEZO_SMOOTHING,
+        .interval = PIEZO_INTERVAL,
+        .checkpoint = PIEZO_CHECKPOINT,
+        .half_window = PIEZO_HALF_WINDOW,
+        .smoothing = PIEZO_SMOOTHING,
 #else
-        .build_lasts = PIEZO_BUILD_SAMPLES, .learn_lasts = PIEZO_LEARN_SAMPLES, .solve_lasts = PIEZO_SAMPLES_TO_SOLVE, .step_ratio = PIEZO_STEP_RATIO,
+        .build_lasts = PIEZO_BUILD_SAMPLES,
+        .learn_lasts = PIEZO_LEARN_SAMPLES,
+        .solve_lasts = PIEZO_SAMPLES_TO_SOLVE,
+        .step_ratio = PIEZO_STEP_RATIO,
 #endif
     };
     const Learner l = learner_setup(learner, shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY);
@@ -101,7 +113,8 @@ static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
     Descent descent = c->descent;
-    if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK || descent_take(&descent, c->P, c->q, 0.5, 1) != OK) {
+    if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
+        || descent_take(&descent, c->P, c->q, 0.5, 1) != OK) {
         return 0;
     }
     descent_start(&descent, c->start);

@@ -1,4 +1,5 @@
-/* Learning as the step sees it, in doubles whatever the step has: conditions of 1e4 to 1e8 leave single precision nothing. */
+/* Learning as the step sees it, in doubles whatever the step has: conditions of 1e4 to 1e8 leave single precision
+ * nothing. */
 #ifndef PIEZO_LEARNER_H
 #define PIEZO_LEARNER_H
 

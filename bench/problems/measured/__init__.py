@@ -1,9 +1,9 @@
 """Three actuators that were measured, not simulated: P, q and c of their recordings, with the samples that followed.
 
-One NPZ file a recording lies beside this one; README.md says where the recordings come from, under which licence, and how the files
-are made again. The operators follow every sample of the first four fifths of a recording. The program of seed s
-counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor; the first half of them makes
-its neighbouring window.
+One NPZ file a recording lies beside this one; README.md says where the recordings come from, under which licence, and
+how the files are made again. The operators follow every sample of the first four fifths of a recording. The program of
+seed s counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor; the first
+half of them makes its neighbouring window.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ class Measured(ProblemSet):
 
     name = "measured"
     origin = "measured elsewhere"
-    description = "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
+    description = (
+        "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
+    )
 
     def __len__(self) -> int:
         """Number of recordings."""
@@ -56,23 +58,33 @@ class Meta(TypedDict):
 
 
 def write(path: Path, programs: Sequence[Sequence[IdentificationProblem]], unseen: Validation) -> None:
-    """Write programs of one structure, for each phase its windows, and the data that follow, rounded to single precision.
+    """Write programs of one structure, for each phase its windows, and the data that follow, rounded to single
+    precision.
 
     Of each P the upper triangle is kept, row by row.
     """
-    meta = {"structure": unseen.structure.to_dict(), "noise_um": unseen.noise_um,
-            "excitation": [[asdict(problem.excitation) for problem in windows] for windows in programs]}
+    meta = {
+        "structure": unseen.structure.to_dict(),
+        "noise_um": unseen.noise_um,
+        "excitation": [[asdict(problem.excitation) for problem in windows] for windows in programs],
+    }
     with path.open("wb") as file:
-        np.savez_compressed(file, meta=np.array(json.dumps(meta)),
-                            P=np.array([[problem.P[np.triu_indices_from(problem.P)] for problem in windows] for windows in programs]),
-                            q=np.array([[problem.q for problem in windows] for windows in programs]),
-                            c=np.array([[problem.c for problem in windows] for windows in programs]),
-                            play=unseen.state.play, creep=unseen.state.creep, x=unseen.x.astype(np.float32),
-                            y=unseen.y.astype(np.float32))
+        np.savez_compressed(
+            file,
+            meta=np.array(json.dumps(meta)),
+            P=np.array([[problem.P[np.triu_indices_from(problem.P)] for problem in windows] for windows in programs]),
+            q=np.array([[problem.q for problem in windows] for windows in programs]),
+            c=np.array([[problem.c for problem in windows] for windows in programs]),
+            play=unseen.state.play,
+            creep=unseen.state.creep,
+            x=unseen.x.astype(np.float32),
+            y=unseen.y.astype(np.float32),
+        )
 
 
 def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation]:
-    """The programs of a seed, counted round by the phases that there are, the one of the longest window last, and the data that follow."""
+    """The programs of a seed, counted round by the phases that there are, the one of the longest window last, and the
+    data that follow."""
     with opened(path) as data:
         meta = decoded(str(data["meta"]), Meta)
         structure, phase = meta["structure"], seed % len(data["c"])

@@ -21,9 +21,11 @@ DIRECT = ("box_active_set", "daqp", "mujoco", "pyqpmad", "quadprog")
 
 
 class Contestant(Entrant):
-    """Solves batches of programs  minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub  of d variables, with so many threads at most.
+    """Solves batches of programs  minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub  of d variables, with so many threads
+    at most.
 
-    It asks its library for what it takes to be right to 1e-9 in the relative cost, where the library can. In the lane direct it has one thread.
+    It asks its library for what it takes to be right to 1e-9 in the relative cost, where the library can. In the lane
+    direct it has one thread.
     """
 
     compiles: ClassVar[bool] = False
@@ -38,7 +40,8 @@ class Contestant(Entrant):
 
 
 class OneByOne(Contestant):
-    """A solver of the lane direct, which is handed one program after the other; set up again where their bounds change."""
+    """A solver of the lane direct, which is handed one program after the other; set up again where their bounds
+    change."""
 
     solver: ClassVar[type[Solver]]
 
@@ -62,7 +65,8 @@ class OneByOne(Contestant):
 
 @dataclass(frozen=True)
 class ContestantFile(Entry):
-    """One contestant, known by its file and not yet imported; in the lane direct, where the file is not a user's, a solver of that lane."""
+    """One contestant, known by its file and not yet imported; in the lane direct, where the file is not a user's, a
+    solver of that lane."""
 
     base = Contestant
 
@@ -71,8 +75,16 @@ class ContestantFile(Entry):
         if self.lane is Lane.KERNEL or self.path is not None:
             return super().load()
         solver = find(self.name, self.lane).load()
-        return type(self.name, (OneByOne,), {"solver": solver, "algorithm": solver.algorithm, "licence": solver.licence,
-                                             "distribution": solver.distribution})
+        return type(
+            self.name,
+            (OneByOne,),
+            {
+                "solver": solver,
+                "algorithm": solver.algorithm,
+                "licence": solver.licence,
+                "distribution": solver.distribution,
+            },
+        )
 
 
 def contestants() -> Iterator[ContestantFile]:

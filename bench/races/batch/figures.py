@@ -1,10 +1,11 @@
 """Every figure of a batch race, computed here once and rendered elsewhere.
 
-A *summary* row stands for one contestant with a number of threads at one batch size, over its turns. Programs a second are by the clock;
-programs a second and core by what the process took of the processors, which other work on the machine lengthens far less:
+A *summary* row stands for one contestant with a number of threads at one batch size, over its turns. Programs a second
+are by the clock; programs a second and core by what the process took of the processors, which other work on the machine
+lengthens far less:
 
-    rate = 1 / clock time of a program,   core rate = 1 / processor time of a program,   both medians of the groups of calls and of the turns,
-    GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
+    rate = 1 / clock time of a program,   core rate = 1 / processor time of a program,   both medians of the groups of
+    calls and of the turns, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
 """
 
 from __future__ import annotations
@@ -25,11 +26,23 @@ WHO = ["d", "solver", "lane", "threads"]
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row a contestant, number of threads and batch size."""
     judged = rows.judged.to_numpy()
-    table = rows.assign(**{share: rows[share] * judged for share in SHARES}).groupby(GROUP, sort=False).agg(
-        status=("status", least_good), message=("message", "max"), programs=("programs", "sum"), judged=("judged", "sum"),
-        **{share: (share, "sum") for share in SHARES}, worst_gap=("worst_gap", "max"),
-        wall_us_p50=("wall_us_p50", "median"), cpu_us_p50=("cpu_us_p50", "median"), bytes=("bytes", "first"), grown_mb=("grown_mb", "max"),
-    ).reset_index()
+    table = (
+        rows.assign(**{share: rows[share] * judged for share in SHARES})
+        .groupby(GROUP, sort=False)
+        .agg(
+            status=("status", least_good),
+            message=("message", "max"),
+            programs=("programs", "sum"),
+            judged=("judged", "sum"),
+            **{share: (share, "sum") for share in SHARES},
+            worst_gap=("worst_gap", "max"),
+            wall_us_p50=("wall_us_p50", "median"),
+            cpu_us_p50=("cpu_us_p50", "median"),
+            bytes=("bytes", "first"),
+            grown_mb=("grown_mb", "max"),
+        )
+        .reset_index()
+    )
     for share in SHARES:
         table[share] = table[share] / table.judged.where(table.judged > 0)
     table["who"], table["ours"] = table.solver.map(marked), table.solver.isin(OURS)
@@ -39,14 +52,17 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def best(table: pd.DataFrame, rate: str = "core_rate") -> pd.DataFrame:
-    """Of each contestant with a number of threads the batch size that suits it best, the fastest first; those without a time last."""
+    """Of each contestant with a number of threads the batch size that suits it best, the fastest first; those without a
+    time last."""
     order = table.sort_values(["d", rate], ascending=[True, False], na_position="last")
     return order.drop_duplicates(WHO).reset_index(drop=True)
 
 
 def everywhere_right(table: pd.DataFrame) -> pd.DataFrame:
     """Of a summary those of whom every judged answer at every batch size that was run is right to 1e-9."""
-    right = table.assign(right=(table.share_high == 1.0) | (table.judged == 0), some=table.judged > 0).groupby(WHO)[["right", "some"]]
+    right = table.assign(right=(table.share_high == 1.0) | (table.judged == 0), some=table.judged > 0).groupby(WHO)[
+        ["right", "some"]
+    ]
     kept = right.agg(right=("right", "all"), some=("some", "any")).all(axis=1)
     return table[[kept.loc[tuple(line)] for line in table[WHO].itertuples(index=False)]]
 
@@ -61,15 +77,24 @@ def verdict(table: pd.DataFrame) -> list[str]:
             first, after = ours.iloc[0], others.iloc[0]
             times = first.core_rate / after.core_rate
             compared = f"{number(times)} times as many" if times >= 1.0 else f"{number(100.0 * times)} % as many"
-            sentences.append(f"At d = {d} {first.who} solves {thousands(first.core_rate)} programs a second and core, each of "
-                             f"{judged(table, first)} judged answers right to 1e-9: {compared} as {after.who}, the next that is as right, with "
-                             f"{thousands(after.core_rate)}.")
+            sentences.append(
+                f"At d = {d} {first.who} solves {thousands(first.core_rate)} programs a second and core, "
+                "each of "
+                f"{judged(table, first)} judged answers right to 1e-9: {compared} as {after.who}, the "
+                "next that is as right, with "
+                f"{thousands(after.core_rate)}."
+            )
         elif len(part):
-            sentences.append(f"At d = {d} {part.iloc[0].who} solves {thousands(part.iloc[0].core_rate)} programs a second and core, right to 1e-9.")
+            sentences.append(
+                f"At d = {d} {part.iloc[0].who} solves {thousands(part.iloc[0].core_rate)} programs a "
+                "second and core, right to 1e-9."
+            )
     several = best(right[(right.threads > 1) & right.ours], "rate").drop_duplicates("d")
     if len(several):
         rates = joined(f"{thousands(line.rate)} a second at d = {line.d}" for _, line in several.iterrows())
-        sentences.append(f"With a thread on each of {several.threads.iloc[0]} cores {several.who.iloc[0]} solves {rates}.")
+        sentences.append(
+            f"With a thread on each of {several.threads.iloc[0]} cores {several.who.iloc[0]} solves {rates}."
+        )
     return sentences or ["No contestant has answers that are right to 1e-9."]
 
 
@@ -90,8 +115,11 @@ def thousands(rate: float) -> str:
 
 
 def by_batch(table: pd.DataFrame) -> pd.DataFrame:
-    """Core rate against batch size, one row a line and size; a line has the number of its threads where that is not one."""
+    """Core rate against batch size, one row a line and size; a line has the number of its threads where that is not
+    one."""
     shown = table[np.isfinite(table.core_rate)]
     name = shown.who + np.where(shown.threads > 1, ", " + shown.threads.astype(str) + " threads", "")
     table = ranked(shown.assign(name=name, view="d = " + shown.d.astype(str)), -shown.core_rate)
-    return table[["view", "name", "solver", "lane", "threads", "batch", "core_rate", "rate", "share_high", "gb_s", "front"]]
+    return table[
+        ["view", "name", "solver", "lane", "threads", "batch", "core_rate", "rate", "share_high", "gb_s", "front"]
+    ]

@@ -1,13 +1,13 @@
 """The programs of a batch race: mixtures of neighbouring windows of recordings, no two alike.
 
-Every simulated actuator under every drive, seen by a model of d = 18 (n = 5, m = 3) and of d = 60 (n = 20, m = 9), gives a family of four
-windows. A program is one family's
+Every simulated actuator under every drive, seen by a model of d = 18 (n = 5, m = 3) and of d = 60 (n = 20, m = 9),
+gives a family of four windows. A program is one family's
 
     P = Σ θ_k P_k,   q = Σ θ_k q_k,   c = Σ θ_k c_k,   θ uniform over θ ≥ 0, Σ θ_k = 1,   lb ≤ x,
 
-the family drawn for each program. Active sets, conditions (1e4 to 1e11) and bounds differ from program to program. They stand in files
-outside of the run of which children map copies; which answers are judged only the parent knows, and their optima are proven when
-the solvers are done with them.
+the family drawn for each program. Active sets, conditions (1e4 to 1e11) and bounds differ from program to program. They
+stand in files outside of the run of which children map copies; which answers are judged only the parent knows, and
+their optima are proven when the solvers are done with them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ SHARED_MEMORY = Path("/dev/shm")
 
 @contextmanager
 def reserved(sizes: Sequence[int], count: int) -> Iterator[Path]:
-    """A folder with the files of ``count`` programs of each size, in shared memory or else where temporary files are; RaceError without room.
+    """A folder with the files of ``count`` programs of each size, in shared memory or else where temporary files are;
+    RaceError without room.
 
     All of the room is taken now: a write into a map of memory that is not there ends the process.
     """
@@ -55,17 +56,23 @@ def reserved(sizes: Sequence[int], count: int) -> Iterator[Path]:
             yield folder
             return
     megabytes = sum(8 * count * d * (d + 3) for d in sizes) / 1e6
-    raise RaceError(f"the programs need {megabytes:.0f} MB in {SHARED_MEMORY} or in {elsewhere}, and neither has the room; "
-                    "enlarge one of them, or make the batches smaller with --largest")
+    raise RaceError(
+        f"the programs need {megabytes:.0f} MB in {SHARED_MEMORY} or in {elsewhere}, and neither has the "
+        "room; "
+        "enlarge one of them, or make the batches smaller with --largest"
+    )
 
 
 class Programs:
     """All programs of one size, at least ``count``, and the proofs of those that are judged.
 
-    The run keeps the families, at most ``limit`` of them, so that a resumed race has the same programs; ``folder`` is one of `reserved`.
+    The run keeps the families, at most ``limit`` of them, so that a resumed race has the same programs; ``folder`` is
+    one of `reserved`.
     """
 
-    def __init__(self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress) -> None:
+    def __init__(
+        self, run: Run, d: int, count: int, seed: int, folder: Path, limit: int | None, progress: Progress
+    ) -> None:
         self.files = Files(folder, d, count)
         forms = [problem.forms["scaled"] for problem in families(run, d, seed, limit, progress)]
         self._family = np.random.default_rng([seed, d]).integers(len(forms), size=count)
@@ -77,11 +84,12 @@ class Programs:
             at = np.flatnonzero(self._family == f)
             lb[at], ub[at] = form.qp.lb, form.qp.ub
             for first in range(0, at.size, AT_ONCE):
-                few = at[first:first + AT_ONCE]
+                few = at[first : first + AT_ONCE]
                 P[few], q[few] = mixture.block(first, first + few.size)
 
     def sample(self, first: int, last: int, most: int) -> list[int]:
-        """At most so many of the programs from ``first`` to ``last`` − 1; often the same, so that few have to be proven."""
+        """At most so many of the programs from ``first`` to ``last`` − 1; often the same, so that few have to be
+        proven."""
         return sorted(first + int(i) for i in np.argsort(self._rank[first:last])[:most])
 
     def proven(self, b: int) -> CertifiedForm | None:

@@ -1,9 +1,10 @@
-"""The batch race: how many small box programs a second and core are solved to a proven optimum, by the size of the batch.
+"""The batch race: how many small box programs a second and core are solved to a proven optimum, by the size of the
+batch.
 
-Contestants take turns: each batch size is given to one after the other, and all sizes ``turns`` times. A contestant runs in a process of
-its own, with one thread on the core that the race has claimed, and where it is parallel once more with a thread on every core. Of the
-answers that were timed the parent judges a sample. Where a batch would by the one before take longer than ``longest_s``, or the one
-before had no answer, it is not run, and the row says so.
+Contestants take turns: each batch size is given to one after the other, and all sizes ``turns`` times. A contestant
+runs in a process of its own, with one thread on the core that the race has claimed, and where it is parallel once more
+with a thread on every core. Of the answers that were timed the parent judges a sample. Where a batch would by the one
+before take longer than ``longest_s``, or the one before had no answer, it is not run, and the row says so.
 """
 
 from __future__ import annotations
@@ -43,13 +44,35 @@ SKIPPED = "not run"
 FEWEST = 2048
 """Programs that batches of fewer are taken from, call by call."""
 
-BATCH = Schema("batch.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "scaling", "settings", "repeat", "status", "message",
-    "batch", "threads", "programs", "judged", *SHARES, "worst_gap", "wall_us_p50", "cpu_us_p50", "bytes", "grown_mb"),
+BATCH = Schema(
+    "batch.parquet",
+    (
+        "problem_set",
+        "problem",
+        "d",
+        "solver",
+        "lane",
+        "scaling",
+        "settings",
+        "repeat",
+        "status",
+        "message",
+        "batch",
+        "threads",
+        "programs",
+        "judged",
+        *SHARES,
+        "worst_gap",
+        "wall_us_p50",
+        "cpu_us_p50",
+        "bytes",
+        "grown_mb",
+    ),
     ("d", "lane", "solver", "threads", "batch", "repeat"),
-    types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), COUNT))
-"""One row a contestant, number of threads, batch size and turn. Times are of one program, medians of the groups of calls.
-``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
+    types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), COUNT),
+)
+"""One row a contestant, number of threads, batch size and turn. Times are of one program, medians of the groups of
+calls. ``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
 
 
 @dataclass(frozen=True)
@@ -91,31 +114,43 @@ class BatchRace(TaskRace[BatchSettings]):
     def child(self) -> ChildSettings:
         """A contestant reads programs that are timed, and those to warm up on, beside what it may take."""
         child = super().child
-        return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes)**2 // 2**20)
+        return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes) ** 2 // 2**20)
 
     def prepare(self, resources: ExitStack) -> None:
         """Write the programs."""
         settings = self.settings
         folder = resources.enter_context(reserved(settings.sizes, self.count))
-        self.programs = {d: Programs(self.run, d, self.count, settings.seed, folder, settings.limit or None, self.progress)
-                         for d in settings.sizes}
+        self.programs = {
+            d: Programs(self.run, d, self.count, settings.seed, folder, settings.limit or None, self.progress)
+            for d in settings.sizes
+        }
         if folder.parent != SHARED_MEMORY:
-            self.warnings = [f"The programs lay in {folder.parent}, since {SHARED_MEMORY} had no room for them; "
-                             "a disk may have been at work beside the race."]
+            self.warnings = [
+                f"The programs lay in {folder.parent}, since {SHARED_MEMORY} had no room for them; "
+                "a disk may have been at work beside the race."
+            ]
         several = [entry for entry in self.entrants.values() if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
         self.parallel = resources.enter_context(SolverPool(several, replace(self.child, preload=self.preload)))
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """One batch size by all, in an order of its own; those that are parallel once more, with a thread on every core."""
+        """One batch size by all, in an order of its own; those that are parallel once more, with a thread on every
+        core."""
         players = [(1, solver) for solver in field]
         if (many := len(cores.usable())) > 1:
             players += [(many, solver) for solver in field if solver.lane is Lane.KERNEL]
 
         def part(turn: int, d: int, batch: int) -> Part:
             order = random.Random(f"{self.settings.seed} {turn} {d} {batch}").sample(players, len(players))
-            return self.part(f"batch-{turn}-{d}-{batch}", *(task_of(solver, d, batch, threads, turn) for threads, solver in order))
+            return self.part(
+                f"batch-{turn}-{d}-{batch}", *(task_of(solver, d, batch, threads, turn) for threads, solver in order)
+            )
 
-        yield [part(turn, d, batch) for turn in range(self.settings.turns) for d in self.settings.sizes for batch in self.settings.batches]
+        yield [
+            part(turn, d, batch)
+            for turn in range(self.settings.turns)
+            for d in self.settings.sizes
+            for batch in self.settings.batches
+        ]
 
     def measure(self, task: Task, pool: SolverPool) -> Outcome:
         """Nothing, where a batch takes too long."""
@@ -128,7 +163,14 @@ class BatchRace(TaskRace[BatchSettings]):
     def request(self, task: Task) -> Request:
         """Programs from that of its turn on."""
         batch, turn = task.more["batch"], task.repeat
-        return BatchRequest(self.programs[task.d].files, batch, turn, turn + max(FEWEST, batch), task.more["threads"], self.settings.effort)
+        return BatchRequest(
+            self.programs[task.d].files,
+            batch,
+            turn,
+            turn + max(FEWEST, batch),
+            task.more["threads"],
+            self.settings.effort,
+        )
 
     def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
         """What the batch is."""
@@ -139,14 +181,25 @@ class BatchRace(TaskRace[BatchSettings]):
         errors = np.array([*_errors(self.programs[task.d], task.repeat, outcome.answers, self.settings.judged)])
         shares = {f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else NAN for tier in TIERS}
         wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
-        return [{**shares, "status": str(Status.OK if shares["share_high"] == 1.0 else Status.MISSED), "judged": errors.size,
-                 "programs": int(outcome.programs.sum()), "worst_gap": float(errors.max()) if errors.size else NAN,
-                 "wall_us_p50": float(np.median(wall)), "cpu_us_p50": float(np.median(cpu)), "grown_mb": outcome.grown_mb}]
+        return [
+            {
+                **shares,
+                "status": str(Status.OK if shares["share_high"] == 1.0 else Status.MISSED),
+                "judged": errors.size,
+                "programs": int(outcome.programs.sum()),
+                "worst_gap": float(errors.max()) if errors.size else NAN,
+                "wall_us_p50": float(np.median(wall)),
+                "cpu_us_p50": float(np.median(cpu)),
+                "grown_mb": outcome.grown_mb,
+            }
+        ]
 
 
 def task_of(entry: Entry | Described, d: int, batch: int, threads: int, turn: int) -> Task:
     """A contestant's turn at a batch size."""
-    return Task(SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, {"batch": batch, "threads": threads}, turn, d=d)
+    return Task(
+        SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, {"batch": batch, "threads": threads}, turn, d=d
+    )
 
 
 def why_not(before: Row, batch: int, longest_s: float) -> str:
@@ -156,7 +209,11 @@ def why_not(before: Row, batch: int, longest_s: float) -> str:
     if before["status"] not in (Status.OK, Status.MISSED):
         return f"the batch of {before['batch']} ended as {before['status']}"
     expected_s = 1e-6 * before["wall_us_p50"] * batch
-    return f"a batch of {batch} would take {expected_s:.1f} s, and the most is {longest_s:g} s" if expected_s > longest_s else ""
+    return (
+        f"a batch of {batch} would take {expected_s:.1f} s, and the most is {longest_s:g} s"
+        if expected_s > longest_s
+        else ""
+    )
 
 
 def _errors(programs: Programs, first: int, answers: Matrix, most: int) -> Iterator[float]:

@@ -1,7 +1,8 @@
-"""Every figure of a closed-loop race, computed here once and rendered elsewhere: whether the stage notices how exact its solver is.
+"""Every figure of a closed-loop race, computed here once and rendered elsewhere: whether the stage notices how exact
+its solver is.
 
-A *summary* row stands for one solver with its settings on one stage: errors of both axes together over the last window, and
-the worse axis for cost gap, time to learn and staleness.
+A *summary* row stands for one solver with its settings on one stage: errors of both axes together over the last window,
+and the worse axis for cost gap, time to learn and staleness.
 """
 
 from __future__ import annotations
@@ -32,26 +33,46 @@ def root_mean_square(values: pd.Series) -> float:
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row a stage, solver and settings; the nearest to the reference first, those that failed left out."""
     last = rows[(rows.window >= 0) & (rows.window == rows.window.max())]
-    table = last.groupby(GROUP).agg(
-        setting=("setting", "first"), basis=("basis", "first"), status=("status", least_good),
-        rms_percent=("rms_percent", root_mean_square), max_percent=("max_percent", "max"),
-        straight_rms_percent=("straight_rms_percent", root_mean_square), hand_overs=("hand_overs", "min"),
-        refused=("refused", "max"), learn_samples=("learn_samples", worst), stale_samples=("stale_samples", worst),
-        cost_gap=("cost_gap", worst)).reset_index()
+    table = (
+        last.groupby(GROUP)
+        .agg(
+            setting=("setting", "first"),
+            basis=("basis", "first"),
+            status=("status", least_good),
+            rms_percent=("rms_percent", root_mean_square),
+            max_percent=("max_percent", "max"),
+            straight_rms_percent=("straight_rms_percent", root_mean_square),
+            hand_overs=("hand_overs", "min"),
+            refused=("refused", "max"),
+            learn_samples=("learn_samples", worst),
+            stale_samples=("stale_samples", worst),
+            cost_gap=("cost_gap", worst),
+        )
+        .reset_index()
+    )
     table["rms_um"] = table.rms_percent / 100.0 * RANGE_UM
     table["max_um"] = table.max_percent / 100.0 * RANGE_UM
-    table["who"] = [f"{marked(line.solver)}, {settings_label(line.settings) or tier_label(line.tier, line.basis)}" for line in table.itertuples()]
+    table["who"] = [
+        f"{marked(line.solver)}, {settings_label(line.settings) or tier_label(line.tier, line.basis)}"
+        for line in table.itertuples()
+    ]
     return table.sort_values(["problem", "rms_percent"], ascending=[False, True], ignore_index=True)
 
 
 def by_learner(table: pd.DataFrame) -> list[tuple[str, str, dict[str, pd.Series]]]:
-    """Of a summary, each learner with its lane and its line on each stage, the paper's method first and then the nearest to the reference.
+    """Of a summary, each learner with its lane and its line on each stage, the paper's method first and then the
+    nearest to the reference.
 
     Lines have ``times``, the error over the least on that stage.
     """
-    table = table.assign(times=table.rms_percent / table.groupby("problem").rms_percent.transform("min"), paper=table.settings == PAPERS_STEPS)
-    found = [(str(part.who.iloc[0]), str(part.lane.iloc[0]), {str(line.problem): line for _, line in part.iterrows()})
-             for _, part in table.groupby(["who", "lane"])]
+    table = table.assign(
+        times=table.rms_percent / table.groupby("problem").rms_percent.transform("min"),
+        paper=table.settings == PAPERS_STEPS,
+    )
+    found = [
+        (str(part.who.iloc[0]), str(part.lane.iloc[0]), {str(line.problem): line for _, line in part.iterrows()})
+        for _, part in table.groupby(["who", "lane"])
+    ]
 
     def place(learner: tuple[str, str, dict[str, pd.Series]]) -> tuple[bool, float]:
         lines = learner[2].values()
@@ -69,16 +90,27 @@ def verdict(table: pd.DataFrame) -> list[str]:
     near, paper, far = [], [], []
     for problem, part in stages:
         inside = part.rms_percent <= NOTICED * part.rms_percent.min()
-        near.append(f"on the {problem} stage {inside.sum()} of {len(part)} learners are within {100 * (NOTICED - 1):.0f} % of the least error, "
-                    f"{_nm(part.rms_um[0])} nm RMS, with cost gaps up to {gap(part[inside].cost_gap.max())} (a straight line in place of a model "
-                    f"leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)")
-        paper += [f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} times the least, at "
-                  f"a cost gap of {gap(line.cost_gap)}" for _, line in part[part.settings == PAPERS_STEPS].iterrows()]
+        near.append(
+            f"on the {problem} stage {inside.sum()} of {len(part)} learners are within "
+            f"{100 * (NOTICED - 1):.0f} % of the least error, "
+            f"{_nm(part.rms_um[0])} nm RMS, with cost gaps up to {gap(part[inside].cost_gap.max())} (a "
+            "straight line in place of a model "
+            f"leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)"
+        )
+        paper += [
+            f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
+            "times the least, at "
+            f"a cost gap of {gap(line.cost_gap)}"
+            for _, line in part[part.settings == PAPERS_STEPS].iterrows()
+        ]
         if not inside.all():
             far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
     sentence = "; ".join(near)
-    return [f"{sentence[0].upper()}{sentence[1:]}.", *([f"The paper's method with its 15 200 steps reaches {'; '.join(paper)}."] if paper else []),
-            *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else [])]
+    return [
+        f"{sentence[0].upper()}{sentence[1:]}.",
+        *([f"The paper's method with its 15 200 steps reaches {'; '.join(paper)}."] if paper else []),
+        *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else []),
+    ]
 
 
 def notes(table: pd.DataFrame) -> Iterator[str]:
@@ -88,9 +120,11 @@ def notes(table: pd.DataFrame) -> Iterator[str]:
         exact = learned[(learned.cost_gap <= EXACT) & (learned.refused <= learned.refused.head(1).max())]
         if len(exact) > 1:
             least, most = apart(1e3 * exact.rms_um.min(), 1e3 * exact.rms_um.max())
-            yield (f"On the {problem} stage the {len(exact)} learners with a cost gap of at most {EXACT:g} leave "
-                   + (f"{least} nm" if least == most else f"{least} to {most} nm")
-                   + f" and take {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn.")
+            yield (
+                f"On the {problem} stage the {len(exact)} learners with a cost gap of at most {EXACT:g} leave "
+                + (f"{least} nm" if least == most else f"{least} to {most} nm")
+                + f" and take {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn."
+            )
 
 
 def _nm(um: float) -> str:
@@ -106,6 +140,22 @@ def closed_loop(rows: pd.DataFrame) -> pd.DataFrame:
     """Tracking error against the cost gap of the weights in use, one row a stage and learner."""
     table = summary(rows[rows.window >= 0])
     table = table[table.cost_gap.notna()]
-    return table.assign(front=table.settings == PAPERS_STEPS).rename(columns={"who": "name"})[
-        ["problem", "name", "solver", "lane", "settings", "cost_gap", "rms_percent", "straight_rms_percent", "learn_samples",
-         "stale_samples", "front"]].reset_index(drop=True)
+    return (
+        table.assign(front=table.settings == PAPERS_STEPS)
+        .rename(columns={"who": "name"})[
+            [
+                "problem",
+                "name",
+                "solver",
+                "lane",
+                "settings",
+                "cost_gap",
+                "rms_percent",
+                "straight_rms_percent",
+                "learn_samples",
+                "stale_samples",
+                "front",
+            ]
+        ]
+        .reset_index(drop=True)
+    )

@@ -1,16 +1,17 @@
 """The closed-loop race: does the accuracy of the solver matter to the stage?
 
-Every solver learns in the same loop (`bench.rig`): two axes behind a decoupling matrix, a staircase, the paper's cycle of
-reset, building, learning. All else is equal, noise included. A row holds the tracking error of one axis in one window
-of the paper's cycle length, the time to learn, and how exact and how old the weights are that were in use at its end.
+Every solver learns in the same loop (`bench.rig`): two axes behind a decoupling matrix, a staircase, the paper's cycle
+of reset, building, learning. All else is equal, noise included. A row holds the tracking error of one axis in one
+window of the paper's cycle length, the time to learn, and how exact and how old the weights are that were in use at its
+end.
 
     cost gap      exact, of the weights taken over against the certified optimum of the data that they were learned from
     samples       from the last sample of the building phase to the decision: what the solver took
     staleness     from the last sample that was learned from to the decision
 
-The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its tiers, with the
-settings of `chosen_settings`, and its answer is taken over as soon as it is there. Both for a stage that stays as it is and for one whose
-actuators drift.
+The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its
+tiers, with the settings of `chosen_settings`, and its answer is taken over as soon as it is there. Both for a stage
+that stays as it is and for one whose actuators drift.
 """
 
 from __future__ import annotations
@@ -46,11 +47,41 @@ NAN = float("nan")
 STILL, DRIFTING = "still", "drifting"
 PAPER = "projected_difference"
 
-LOOP = Schema("loop.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "setting", "basis", "scaling", "settings", "repeat", "status", "message", "axis",
-    "window", "rms_percent", "max_percent", "rms_um", "max_um", "straight_rms_percent", "hand_overs", "refused",
-    "learn_samples", "stale_samples", "cost_gap", "error_old", "error_new", "faults"),
-    ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"), types={"axis": TEXT, "window": COUNT})
+LOOP = Schema(
+    "loop.parquet",
+    (
+        "problem_set",
+        "problem",
+        "d",
+        "solver",
+        "lane",
+        "tier",
+        "setting",
+        "basis",
+        "scaling",
+        "settings",
+        "repeat",
+        "status",
+        "message",
+        "axis",
+        "window",
+        "rms_percent",
+        "max_percent",
+        "rms_um",
+        "max_um",
+        "straight_rms_percent",
+        "hand_overs",
+        "refused",
+        "learn_samples",
+        "stale_samples",
+        "cost_gap",
+        "error_old",
+        "error_new",
+        "faults",
+    ),
+    ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"),
+    types={"axis": TEXT, "window": COUNT},
+)
 """One row an axis and window. ``hand_overs`` and ``refused`` until the window's end; what follows them is of the last
 hand-over, and NaN before there is one; errors in percent of the reference's range."""
 
@@ -76,12 +107,17 @@ class LoopSettings(TierSettings):
 
     def stage(self, problem: str, repeat: int = 0) -> Rig:
         """The rig of a problem with the paper's learner; all learners get its stage, reference and noise."""
-        return (Rig.quick if self.quick else Rig)(cycles=self.windows, seed=self.seed + repeat,
-                                                  gain_drift_per_s=self.drift_per_s if problem == DRIFTING else 0.0)
+        return (Rig.quick if self.quick else Rig)(
+            cycles=self.windows,
+            seed=self.seed + repeat,
+            gain_drift_per_s=self.drift_per_s if problem == DRIFTING else 0.0,
+        )
 
     def rig(self, task: Task) -> Rig:
         """The rig of a task."""
-        rig = replace(self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), setting=task.setting.text)
+        rig = replace(
+            self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), setting=task.setting.text
+        )
         steps = task.more.get("steps")
         return rig if steps is None else replace(rig, learn_s=steps * rig.sample_time, samples=len(rig.y_ref))
 
@@ -121,10 +157,24 @@ class LoopRace(TaskRace[LoopSettings]):
                 for solver in field:
                     its, phases = choices(solver, settings.tiers, table, run), [dict[str, int]()]
                     if solver.name == PAPER:
-                        its, phases = {unasked(solver): {settings.tiers[0]: EACH}}, [{"steps": steps} for steps in settings.learn_steps]
+                        its, phases = (
+                            {unasked(solver): {settings.tiers[0]: EACH}},
+                            [{"steps": steps} for steps in settings.learn_steps],
+                        )
                     for setting, basis in its.items():
                         for more in phases:
-                            yield Task(KIND, problem, "scaled", solver.name, solver.lane, setting, more, repeat, d=d, basis=basis)
+                            yield Task(
+                                KIND,
+                                problem,
+                                "scaled",
+                                solver.name,
+                                solver.lane,
+                                setting,
+                                more,
+                                repeat,
+                                d=d,
+                                basis=basis,
+                            )
 
     def request(self, task: Task) -> Request:
         """The whole reference."""
@@ -140,14 +190,27 @@ class LoopRace(TaskRace[LoopSettings]):
             decisions = [(decision, of_decision(decision)) for decision in outcome.decisions[i]]
             status, message = status_of(outcome.decisions[i])
             for window in range(settings.windows):
-                part = error_um[window * length:(window + 1) * length, i]
+                part = error_um[window * length : (window + 1) * length, i]
                 seen = [figures for decision, figures in decisions if decision.sample <= (window + 1) * length]
                 taken = [figures for figures in seen if figures]
                 rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
-                rows.append({"status": str(status), "message": message, "axis": axis, "window": window, "rms_um": rms_um,
-                             "max_um": max_um, "rms_percent": 100.0 / RANGE_UM * rms_um, "max_percent": 100.0 / RANGE_UM * max_um,
-                             "straight_rms_percent": float(straight_percent[window, i]), "hand_overs": len(taken),
-                             "refused": len(seen) - len(taken), "faults": outcome.faults, **(taken[-1] if taken else {})})
+                rows.append(
+                    {
+                        "status": str(status),
+                        "message": message,
+                        "axis": axis,
+                        "window": window,
+                        "rms_um": rms_um,
+                        "max_um": max_um,
+                        "rms_percent": 100.0 / RANGE_UM * rms_um,
+                        "max_percent": 100.0 / RANGE_UM * max_um,
+                        "straight_rms_percent": float(straight_percent[window, i]),
+                        "hand_overs": len(taken),
+                        "refused": len(seen) - len(taken),
+                        "faults": outcome.faults,
+                        **(taken[-1] if taken else {}),
+                    }
+                )
         return rows
 
 
@@ -171,8 +234,13 @@ def of_decision(decision: Decision) -> dict[str, float]:
     if not decision.taken or decision.problem is None:
         return {}
     learned = decision.sample - decision.learned_until
-    return {"learn_samples": learned, "stale_samples": learned, "cost_gap": cost_gap(decision.problem, decision.weights),
-            "error_old": decision.error_old, "error_new": decision.error_new}
+    return {
+        "learn_samples": learned,
+        "stale_samples": learned,
+        "cost_gap": cost_gap(decision.problem, decision.weights),
+        "error_old": decision.error_old,
+        "error_new": decision.error_new,
+    }
 
 
 def cost_gap(problem: IdentificationProblem, weights: Vector) -> float:

@@ -102,7 +102,8 @@ def report(run: Run) -> Report:
 
 
 def _against(found: pd.DataFrame, name: str, title: str, definition: str, x: Axis) -> Figure:
-    """Tracking error by stage against a column; a point is a learner, and those with the least errors have colours and names."""
+    """Tracking error by stage against a column; a point is a learner, and those with the least errors have colours and
+    names."""
     view = "the " + found.problem + " stage"
     table = ranked(
         found.assign(view=view, drawn=np.maximum(found.cost_gap, LEAST_GAP)), found.rms_percent.where(~found.front, 0.0)

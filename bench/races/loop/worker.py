@@ -1,4 +1,5 @@
-"""The child's side of the closed-loop race: one solver learns for both axes of the stage while the stage follows its reference.
+"""The child's side of the closed-loop race: one solver learns for both axes of the stage while the stage follows its
+reference.
 
 The child hands back what the stage did, what was to be learned and what was taken over; the parent judges it.
 """
@@ -44,7 +45,8 @@ class Decision:
 
 @dataclass
 class Driven(Outcome):
-    """What came back: drives and measured platform (N, 2), the decisions of each axis, and faults that its learner saw."""
+    """What came back: drives and measured platform (N, 2), the decisions of each axis, and faults that its learner
+    saw."""
 
     drive: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
     platform: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
@@ -81,14 +83,24 @@ def drive(rig: Rig) -> Driven:
     found = Driven(found=True, decisions=tuple([] for _ in loop.learners))
     look, parts = max(1, round(LOOK_EVERY_S / rig.sample_time)), []
     for done in range(0, len(rig.y_ref), look):
-        parts.append(loop.run(rig.y_ref[done:done + look], stage.run))
+        parts.append(loop.run(rig.y_ref[done : done + look], stage.run))
         for learner, decisions in zip(loop.learners, found.decisions, strict=True):
             while learner.log:
                 event = learner.log.popleft()
                 if event.what == "sensor":
                     found.faults += 1
                 else:
-                    decisions.append(Decision(event.sample, event.what == "hand-over", learner.learned_weights, learner.problem,
-                                              event.learning_since, event.error_old, event.error_new, event.message))
+                    decisions.append(
+                        Decision(
+                            event.sample,
+                            event.what == "hand-over",
+                            learner.learned_weights,
+                            learner.problem,
+                            event.learning_since,
+                            event.error_old,
+                            event.error_new,
+                            event.message,
+                        )
+                    )
     found.drive, found.platform = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return found

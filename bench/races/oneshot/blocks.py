@@ -1,7 +1,7 @@
 """How the parent times one task: block by block, with data that it makes, by a clock of its own beside the child's.
 
-A child that reports less than its process took, or more than went by, did not time what it did. Calls cost some microseconds beside
-what is timed, and a message some hundreds.
+A child that reports less than its process took, or more than went by, did not time what it did. Calls cost some
+microseconds beside what is timed, and a message some hundreds.
 """
 
 from __future__ import annotations
@@ -38,9 +38,11 @@ LEAST_CALLS, FEWEST_CALLS = 30, 8
 FAR = 100.0
 """How many times as far from the optimum is far."""
 AGAIN, ENOUGH = 5, 4
-"""Blocks more, and how many of them must look wrong before a solver is said to do it, since a machine may, now and then."""
+"""Blocks more, and how many of them must look wrong before a solver is said to do it, since a machine may, now and
+then."""
 SEEN, QUICKEST, SEEN_NS, SLOW_NS = 8, 5.0, 2_000, 1_000_000
-"""Calls whose data are shown again, how many times as fast they may be answered then, and how much faster; how long one may take."""
+"""Calls whose data are shown again, how many times as fast they may be answered then, and how much faster; how long one
+may take."""
 
 
 @dataclass
@@ -52,7 +54,8 @@ class Timings:
     answers: list[Matrix] = field(default_factory=list)
     """Shape (n, d)."""
     gaps: dict[int, float] = field(default_factory=dict)
-    """The larger of relative cost gap and violation of the answers that were sampled, by call; infinite for no answer."""
+    """The larger of relative cost gap and violation of the answers that were sampled, by call; infinite for no
+    answer."""
     preemptions: int = 0
     fault: tuple[Status, str] | None = None
     """The first thing that is wrong with the way in which it was timed."""
@@ -77,12 +80,15 @@ class Timings:
         return block
 
 
-def ask(child: SolverChild, task: Task, P: Matrix, q: Matrix, watch: bool = False, most_ns: float = math.inf) -> Outcome:
-    """A block, of which no call begins after ``most_ns``; ``watch`` is whether to look for what the process replaced."""
+def ask(
+    child: SolverChild, task: Task, P: Matrix, q: Matrix, watch: bool = False, most_ns: float = math.inf
+) -> Outcome:
+    """A block, of which no call begins after ``most_ns``; ``watch`` is whether to look for what the process
+    replaced."""
     used, began = child.cpu_ns(), perf_counter_ns()
     block = child.ask(Block(task.key, P, q, watch, most_ns))
     passed, used = perf_counter_ns() - began, child.cpu_ns() - used
-    asked = q if passed < most_ns or not isinstance(block, Answered) else q[:len(block.answers)]
+    asked = q if passed < most_ns or not isinstance(block, Answered) else q[: len(block.answers)]
     if not isinstance(block, Answered) or not len(asked) or block.answers.shape != asked.shape:
         return block if block.failure else Outcome("tampered", "its process answers what it was not asked")
     block.passed_ns, block.used_ns = passed, used
@@ -97,22 +103,28 @@ def _impossible(block: Answered, compiled: bool) -> str:
     told, middle = int(block.calls_ns.sum()), float(np.median(block.calls_ns))
     if middle < (1 if compiled else LEAST_NS):
         return f"an update and a solve in {middle:g} ns cannot be"
-    return f"{told / 1e3:.0f} µs are reported, and {block.passed_ns / 1e3:.0f} went by" if told > block.passed_ns else ""
+    return (
+        f"{told / 1e3:.0f} µs are reported, and {block.passed_ns / 1e3:.0f} went by" if told > block.passed_ns else ""
+    )
 
 
 def cpu_overhead(block: Answered, allowed_ns: float) -> float:
-    """How many times what its calls take in the median the process of a block took of the processor, beyond what is allowed."""
+    """How many times what its calls take in the median the process of a block took of the processor, beyond what is
+    allowed."""
     return (block.used_ns - allowed_ns) / (block.calls_ns.size * max(float(np.median(block.calls_ns)), 1.0))
 
 
-def hidden_cpu_time(child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int, each: float) -> str:
-    """Whether most calls of blocks of n are quick because their work is done elsewhere: before they are timed, after, or in another call.
+def hidden_cpu_time(
+    child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int, each: float
+) -> str:
+    """Whether most calls of blocks of n are quick because their work is done elsewhere: before they are timed, after,
+    or in another call.
 
     Calls that take ``each`` nanoseconds in the mean are fewer where those of a block would take longer than LONG_NS.
 
-    The process then takes far more of the processor than most calls say, whatever it waits for, and beyond what a process takes that
-    does nothing for the same blocks. A solver to which some data come harder is told from that by the same data in another
-    order: they come harder again.
+    The process then takes far more of the processor than most calls say, whatever it waits for, and beyond what a
+    process takes that does nothing for the same blocks. A solver to which some data come harder is told from that by
+    the same data in another order: they come harder again.
     """
     found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane, setting=NO_SETTING)
     idle.ask(OneShot.of(nothing, form))
@@ -130,11 +142,22 @@ def hidden_cpu_time(child: SolverChild, idle: SolverChild, task: Task, form: Cer
             found.append(more)
         if len(found) + left < ENOUGH:
             break
-    return f"its process takes {found[0]:.1f} times as much of the processor as most of its calls say" if len(found) >= ENOUGH else ""
+    return (
+        f"its process takes {found[0]:.1f} times as much of the processor as most of its calls say"
+        if len(found) >= ENOUGH
+        else ""
+    )
 
 
-def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProblem, fresh: FreshData, effort: Effort,
-          look_closer: bool = True) -> tuple[Outcome, Timings]:
+def timed(
+    child: SolverChild,
+    idle: SolverChild,
+    task: Task,
+    problem: RaceProblem,
+    fresh: FreshData,
+    effort: Effort,
+    look_closer: bool = True,
+) -> tuple[Outcome, Timings]:
     """The outcome of a task with its times, and what was seen of it.
 
     ``idle`` is the process of a solver that does nothing; ``look_closer`` is whether it is looked into where
@@ -154,7 +177,12 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
             return block, timings
         timings.take(block)
         n, found = len(block.answers), _impossible(block, compiled)
-        if look_closer and child is not idle and not (found or timings.fault) and cpu_overhead(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW:
+        if (
+            look_closer
+            and child is not idle
+            and not (found or timings.fault)
+            and cpu_overhead(block, ASIDE_NS + n * ASIDE_EACH_NS) > FEW
+        ):
             found = hidden_cpu_time(child, idle, task, form, fresh, n, block.used_ns / n)
         timings.fault = timings.fault or ((Status.MISTIMED, found) if found else None)
         each = max(timings.spent_ns / timings.count, 1.0)
@@ -171,12 +199,20 @@ def timed(child: SolverChild, idle: SolverChild, task: Task, problem: RaceProble
     answers = np.concatenate(timings.answers)
     timings.gaps = _judged(fresh, answers)
     timings.fault = timings.fault or _of_other_data(form, fresh, outcome, answers, timings.gaps)
-    return replace(outcome, update_ns=np.concatenate(timings.updates), solve_ns=np.concatenate(timings.solves), preemptions=timings.preemptions,
-                   setup_ns=end.setup_ns, repeatable=end.repeatable, mutated=end.mutated), timings
+    return replace(
+        outcome,
+        update_ns=np.concatenate(timings.updates),
+        solve_ns=np.concatenate(timings.solves),
+        preemptions=timings.preemptions,
+        setup_ns=end.setup_ns,
+        repeatable=end.repeatable,
+        mutated=end.mutated,
+    ), timings
 
 
 def _remembers(child: SolverChild, task: Task, fresh: FreshData, each: float) -> tuple[Status, str] | None:
-    """Whether the same data again are answered far faster, time after time; others come between, of which a solver may start."""
+    """Whether the same data again are answered far faster, time after time; others come between, of which a solver may
+    start."""
     if each > SLOW_NS:
         return None
     ratios, calls = [], max(2, min(SEEN, round(1e6 / each), fresh.calls_at_once // 2))
@@ -194,13 +230,24 @@ def _remembers(child: SolverChild, task: Task, fresh: FreshData, each: float) ->
 
 def _judged(fresh: FreshData, answers: Matrix) -> dict[int, float]:
     """How far the sampled of the answers (n, d) are from right; those whose optimum cannot be proven are not judged."""
-    proven = {call: form for call in fresh.sample if call < len(answers) and (form := fresh.certified(call)) is not None}
-    return {call: max(relative_gap(form, answers[call])) if np.isfinite(answers[call]).all() else math.inf for call, form in proven.items()}
+    proven = {
+        call: form for call in fresh.sample if call < len(answers) and (form := fresh.certified(call)) is not None
+    }
+    return {
+        call: max(relative_gap(form, answers[call])) if np.isfinite(answers[call]).all() else math.inf
+        for call, form in proven.items()
+    }
 
 
-def _of_other_data(form: CertifiedForm, fresh: FreshData, outcome: Outcome, answers: Matrix, gaps: Mapping[int, float],
-                   ) -> tuple[Status, str] | None:
-    """Whether a timed answer is that of other data, or most are about as far from the optimum as zeros are where the first is near."""
+def _of_other_data(
+    form: CertifiedForm,
+    fresh: FreshData,
+    outcome: Outcome,
+    answers: Matrix,
+    gaps: Mapping[int, float],
+) -> tuple[Status, str] | None:
+    """Whether a timed answer is that of other data, or most are about as far from the optimum as zeros are where the
+    first is near."""
     if outcome.x is None or outcome.x.shape != form.qp.q.shape or not np.isfinite(outcome.x).all() or not outcome.found:
         return None
     first = max(relative_gap(form, outcome.x))
@@ -210,8 +257,15 @@ def _of_other_data(form: CertifiedForm, fresh: FreshData, outcome: Outcome, answ
         if any(other is not None and max(relative_gap(other, answers[call])) < gap / FAR for other in others):
             return Status.STALE, f"answer {call + 1} is that of other data (gap {gap:.1e})"
     zero = np.zeros_like(outcome.x)
-    wrong = [gap for call, gap in worse.items() if first <= TOLERANCE[Tier.LOW] and (proven := fresh.certified(call)) is not None
-             and gap > max(0.5 * relative_gap(proven, zero)[0], FAR * TOLERANCE[Tier.LOW])]
+    wrong = [
+        gap
+        for call, gap in worse.items()
+        if first <= TOLERANCE[Tier.LOW]
+        and (proven := fresh.certified(call)) is not None
+        and gap > max(0.5 * relative_gap(proven, zero)[0], FAR * TOLERANCE[Tier.LOW])
+    ]
     if len(wrong) > len(gaps) / 2:
-        return Status.ERRATIC, f"{len(wrong)} of {len(gaps)} timed answers are wrong where the first one is right (gap {max(wrong):.1e})"
+        return Status.ERRATIC, (
+            f"{len(wrong)} of {len(gaps)} timed answers are wrong where the first one is right (gap {max(wrong):.1e})"
+        )
     return None

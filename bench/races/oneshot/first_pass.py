@@ -1,8 +1,9 @@
 """The first pass over a problem: every setting of every solver hot, one after the other, in one scaling and one repeat.
 
-The settings of a solver follow each other from loose to tight, and a crash, a timeout or an answer that takes longer than 0.1 s ends its
-ladder on this problem. At one of them, which is drawn here where no solver can know it, is looked whether the solver answers from memory
-or works while nobody times it; where that one has no answer, another that has is measured again for it.
+The settings of a solver follow each other from loose to tight, and a crash, a timeout or an answer that takes longer
+than 0.1 s ends its ladder on this problem. At one of them, which is drawn here where no solver can know it, is looked
+whether the solver answers from memory or works while nobody times it; where that one has no answer, another that has is
+measured again for it.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ class FirstPass(Pass):
         return [row for ladder in ladders for row in _ladder(self, run, fresh, pool, ladder, tell)]
 
 
-def _ladder(part: FirstPass, run: Run, fresh: Sequence[FreshData], pool: SolverPool, tasks: Sequence[Task], tell: Tell) -> list[Row]:
+def _ladder(
+    part: FirstPass, run: Run, fresh: Sequence[FreshData], pool: SolverPool, tasks: Sequence[Task], tell: Tell
+) -> list[Row]:
     """The settings of one solver lane."""
     rows: list[Row] = []
     end: Row | None = None
@@ -90,10 +93,15 @@ def _ladder(part: FirstPass, run: Run, fresh: Sequence[FreshData], pool: SolverP
 def _came_to_its_end(task: Task, row: Row) -> bool:
     """Whether larger limits of iterations than that of a task change nothing, or take too long."""
     limit = max(task.more.values(), default=math.inf)
-    return bool(task.setting.rung_text and (0 <= row["iterations"] < limit or row["update_us"] + row["solve_us_p50"] > LONGEST_US))
+    return bool(
+        task.setting.rung_text
+        and (0 <= row["iterations"] < limit or row["update_us"] + row["solve_us_p50"] > LONGEST_US)
+    )
 
 
-def measure(run: Run, problem: RaceProblem, task: Task, fresh: FreshData, pool: SolverPool, effort: Effort, look_closer: bool) -> Row:
+def measure(
+    run: Run, problem: RaceProblem, task: Task, fresh: FreshData, pool: SolverPool, effort: Effort, look_closer: bool
+) -> Row:
     """Time a task, judge it and keep it."""
     idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
     outcome, timings = timed(pool.child(task), idle, task, problem, fresh, effort, look_closer)

@@ -1,7 +1,8 @@
 """The one-shot race: every problem, in each scaling, by every solver in every lane at every setting of its ladder.
 
-For each problem and scaling the solvers come one after the other, each hot in its own process on the same core (`first_pass`); when all is
-measured, a second pass follows at one setting each (`second_pass`). Beside them runs a solver that does nothing, the floor of all times.
+For each problem and scaling the solvers come one after the other, each hot in its own process on the same core
+(`first_pass`); when all is measured, a second pass follows at one setting each (`second_pass`). Beside them runs a
+solver that does nothing, the floor of all times.
 """
 
 from __future__ import annotations
@@ -42,10 +43,32 @@ class OneshotRace(Race[OneshotSettings]):
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """The first pass and the second; the solver that does nothing opens each part."""
         settings, floor = self.settings, null_solver.ENTRY
-        first = [FirstPass(self.run.path.resolve(), f"{problem.set_name}--{problem.name}--{scaling}--{repeat}", (
-                     Task(problem.set_name, problem.name, scaling, floor.name, floor.lane, NO_SETTING, repeat=repeat, d=problem.d),
-                     *tasks_of(settings, field, self.problems, i, scaling, repeat)), repeat, settings, problem, scaling)
-                 for repeat in range(settings.repeats) for i, problem in enumerate(self.problems) for scaling in settings.scalings]
+        first = [
+            FirstPass(
+                self.run.path.resolve(),
+                f"{problem.set_name}--{problem.name}--{scaling}--{repeat}",
+                (
+                    Task(
+                        problem.set_name,
+                        problem.name,
+                        scaling,
+                        floor.name,
+                        floor.lane,
+                        NO_SETTING,
+                        repeat=repeat,
+                        d=problem.d,
+                    ),
+                    *tasks_of(settings, field, self.problems, i, scaling, repeat),
+                ),
+                repeat,
+                settings,
+                problem,
+                scaling,
+            )
+            for repeat in range(settings.repeats)
+            for i, problem in enumerate(self.problems)
+            for scaling in settings.scalings
+        ]
         yield first
         yield second_pass(self.run, settings, field, first)
 

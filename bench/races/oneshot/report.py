@@ -117,7 +117,8 @@ def report(run: Run) -> Report:
                 _beside(found, settings.get("field", {})),
                 2,
                 ("lane", "timed", "unknowns"),
-                "Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others first; "
+                "Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
+                "first; "
                 "a ratio below 1 is in our favour.",
             ),
             Table(
@@ -227,8 +228,8 @@ def _wrappers(found: Measurements) -> list[list[str]]:
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a problem and scaling: its optimal cost ``V``, its ``yardstick``, |V| over that as ``optimum``, and the constant ``c``, 0 for a
-    program from a file; NaN where the problem's file is gone."""
+    """One row a problem and scaling: its optimal cost ``V``, its ``yardstick``, |V| over that as ``optimum``, and the
+    constant ``c``, 0 for a program from a file; NaN where the problem's file is gone."""
     found = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
     for line in found.to_dict("records"):

@@ -23,7 +23,9 @@ LONGEST_US = 1e5
 """A ladder ends on a problem where an answer takes longer."""
 
 
-def row_of(problem: RaceProblem, task: Task, outcome: Outcome, timed_gap: float = NAN, fault: tuple[Status, str] | None = None) -> Row:
+def row_of(
+    problem: RaceProblem, task: Task, outcome: Outcome, timed_gap: float = NAN, fault: tuple[Status, str] | None = None
+) -> Row:
     """The row of a task.
 
     ``timed_gap`` is that of the answers that were timed, and ``fault`` what is wrong with the way in which they came.
@@ -39,18 +41,31 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, timed_gap: float 
     span_um = problem.validation.span_um if problem.validation is not None else NAN
     middle, tail = percentile(solve, 0.5), percentile(solve, 0.99)
     return {
-        **task.columns(outcome.asked), "task": key_of_all_repeats(task), **asdict(found),
+        **task.columns(outcome.asked),
+        "task": key_of_all_repeats(task),
+        **asdict(found),
         "model_error_um": found.model_error_percent / 100.0 * span_um,
         "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
         "noise_um": problem.validation.noise_um if problem.validation is not None else NAN,
-        "setup_us": median(outcome.setup_ns / 1e3), "update_us": median(update), "solve_us_p50": median(solve),
-        "solve_us_p50_low": number(middle.low), "solve_us_p50_high": number(middle.high),
-        "solve_us_p99": number(tail.value), "solve_us_p99_low": number(tail.low), "solve_us_p99_high": number(tail.high),
-        "solve_us_max": float(solve.max()) if solve.size else NAN, "samples": int(solve.size),
-        "interleaved_us_p50": NAN, "interleaved_us_p99": NAN,
+        "setup_us": median(outcome.setup_ns / 1e3),
+        "update_us": median(update),
+        "solve_us_p50": median(solve),
+        "solve_us_p50_low": number(middle.low),
+        "solve_us_p50_high": number(middle.high),
+        "solve_us_p99": number(tail.value),
+        "solve_us_p99_low": number(tail.low),
+        "solve_us_p99_high": number(tail.high),
+        "solve_us_max": float(solve.max()) if solve.size else NAN,
+        "samples": int(solve.size),
+        "interleaved_us_p50": NAN,
+        "interleaved_us_p99": NAN,
         "periods": float(steps) if steps else (median(update) + median(solve)) / PERIOD_US,
-        "reported_us": outcome.reported_us, "iterations": outcome.iterations, "mutates_input": outcome.mutated,
-        "repeatable": outcome.repeatable, "preemptions": outcome.preemptions}
+        "reported_us": outcome.reported_us,
+        "iterations": outcome.iterations,
+        "mutates_input": outcome.mutated,
+        "repeatable": outcome.repeatable,
+        "preemptions": outcome.preemptions,
+    }
 
 
 def not_run(problem: RaceProblem, task: Task, after: Row) -> Row:

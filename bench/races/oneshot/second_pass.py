@@ -1,13 +1,15 @@
-"""The second pass, after all settings were measured on all problems: starts from the optimum before, more calls of the fastest, and turns.
+"""The second pass, after all settings were measured on all problems: starts from the optimum before, more calls of the
+fastest, and turns.
 
-Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked, by first answers alone. Timed
-answers are to data that each race draws anew, and with them two races of the same problems would take turns at different settings, which
-cannot be compared. The run notes the settings when the pass begins, since it measures some of the rows again from which they follow, and a
-resumed race has to go on as it began.
+Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked, by first
+answers alone. Timed answers are to data that each race draws anew, and with them two races of the same problems would
+take turns at different settings, which cannot be compared. The run notes the settings when the pass begins, since it
+measures some of the rows again from which they follow, and a resumed race has to go on as it began.
 
-Where solvers take turns, each sits ready in its own process, all on the same core, and has one update and solve a round, in a shuffled
-order; between two turns of one solver all others have had theirs, so that it finds the caches as they left them. A compensator that has
-other work in a sampling period sits between this and the hot figures. So a problem is never divided between workers.
+Where solvers take turns, each sits ready in its own process, all on the same core, and has one update and solve a
+round, in a shuffled order; between two turns of one solver all others have had theirs, so that it finds the caches as
+they left them. A compensator that has other work in a sampling period sits between this and the hot figures. So a
+problem is never divided between workers.
 """
 
 from __future__ import annotations
@@ -68,13 +70,24 @@ class SecondPass(Pass):
         for task in self.tasks:
             tell(task)
             if task.start == "cold" and run.task(task)[0][0]["samples"] < self.calls:
-                measure(run, self.problem, task, FreshData(self.form, self.calls), pool, Effort(1.0, 1, self.calls), look_closer=False)
+                measure(
+                    run,
+                    self.problem,
+                    task,
+                    FreshData(self.form, self.calls),
+                    pool,
+                    Effort(1.0, 1, self.calls),
+                    look_closer=False,
+                )
             elif not run.is_done(task):
                 measure(run, self.problem, task, FreshData(self.form, effort.most), pool, effort, look_closer=True)
         rows = {task.key: run.task(task)[0][0] for task in (*self.cold, *self.tasks)}
         if self.settings.rounds:
-            quick = {task.key: task for task in (*self.cold, *self.tasks)
-                     if rows[task.key]["update_us"] + rows[task.key]["solve_us_p50"] <= LONGEST_US}
+            quick = {
+                task.key: task
+                for task in (*self.cold, *self.tasks)
+                if rows[task.key]["update_us"] + rows[task.key]["solve_us_p50"] <= LONGEST_US
+            }
             self._take_turns(run, pool, list(quick.values()))
         return [rows[task.key] for task in self.tasks]
 
@@ -83,12 +96,21 @@ class SecondPass(Pass):
         fresh, seed = FreshData(self.form, self.settings.effort.most), f"{self.settings.seed} {self.name}"
         for task, timings in take_turns(tasks, pool.children, self.form, fresh, self.settings.rounds, seed):
             (row,), times = run.task(task)
-            turns = {"interleaved_update": np.concatenate(timings.updates), "interleaved_solve": np.concatenate(timings.solves)}
+            turns = {
+                "interleaved_update": np.concatenate(timings.updates),
+                "interleaved_solve": np.concatenate(timings.solves),
+            }
             run.save(task, [with_turns(row, turns["interleaved_solve"])], {**times, **turns})
 
 
-def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], SolverChild], form: CertifiedForm, fresh: FreshData,
-               rounds: int, seed: str) -> list[tuple[Task, Timings]]:
+def take_turns(
+    tasks: Sequence[Task],
+    children: Mapping[tuple[str, Lane], SolverChild],
+    form: CertifiedForm,
+    fresh: FreshData,
+    rounds: int,
+    seed: str,
+) -> list[tuple[Task, Timings]]:
     """Times and answers of the turns of each task; a task that fails on the way has none.
 
     Parameters
@@ -119,32 +141,60 @@ def take_turns(tasks: Sequence[Task], children: Mapping[tuple[str, Lane], Solver
     for _ in range(rounds):
         chance.shuffle(ready)
         data = fresh.unseen(1)
-        ready = [task for task in ready if not timings[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure]
+        ready = [
+            task
+            for task in ready
+            if not timings[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure
+        ]
     return [(task, timings[task.key]) for task in tasks if task in ready]
 
 
-def second_pass(run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[FirstPass]) -> list[SecondPass]:
+def second_pass(
+    run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[FirstPass]
+) -> list[SecondPass]:
     """The second pass over every problem, by what the first has found."""
     if "second_pass" not in run.settings:
         rows = pd.DataFrame(run.rows_so_far())
         run.note(second_pass=planned(rows[rows.solver != null_solver.ENTRY.name]))
-    plan = {(each["scaling"], each["solver"], each["lane"], each["setting"]): each["longer"] for each in run.settings["second_pass"]}
+    plan = {
+        (each["scaling"], each["solver"], each["lane"], each["setting"]): each["longer"]
+        for each in run.settings["second_pass"]
+    }
     calls = math.ceil(ENOUGH / max(1, len({part.problem.name for part in first}) * settings.repeats))
     warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
     found = []
     for part in first:
         floor, *tasks = part.tasks
         longer = [(task, plan.get((part.scaling, task.solver, str(task.lane), task.setting.text))) for task in tasks]
-        chosen = [(task, is_longer) for task, is_longer in longer if is_longer is not None and run.task(task)[0][0]["status"] == Status.OK]
-        warm = [replace(task, start="warm") for task, _ in chosen
-                if part.form.warm_start is not None and (task.solver, task.lane) in warm_startable]
-        found.append(SecondPass(part.run, f"{part.name}--turns", (floor, *(task for task, is_longer in chosen if is_longer), *warm), part.repeat,
-                                settings, part.problem, part.scaling, (floor, *(task for task, _ in chosen)), calls))
+        chosen = [
+            (task, is_longer)
+            for task, is_longer in longer
+            if is_longer is not None and run.task(task)[0][0]["status"] == Status.OK
+        ]
+        warm = [
+            replace(task, start="warm")
+            for task, _ in chosen
+            if part.form.warm_start is not None and (task.solver, task.lane) in warm_startable
+        ]
+        found.append(
+            SecondPass(
+                part.run,
+                f"{part.name}--turns",
+                (floor, *(task for task, is_longer in chosen if is_longer), *warm),
+                part.repeat,
+                settings,
+                part.problem,
+                part.scaling,
+                (floor, *(task for task, _ in chosen)),
+                calls,
+            )
+        )
     return found
 
 
 def planned(rows: pd.DataFrame) -> list[Planned]:
-    """The setting of each solver lane in each scaling: that of the first of PREFERRED that its first answers reach, else the default."""
+    """The setting of each solver lane in each scaling: that of the first of PREFERRED that its first answers reach,
+    else the default."""
     rows = rows.assign(timed_gap=math.nan)
     tiers = tier_settings(rows)
     near = near_fastest(at_tiers(rows, tiers))
@@ -154,7 +204,10 @@ def planned(rows: pd.DataFrame) -> list[Planned]:
             found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
     for line in rows[rows.is_default].to_dict("records"):
         found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
-    return [{"scaling": key[0], "solver": key[1], "lane": key[2], "setting": setting, "longer": key in near} for key, setting in found.items()]
+    return [
+        {"scaling": key[0], "solver": key[1], "lane": key[2], "setting": setting, "longer": key in near}
+        for key, setting in found.items()
+    ]
 
 
 def near_fastest(rows: pd.DataFrame) -> set[SolverKey]:

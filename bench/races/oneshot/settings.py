@@ -1,8 +1,8 @@
 """Settings of a one-shot race, and what is measured by them in its first pass.
 
-That is every setting of every solver on every problem in the first scaling, and what it does unasked in the others. A wrapper is measured at
-what it does unasked and at one setting more, that which asks for a cost gap nearest to 1e-8, since it shows what calling a library in
-another way costs; cvxpy on some problems only.
+That is every setting of every solver on every problem in the first scaling, and what it does unasked in the others. A
+wrapper is measured at what it does unasked and at one setting more, that which asks for a cost gap nearest to 1e-8,
+since it shows what calling a library in another way costs; cvxpy on some problems only.
 """
 
 from __future__ import annotations
@@ -42,22 +42,47 @@ class AnytimeSettings(OneshotSettings):
     iteration_limits: tuple[int, ...] = (*(step * 10**power for power in range(6) for step in (1, 2, 5)), 10**6)
 
 
-def tasks_of(settings: OneshotSettings, field: Sequence[Described], problems: Sequence[RaceProblem], number: int, scaling: Scaling,
-             repeat: int = 0) -> Iterator[Task]:
-    """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from loose to tight,
-    then by growing limit of iterations."""
+def tasks_of(
+    settings: OneshotSettings,
+    field: Sequence[Described],
+    problems: Sequence[RaceProblem],
+    number: int,
+    scaling: Scaling,
+    repeat: int = 0,
+) -> Iterator[Task]:
+    """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from
+    loose to tight, then by growing limit of iterations."""
     problem = problems[number]
     for solver in field:
         if solver.lane is not Lane.CVXPY or number in spread(len(problems), MOST_OF_CVXPY):
             for setting in measured(solver) if scaling == settings.scalings[0] else settings_of(solver):
                 if setting.is_default or scaling == settings.scalings[0]:
-                    yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, repeat=repeat, d=problem.d)
+                    yield Task(
+                        problem.set_name,
+                        problem.name,
+                        scaling,
+                        solver.name,
+                        solver.lane,
+                        setting,
+                        repeat=repeat,
+                        d=problem.d,
+                    )
             if solver.iteration_setting and scaling == settings.scalings[0]:
                 rungs = {setting.text for setting in settings_of(solver)}
                 for limit in settings.iteration_limits:
                     if (setting := limited(solver, limit)).text not in rungs:
                         more = {solver.iteration_setting: limit}
-                        yield Task(problem.set_name, problem.name, scaling, solver.name, solver.lane, setting, more, repeat, d=problem.d)
+                        yield Task(
+                            problem.set_name,
+                            problem.name,
+                            scaling,
+                            solver.name,
+                            solver.lane,
+                            setting,
+                            more,
+                            repeat,
+                            d=problem.d,
+                        )
 
 
 def measured(solver: Described) -> Sequence[Setting]:

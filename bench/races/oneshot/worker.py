@@ -1,8 +1,9 @@
 """The child's side of the one-shot race: solve one problem, then be timed on data that come block by block.
 
-*Hot*: update and solve of the same solver again and again, so that its code is in the caches. *Interleaved*: one update and
-solve at a time, between which other solvers have their turn on the same core. The clock is here in both; the data of a block
-are not here before it, and its answers are handed back with its times. The parent holds both against clocks and proofs of its own.
+*Hot*: update and solve of the same solver again and again, so that its code is in the caches. *Interleaved*: one update
+and solve at a time, between which other solvers have their turn on the same core. The clock is here in both; the data
+of a block are not here before it, and its answers are handed back with its times. The parent holds both against clocks
+and proofs of its own.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from solvers.protocol import Nanoseconds, Solver
 
 @dataclass
 class Answered(Outcome):
-    """What came back of a block: the answers (n, d) that were timed; the parent adds what went by and what its process took of the processor."""
+    """What came back of a block: the answers (n, d) that were timed; the parent adds what went by and what its process
+    took of the processor."""
 
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     passed_ns: int = 0
@@ -41,7 +43,8 @@ class Answered(Outcome):
 
 @dataclass(frozen=True)
 class OneShot(Request):
-    """Set a solver up, solve one problem, and keep the solver for the blocks that follow, until it is to set up another one."""
+    """Set a solver up, solve one problem, and keep the solver for the blocks that follow, until it is to set up another
+    one."""
 
     task: Task
     fields: Mapping[str, Any]
@@ -61,6 +64,7 @@ class OneShot(Request):
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
+
         def another() -> TimedSolver:
             return TimedSolver(cls, self.task, Problem(**self.fields), self.c, self.warm_start, self.times_itself)
 
@@ -79,7 +83,8 @@ class OneShot(Request):
 
 @dataclass(frozen=True)
 class Block(Request):
-    """Update and solve once for each P (n, d, d) and q (n, d), timed, by the solver that is kept for the task of this key.
+    """Update and solve once for each P (n, d, d) and q (n, d), timed, by the solver that is kept for the task of this
+    key.
 
     After the call at which ``most_ns`` are spent no other begins.
     """
@@ -120,8 +125,9 @@ class TimedSolver:
         As of :class:`OneShot`.
     """
 
-    def __init__(self, cls: type[Solver], task: Task, problem: Problem, c: float, warm_start: Vector | None,
-                 times_itself: bool) -> None:
+    def __init__(
+        self, cls: type[Solver], task: Task, problem: Problem, c: float, warm_start: Vector | None, times_itself: bool
+    ) -> None:
         self._given = problem, warm_start
         # A solver that writes into one spoils neither the other nor ours.
         self._handed, self._updated = copied(problem), copied(problem)
@@ -131,10 +137,12 @@ class TimedSolver:
         self.solver = cls(**self.asked)
         P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
         self._update = partial(self.solver.update, P=P, q=self._updated.q)  # update takes dense data
-        self._solve: Callable[[], Any] = (self.solver.solve if self._start is None else
-                                          partial(self.solver.solve, self._start))
+        self._solve: Callable[[], Any] = (
+            self.solver.solve if self._start is None else partial(self.solver.solve, self._start)
+        )
         self._setups: list[int] = []
-        self._limited = task.setting.rung_text != ""  # the iterate at the limit is what is asked for, whatever the solver says of it
+        # the iterate at the limit is what is asked for, whatever the solver says of it
+        self._limited = task.setting.rung_text != ""
         self._first: Vector = np.zeros(0)
         self._spoiled = False
 
@@ -148,7 +156,9 @@ class TimedSolver:
         if self._limited and not np.isfinite(x).all() and (stood := self.solver.iterate()) is not None:
             x = real(stood)
         info["found"] |= self._limited and bool(np.isfinite(x).all())
-        return Outcome(x=x, asked=self.asked, returned="" if type(found) is np.ndarray else type(found).__name__, **info)
+        return Outcome(
+            x=x, asked=self.asked, returned="" if type(found) is np.ndarray else type(found).__name__, **info
+        )
 
     def setup(self) -> int:
         """Nanoseconds of setting the solver up."""
@@ -159,8 +169,13 @@ class TimedSolver:
         sums, before = (P.sum(), q.sum()), preemptions()
         timed = self._time(self.solver, P, q, self._start, most_ns)
         self._spoiled |= (P.sum(), q.sum()) != sums
-        return Answered(found=True, preemptions=preemptions() - before, update_ns=timed.updates, solve_ns=timed.solves,
-                        answers=timed.answers)
+        return Answered(
+            found=True,
+            preemptions=preemptions() - before,
+            update_ns=timed.updates,
+            solve_ns=timed.solves,
+            answers=timed.answers,
+        )
 
     def end(self, budget_s: float) -> Outcome:
         """Whether the first data give the first answer again, and whether inputs are as they were."""
@@ -170,14 +185,19 @@ class TimedSolver:
         for _ in range(2):
             if sum(self._setups) < budget_s * 1e9:
                 self._setups.append(self._another().setup())
-        return Outcome(found=True, repeatable=bool(np.array_equal(self._first, again, equal_nan=True)), mutated=changed,
-                       setup_ns=np.array(self._setups, dtype=np.int64))
+        return Outcome(
+            found=True,
+            repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),
+            mutated=changed,
+            setup_ns=np.array(self._setups, dtype=np.int64),
+        )
 
     def were_inputs_changed(self) -> bool:
         """Whether the solver wrote into what it was given."""
         problem, warm_start = self._given
-        pairs = [pair for taken in (self._handed, self._updated) for pair in
-                 zip(arrays(problem), arrays(taken), strict=True)]
+        pairs = [
+            pair for taken in (self._handed, self._updated) for pair in zip(arrays(problem), arrays(taken), strict=True)
+        ]
         pairs += [] if warm_start is None else [(warm_start, self._start)]
         return self._spoiled or any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
@@ -189,5 +209,9 @@ def preemptions() -> int:
 
 def arrays(problem: Problem) -> list[Any]:
     """Every array of a problem, those of sparse matrices too."""
-    return [part for value in fields_of(problem).values() if value is not None
-            for part in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])]
+    return [
+        part
+        for value in fields_of(problem).values()
+        if value is not None
+        for part in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])
+    ]

@@ -6,8 +6,8 @@ against the machine's own. The null solver missed m of M deadlines in s stalls (
     r = (upper 95 % bound of the rate s/M) · max(1, m/s)
 
 bounds the machine's share of late samples; where each stall costs one deadline it is the bound of m/M itself. Misses
-beyond the floor are those above r times the samples. Where the machine itself misses too many, nobody keeps the schedule. A
-percentile of response times whose interval reaches down into the floor's is not above the floor.
+beyond the floor are those above r times the samples. Where the machine itself misses too many, nobody keeps the
+schedule. A percentile of response times whose interval reaches down into the floor's is not above the floor.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ GROUP = ["solver", "lane", "tier", "settings"]
 FLOOR = "null"
 TOLERATED_FLOOR = 0.01
 """Share of deadlines that the machine itself may miss before a run says nothing about who keeps the schedule."""
-FAILURES = tuple(str(status) for status in (Status.ADAPTER_FAILED, Status.UNSUPPORTED, Status.CRASHED, Status.TIMED_OUT,
-                                            Status.OUT_OF_MEMORY))
+FAILURES = tuple(
+    str(status)
+    for status in (Status.ADAPTER_FAILED, Status.UNSUPPORTED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY)
+)
 
 
 def column(kind: str, q: float, end: str = "") -> str:
@@ -61,8 +63,12 @@ def percentiles(kind: str, microseconds: NDArray[np.float64]) -> dict[str, float
 def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     """One row a solver, lane, tier and settings; the floor first, then who keeps up, by median response time."""
     bound = floor_bound(rows[rows.solver == FLOOR])
-    table = pd.DataFrame([_line(dict(zip(GROUP, names, strict=True)), part, times, bound)
-                          for names, part in rows.groupby(GROUP, sort=False)])
+    table = pd.DataFrame(
+        [
+            _line(dict(zip(GROUP, names, strict=True)), part, times, bound)
+            for names, part in rows.groupby(GROUP, sort=False)
+        ]
+    )
     machine = table[table.solver == FLOOR]
     for q in QUANTILES:
         reached = float(machine[column("response", q, "high")].iloc[0]) if len(machine) else math.nan
@@ -86,24 +92,53 @@ def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
     paced = bool(part.paced.iloc[0])
     samples, missed = int(ran.samples.sum()), int(ran.missed.sum())
     beyond = max(0, missed - math.ceil(bound * samples)) if paced else 0
-    status = (str(failed.status.iloc[0]) if len(failed) else FLOOR if who["solver"] == FLOOR
-              else str(Status.MISSED) if (ran.status != Status.OK).any() else str(Status.LATE if beyond else Status.OK))
-    worth = {name: float(getattr(ran[name], how)()) if len(ran) else math.nan
-             for name, how in (("gap_mean", "mean"), ("gap_max", "max"), ("exact_gap_mean", "mean"),
-                               ("exact_gap_max", "max"), ("exact_difference", "max"), ("own_gap_max", "max"),
-                               ("reused", "mean"), ("data_us_p50", "median"), ("update_us_p50", "median"),
-                               ("solve_us_p50", "median"))}
-    return {**who, "setting": part.setting.iloc[0], "basis": part.basis.iloc[0],
-            "paced": paced, "status": status, "processes": len(part), "samples": samples,
-            "solves": int(ran.solves.sum()), "stopped": _first(part.stopped), "message": _first(part.message),
-            "missed": missed, "stalls": int(ran.stalls.sum()),
-            "missed_floor_bound": bound * samples if paced else math.nan, "missed_beyond_floor": beyond,
-            "keeps_up": bool(len(ran) and not len(failed) and paced and not beyond),
-            "unanswered": int(ran.unanswered.sum()),
-            **worth, **percentiles("service", raw(times, ran.task, "service")),
-            **percentiles("response", raw(times, ran.task, "response")),
-            "service_histogram": latency_histogram.merged(text for text in ran.service_histogram if text),
-            "response_histogram": latency_histogram.merged(text for text in ran.response_histogram if text)}
+    status = (
+        str(failed.status.iloc[0])
+        if len(failed)
+        else FLOOR
+        if who["solver"] == FLOOR
+        else str(Status.MISSED)
+        if (ran.status != Status.OK).any()
+        else str(Status.LATE if beyond else Status.OK)
+    )
+    worth = {
+        name: float(getattr(ran[name], how)()) if len(ran) else math.nan
+        for name, how in (
+            ("gap_mean", "mean"),
+            ("gap_max", "max"),
+            ("exact_gap_mean", "mean"),
+            ("exact_gap_max", "max"),
+            ("exact_difference", "max"),
+            ("own_gap_max", "max"),
+            ("reused", "mean"),
+            ("data_us_p50", "median"),
+            ("update_us_p50", "median"),
+            ("solve_us_p50", "median"),
+        )
+    }
+    return {
+        **who,
+        "setting": part.setting.iloc[0],
+        "basis": part.basis.iloc[0],
+        "paced": paced,
+        "status": status,
+        "processes": len(part),
+        "samples": samples,
+        "solves": int(ran.solves.sum()),
+        "stopped": _first(part.stopped),
+        "message": _first(part.message),
+        "missed": missed,
+        "stalls": int(ran.stalls.sum()),
+        "missed_floor_bound": bound * samples if paced else math.nan,
+        "missed_beyond_floor": beyond,
+        "keeps_up": bool(len(ran) and not len(failed) and paced and not beyond),
+        "unanswered": int(ran.unanswered.sum()),
+        **worth,
+        **percentiles("service", raw(times, ran.task, "service")),
+        **percentiles("response", raw(times, ran.task, "response")),
+        "service_histogram": latency_histogram.merged(text for text in ran.service_histogram if text),
+        "response_histogram": latency_histogram.merged(text for text in ran.response_histogram if text),
+    }
 
 
 def _first(values: Iterable[str]) -> str:
@@ -115,14 +150,23 @@ def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
     sentences = []
     if not table.machine_keeps.all():
-        sentences.append(f"This run cannot say who keeps the schedule: the machine itself misses "
-                         f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, since it was busy or is not fit for it.")
+        sentences.append(
+            f"This run cannot say who keeps the schedule: the machine itself misses "
+            f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, since it was "
+            "busy or is not fit for it."
+        )
     elif len(paced):
         kept = paced[paced.keeps_up & (paced.status == Status.OK)]
-        sentences.append(f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
-                         "more deadlines than the machine itself does and answer as exactly as asked"
-                         + (f"; the quickest is {_name(kept.iloc[0])}, with a response time of {_tail(kept.iloc[0], 'response')}."
-                            if len(kept) else "."))
+        sentences.append(
+            f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they "
+            "miss no "
+            "more deadlines than the machine itself does and answer as exactly as asked"
+            + (
+                f"; the quickest is {_name(kept.iloc[0])}, with a response time of {_tail(kept.iloc[0], 'response')}."
+                if len(kept)
+                else "."
+            )
+        )
     return sentences + _staleness(table, settings)
 
 
@@ -130,28 +174,46 @@ def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     """Say what the machine itself does, who was stopped, and what the compiled loops took."""
     paced, found = table[table.paced & ~table.is_floor], []
     for _, line in table[table.is_floor].iterrows():
-        found.append(f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed} of {line.samples} "
-                     f"deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most {number(line.response_max_us)} µs.")
+        found.append(
+            f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed} of "
+            f"{line.samples} "
+            f"deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
+            f"{number(line.response_max_us)} µs."
+        )
     stopped = paced[paced.stopped != ""]
     if len(stopped):
-        found.append(f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were stopped there; their median "
-                     f"service takes {number(stopped['service_p50_us'].min())} to {number(stopped['service_p50_us'].max())} µs.")
+        found.append(
+            f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were "
+            "stopped there; their median "
+            f"service takes {number(stopped['service_p50_us'].min())} to "
+            f"{number(stopped['service_p50_us'].max())} µs."
+        )
     for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
-        found.append(f"Compiled and back to back, not on the schedule, {marked(line.solver)} takes {line.samples:,} rows with "
-                     f"{_tail(line, 'service')} each, at most {number(line.service_max_us)} µs.")
+        found.append(
+            f"Compiled and back to back, not on the schedule, {marked(line.solver)} takes {line.samples:,} "
+            "rows with "
+            f"{_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
+        )
     return found
 
 
 def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     costs = []
     for text, chosen in (
-            ("the first answer, if it is kept,", table.is_floor),
-            ("the paper's one projected step a sample (compiled, not on the schedule)", (table.solver == "projected_difference")
-             & ~table.paced & (table.settings == json.dumps({"steps": 1}))),
-            (f"{marked('recursive_active_set')} (direct) with the exact optimum at every sample",
-             (table.solver == "recursive_active_set") & table.paced)):
-        costs += [f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
-                  for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows()]
+        ("the first answer, if it is kept,", table.is_floor),
+        (
+            "the paper's one projected step a sample (compiled, not on the schedule)",
+            (table.solver == "projected_difference") & ~table.paced & (table.settings == json.dumps({"steps": 1})),
+        ),
+        (
+            f"{marked('recursive_active_set')} (direct) with the exact optimum at every sample",
+            (table.solver == "recursive_active_set") & table.paced,
+        ),
+    ):
+        costs += [
+            f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
+            for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows()
+        ]
     seconds = settings["samples"] * PERIOD_NS * 1e-9
     return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
 
@@ -164,4 +226,6 @@ def _tail(line: pd.Series, kind: str) -> str:
     """The median and the farthest percentile that the sample supports."""
     known = [q for q in QUANTILES if not math.isnan(line[column(kind, q)])]
     shown: Sequence[float] = known[:1] + known[1:][-1:]
-    return " and ".join(f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in shown) or "too few samples to say"
+    return " and ".join(f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in shown) or (
+        "too few samples to say"
+    )

@@ -1,8 +1,9 @@
 """The stream race: a drifting actuator sample by sample on an absolute schedule of 8 kHz, and what lateness costs.
 
-Each solver lane follows the same rows in a fresh process, the order shuffled with the seed in every round. A null solver
-that answers at once runs first and after every FLOOR_EVERY others: its response times are the machine's floor, and where
-they change in the course of a run the machine does. Every finished task is on disk before the next one starts.
+Each solver lane follows the same rows in a fresh process, the order shuffled with the seed in every round. A null
+solver that answers at once runs first and after every FLOOR_EVERY others: its response times are the machine's floor,
+and where they change in the course of a run the machine does. Every finished task is on disk before the next one
+starts.
 
 A solver whose answers are late at each of the first ``give_up`` samples is stopped there, and marked.
 """
@@ -47,17 +48,51 @@ KIND = "stream"
 FLOOR_EVERY = 10
 NAN = float("nan")
 
-STREAM = Schema("stream.parquet", (
-    "problem_set", "problem", "d", "solver", "lane", "tier", "setting", "basis", "scaling", "settings", "repeat", "status", "message", "paced",
-    "samples", "solves", "stopped", "missed", "stalls", "unanswered", "reused", "gap_mean", "gap_max", "exact_gap_mean",
-    "exact_gap_max", "exact_instants", "exact_difference", "own_gap_max", "data_us_p50", "update_us_p50", "solve_us_p50",
-    "service_histogram", "response_histogram", "mutates_input"),
+STREAM = Schema(
+    "stream.parquet",
+    (
+        "problem_set",
+        "problem",
+        "d",
+        "solver",
+        "lane",
+        "tier",
+        "setting",
+        "basis",
+        "scaling",
+        "settings",
+        "repeat",
+        "status",
+        "message",
+        "paced",
+        "samples",
+        "solves",
+        "stopped",
+        "missed",
+        "stalls",
+        "unanswered",
+        "reused",
+        "gap_mean",
+        "gap_max",
+        "exact_gap_mean",
+        "exact_gap_max",
+        "exact_instants",
+        "exact_difference",
+        "own_gap_max",
+        "data_us_p50",
+        "update_us_p50",
+        "solve_us_p50",
+        "service_histogram",
+        "response_histogram",
+        "mutates_input",
+    ),
     ("problem", "lane", "solver", "tier", "settings", "repeat"),
-    types={**dict.fromkeys(("stopped", "service_histogram", "response_histogram"), TEXT), "paced": FLAG})
-"""One row a process. ``missed`` deadlines, in how many ``stalls``; ``unanswered`` solves; ``reused`` share of samples at
-whose deadline an older answer was in use; gaps of the answers in use, of all samples in doubles and of the proven instants
-exactly; ``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the kernel lane the
-second is the first corrected for the period."""
+    types={**dict.fromkeys(("stopped", "service_histogram", "response_histogram"), TEXT), "paced": FLAG},
+)
+"""One row a process. ``missed`` deadlines, in how many ``stalls``; ``unanswered`` solves; ``reused`` share of samples
+at whose deadline an older answer was in use; gaps of the answers in use, of all samples in doubles and of the proven
+instants exactly; ``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the
+kernel lane the second is the first corrected for the period."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +127,9 @@ class StreamRace(TaskRace[StreamSettings]):
     @property
     def child(self) -> ChildSettings:
         """A solver may be as long again as the stream."""
-        return replace(super().child, time_limit_s=self.settings.time_limit_s + 2.0 * self.settings.samples * PERIOD_NS * 1e-9)
+        return replace(
+            super().child, time_limit_s=self.settings.time_limit_s + 2.0 * self.settings.samples * PERIOD_NS * 1e-9
+        )
 
     def prepare(self, resources: ExitStack) -> None:
         """Make the stream."""
@@ -117,7 +154,17 @@ class StreamRace(TaskRace[StreamSettings]):
         table, run = table_of(self.settings.settings_run)
 
         def task(solver: Described | Entry, setting: Setting, basis: Mapping[Tier, str], repeat: int) -> Task:
-            return Task(KIND, self.stream.name, "scaled", solver.name, solver.lane, setting, repeat=repeat, d=self.stream.d, basis=basis)
+            return Task(
+                KIND,
+                self.stream.name,
+                "scaled",
+                solver.name,
+                solver.lane,
+                setting,
+                repeat=repeat,
+                d=self.stream.d,
+                basis=basis,
+            )
 
         def of(solver: Described) -> Choices:
             if "steps" in solver.ladder[0]:
@@ -136,7 +183,11 @@ class StreamRace(TaskRace[StreamSettings]):
 
     def in_loop(self, task: Task) -> int:
         """How many samples its compiled loop is asked for; 0 on the schedule."""
-        return self.settings.kernel_samples if task.lane is Lane.KERNEL and self.entrants[task.solver, task.lane].times_itself else 0
+        return (
+            self.settings.kernel_samples
+            if task.lane is Lane.KERNEL and self.entrants[task.solver, task.lane].times_itself
+            else 0
+        )
 
     def request(self, task: Task) -> Request:
         """The whole stream."""
@@ -160,11 +211,14 @@ class StreamRace(TaskRace[StreamSettings]):
         return [{**timed, **_worth(outcome, self.judge)}]
 
     def rows(self, task: Task, outcome: Outcome) -> list[Row]:
-        """With the status at each tier: whether its own answers reach it; what the stage notices is not looked at here."""
+        """With the status at each tier: whether its own answers reach it; what the stage notices is not looked at
+        here."""
         rows = super().rows(task, outcome)
         for row in rows:
             if not outcome.failure:
-                reached = row["unanswered"] == 0 and row["own_gap_max"] <= TOLERANCE.get(row["tier"], TOLERANCE[Tier.LOW])
+                reached = row["unanswered"] == 0 and row["own_gap_max"] <= TOLERANCE.get(
+                    row["tier"], TOLERANCE[Tier.LOW]
+                )
                 row["status"] = str(Status.OK if reached else Status.MISSED)
         return rows
 
@@ -173,21 +227,32 @@ def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:
     t = outcome.timeline
     assert t is not None
     whole = len(judge.stream.rows)
-    return {"samples": t.samples, "solves": t.solved.size, "missed": int(t.late.sum()), "stalls": t.stalls,
-            "stopped": "" if t.samples == whole else f"late at each of the first {t.samples} samples",
-            "data_us_p50": float(np.median(t.data_ns)) / 1e3, "update_us_p50": float(np.median(t.updated - t.began)) / 1e3,
-            "solve_us_p50": float(np.median(t.ended - t.updated)) / 1e3,
-            "service_histogram": latency_histogram.recorded(t.service_ns),
-            "response_histogram": latency_histogram.recorded(t.response_ns)}
+    return {
+        "samples": t.samples,
+        "solves": t.solved.size,
+        "missed": int(t.late.sum()),
+        "stalls": t.stalls,
+        "stopped": "" if t.samples == whole else f"late at each of the first {t.samples} samples",
+        "data_us_p50": float(np.median(t.data_ns)) / 1e3,
+        "update_us_p50": float(np.median(t.updated - t.began)) / 1e3,
+        "solve_us_p50": float(np.median(t.ended - t.updated)) / 1e3,
+        "service_histogram": latency_histogram.recorded(t.service_ns),
+        "response_histogram": latency_histogram.recorded(t.response_ns),
+    }
 
 
 def _unpaced(outcome: Streamed, wanted: int) -> dict[str, Any]:
     ns = outcome.kernel_ns
-    return {"samples": ns.size, "solves": ns.size, "missed": int((ns > PERIOD_NS).sum()), "stalls": runs(ns > PERIOD_NS),
-            "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s",
-            "solve_us_p50": float(np.median(ns)) / 1e3,
-            "service_histogram": latency_histogram.recorded(ns),
-            "response_histogram": latency_histogram.recorded(ns, PERIOD_NS)}
+    return {
+        "samples": ns.size,
+        "solves": ns.size,
+        "missed": int((ns > PERIOD_NS).sum()),
+        "stalls": runs(ns > PERIOD_NS),
+        "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s",
+        "solve_us_p50": float(np.median(ns)) / 1e3,
+        "service_histogram": latency_histogram.recorded(ns),
+        "response_histogram": latency_histogram.recorded(ns, PERIOD_NS),
+    }
 
 
 def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
@@ -206,8 +271,14 @@ def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
     own_max = float(own_gaps.max()) if own_gaps.size else NAN
     fresh = used >= 0
     fresh[fresh] = solved[used[fresh]] == np.flatnonzero(fresh)
-    return {"unanswered": int((~usable).sum()), "reused": float(1.0 - fresh.mean()), "gap_mean": float(gaps.mean()),
-            "gap_max": float(gaps.max()), "exact_gap_mean": float(exact.mean()) if exact.size else NAN,
-            "exact_gap_max": float(exact.max()) if exact.size else NAN, "exact_instants": int(exact.size),
-            "exact_difference": float(np.abs(gaps[instants] - exact).max()) if exact.size else NAN,
-            "own_gap_max": own_max}
+    return {
+        "unanswered": int((~usable).sum()),
+        "reused": float(1.0 - fresh.mean()),
+        "gap_mean": float(gaps.mean()),
+        "gap_max": float(gaps.max()),
+        "exact_gap_mean": float(exact.mean()) if exact.size else NAN,
+        "exact_gap_max": float(exact.max()) if exact.size else NAN,
+        "exact_instants": int(exact.size),
+        "exact_difference": float(np.abs(gaps[instants] - exact).max()) if exact.size else NAN,
+        "own_gap_max": own_max,
+    }

@@ -39,8 +39,11 @@ class Judge:
         lb = np.full(d, -np.inf) if s.start.lb is None else s.start.lb
         ub = np.full(d, np.inf) if s.start.ub is None else s.start.ub
         P, q, c = s.start.P.copy(), s.start.q.copy(), np.array([s.c])
-        gaps, in_use = np.empty(used.size), np.vstack([answers, s.answer]).clip(lb, ub)[np.where(used < 0, len(answers), used)]
-        for k, (best, step) in enumerate(zip(self.best, in_use - self.best[:used.size], strict=False)):
+        gaps, in_use = (
+            np.empty(used.size),
+            np.vstack([answers, s.answer]).clip(lb, ub)[np.where(used < 0, len(answers), used)],
+        )
+        for k, (best, step) in enumerate(zip(self.best, in_use - self.best[: used.size], strict=False)):
             absorb(P, q, c, s.rows, k, k + 1, s.forgetting)
             Px = P @ best
             gaps[k] = ((0.5 * (P @ step) + Px + q) @ step) / (c[0] + (0.5 * Px + q) @ best)
@@ -49,6 +52,10 @@ class Judge:
     def exact_gaps(self, answers: Matrix, used: Index) -> tuple[Index, Vector]:
         """The proven instants among the samples, and the gap there in exact arithmetic."""
         among = [instant for instant in self.stream.instants if instant.sample < used.size]
-        gaps = [exact_cost_gap(i.qp, i.certificate, answers[used[i.sample]] if used[i.sample] >= 0 else self.stream.answer,
-                               i.c).relative for i in among]
+        gaps = [
+            exact_cost_gap(
+                i.qp, i.certificate, answers[used[i.sample]] if used[i.sample] >= 0 else self.stream.answer, i.c
+            ).relative
+            for i in among
+        ]
         return np.array([instant.sample for instant in among], dtype=np.int64), np.array(gaps)

@@ -5,9 +5,10 @@ The building phase gives the start, P₀, q₀ and c₀ in slope coordinates, sc
 
     ξ(k) = (T D)ᵀ Ξ(k),   x(k) the input,      P(k) = λ P(k−1) + (1 − λ) ξ ξᵀ  and so on, see `solvers.forgetting`,
 
-with T D the map from the scaled slopes to the weights of Ξ in unit amplitudes, fixed at the start, and λ = e^(−Ts/τ). The
-problem of sample k is the box QP of P(k), q(k). At a few hundred instants, spread evenly, its optimum is proven; at all
-others a solver of the caller's choice is the reference. All of it follows from the settings of a race to the last bit, so that none is kept.
+with T D the map from the scaled slopes to the weights of Ξ in unit amplitudes, fixed at the start, and λ = e^(−Ts/τ).
+The problem of sample k is the box QP of P(k), q(k). At a few hundred instants, spread evenly, its optimum is proven; at
+all others a solver of the caller's choice is the reference. All of it follows from the settings of a race to the last
+bit, so that none is kept.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ class StreamProblem:
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:
     """Drive, measure and turn the ``samples`` that follow the building phase into rows.
 
-    Both forget with the time constant; so many instants get a proof as are to be ``certified``, at most every tenth sample and the last.
+    Both forget with the time constant; so many instants get a proof as are to be ``certified``, at most every tenth
+    sample and the last.
     """
     forgetting = float(np.exp(-SAMPLE_TIME / time_constant_s))
     _, x, y, basis = experiment.measured(experiment.build_s + samples * SAMPLE_TIME, forgetting)
@@ -74,8 +76,15 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
     answer = np.array(certify(form.qp, references(form.qp, rows[:0], forgetting, np.zeros(structure.d))[0]).x)
     wanted = np.unique(np.linspace(samples - 1, 0, min(certified, 1 + samples // 10)).round().astype(int)).tolist()
     found = references(form.qp, rows, forgetting, answer)[1:]
-    return StreamProblem(f"{experiment.plant}-{experiment.drive}", form.qp, form.c, answer, rows, forgetting,
-                         _proven(form.qp, form.c, rows, forgetting, wanted, found))
+    return StreamProblem(
+        f"{experiment.plant}-{experiment.drive}",
+        form.qp,
+        form.c,
+        answer,
+        rows,
+        forgetting,
+        _proven(form.qp, form.c, rows, forgetting, wanted, found),
+    )
 
 
 def references(start: Problem, rows: Matrix, forgetting: float, x: Vector) -> Matrix:
@@ -86,8 +95,14 @@ def references(start: Problem, rows: Matrix, forgetting: float, x: Vector) -> Ma
     return np.vstack([first, reference.time_rows(rows, forgetting)[0]])
 
 
-def _proven(start: Problem, c: float, rows: Matrix, forgetting: float, wanted: Sequence[int], found: Matrix,
-            ) -> tuple[Instant, ...]:
+def _proven(
+    start: Problem,
+    c: float,
+    rows: Matrix,
+    forgetting: float,
+    wanted: Sequence[int],
+    found: Matrix,
+) -> tuple[Instant, ...]:
     """The problems of some samples with their proofs, which begin from the answers found."""
     P, q, constant, done, instants = start.P.copy(), start.q.copy(), np.array([c]), 0, []
     for sample in wanted:

@@ -1,14 +1,14 @@
 """The child's side of the stream race; the parent's is in `race`.
 
-Lane direct and the modelling lanes run on the absolute schedule of `schedule`. Each sample the child brings P and q up to
-date, which is the machine's common work: it is done while waiting for the due time and is in nobody's service time. At
-the due time the solver gets P and q by ``update`` and answers, warm from the previous answer where it can; a solver that
-takes rows gets the row by ``append`` in place of P and q, and following the data is then its own work and timed.
+Lane direct and the modelling lanes run on the absolute schedule of `schedule`. Each sample the child brings P and q up
+to date, which is the machine's common work: it is done while waiting for the due time and is in nobody's service time.
+At the due time the solver gets P and q by ``update`` and answers, warm from the previous answer where it can; a solver
+that takes rows gets the row by ``append`` in place of P and q, and following the data is then its own work and timed.
 
-The solvers of this package's kernel lane have no schedule: a compiled loop takes the rows back to back and notes what each took, the copy
-of the answer included, service times that no Python and no waiting is in; a user's solver is timed from outside, on the schedule. When
-the rows are through the loop goes back along them and forth again, which has no jump, until ``kernel_samples`` are done or, looked at
-after every KERNEL_BLOCK rows, KERNEL_WALL_S are spent.
+The solvers of this package's kernel lane have no schedule: a compiled loop takes the rows back to back and notes what
+each took, the copy of the answer included, service times that no Python and no waiting is in; a user's solver is timed
+from outside, on the schedule. When the rows are through the loop goes back along them and forth again, which has no
+jump, until ``kernel_samples`` are done or, looked at after every KERNEL_BLOCK rows, KERNEL_WALL_S are spent.
 """
 
 from __future__ import annotations
@@ -52,8 +52,14 @@ class Streamed(Outcome):
         """Of a compiled loop the service times alone."""
         if (t := self.timeline) is None:
             return {"service": self.kernel_ns}
-        return {"service": t.service_ns, "response": t.response_ns, "data": t.data_ns, "update": t.updated - t.began,
-                "sample": t.solved, "began": t.began}
+        return {
+            "service": t.service_ns,
+            "response": t.response_ns,
+            "data": t.data_ns,
+            "update": t.updated - t.began,
+            "sample": t.solved,
+            "began": t.began,
+        }
 
 
 @dataclass(frozen=True)
@@ -92,10 +98,16 @@ class StreamRequest(Request):
     def _paced(self, cls: type[Solver], samples: int) -> Outcome:
         run = PacedRun(self._ready(cls), self, samples)
         with no_garbage_collection():
-            timeline = follow(samples, run.absorb, run.update, run.solve, run.keep, period_ns=self.period_ns,
-                              give_up=self.give_up)
-        return Streamed(found=True, asked=self.task.asked(cls, self.c), timeline=timeline, answers=run.answers[:timeline.solved.size],
-                        mutated=run.were_data_changed(timeline.samples))
+            timeline = follow(
+                samples, run.absorb, run.update, run.solve, run.keep, period_ns=self.period_ns, give_up=self.give_up
+            )
+        return Streamed(
+            found=True,
+            asked=self.task.asked(cls, self.c),
+            timeline=timeline,
+            answers=run.answers[: timeline.solved.size],
+            mutated=run.were_data_changed(timeline.samples),
+        )
 
     def _compiled(self, cls: type[Solver], samples: int) -> Outcome:
         solver = self._ready(cls)
@@ -107,17 +119,23 @@ class StreamRequest(Request):
         with no_garbage_collection():
             while done < samples and (not taken or time.monotonic() - began < KERNEL_WALL_S):
                 way, at = divmod(done, len(self.rows))
-                block = (self.rows[::-1] if way % 2 else self.rows)[at:at + min(KERNEL_BLOCK, samples - done)]
+                block = (self.rows[::-1] if way % 2 else self.rows)[at : at + min(KERNEL_BLOCK, samples - done)]
                 found, nanoseconds = solver.time_rows(np.ascontiguousarray(block), self.forgetting)
                 if way == 0:
                     answers.append(found)
                 taken.append(nanoseconds)
                 done += nanoseconds.size
-        return Streamed(found=True, asked=self.task.asked(cls, self.c), answers=np.concatenate(answers), kernel_ns=np.concatenate(taken))
+        return Streamed(
+            found=True,
+            asked=self.task.asked(cls, self.c),
+            answers=np.concatenate(answers),
+            kernel_ns=np.concatenate(taken),
+        )
 
 
 class PacedRun:
-    """What is done at each sample on the schedule, by a solver set up with the start, with everything allocated before it begins.
+    """What is done at each sample on the schedule, by a solver set up with the start, with everything allocated before
+    it begins.
 
     An answer is copied inside its time: what is computed only when it becomes an array is computed there.
     """
@@ -145,7 +163,7 @@ class PacedRun:
         self._solver.update(self._P, self._q)
 
     def _append(self, first: int, last: int) -> None:
-        for row, target in self._parts[first:last + 1]:
+        for row, target in self._parts[first : last + 1]:
             self._solver.append(row, target)
 
     def _solve_warm(self) -> None:

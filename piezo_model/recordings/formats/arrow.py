@@ -1,4 +1,5 @@
-"""A stream of Arrow batches, as ``piezobench live`` leaves one where it could not end: read up to its last whole batch."""
+"""A stream of Arrow batches, as ``piezobench live`` leaves one where it could not end: read up to its last whole
+batch."""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ def open_table(path: Path, reading: Reading) -> TextTable:
     ends = re.search(r"END_HEADER[^\r\n]*(?:\r\n|\r|\n)", head)
     if ends is None:
         raise RecordingError(f"{path}: is a GCS array whose header does not end")
-    header = dict(ENTRY.findall(head[:ends.end()]))
-    rows = head[ends.end():].strip().splitlines()
+    header = dict(ENTRY.findall(head[: ends.end()]))
+    rows = head[ends.end() :].strip().splitlines()
     if not rows:
         raise RecordingError(f"{path}: is a GCS array of zero rows")
     try:
@@ -43,15 +43,26 @@ def open_table(path: Path, reading: Reading) -> TextTable:
         sample_time = float(header["SAMPLE_TIME"]) if "SAMPLE_TIME" in header else None
     except (KeyError, ValueError) as error:
         raise RecordingError(f"{path}: is a GCS array with a damaged header: {error}") from None
-    text = TextRows(path, "latin-1", Dialect(" " if separator in " \t" else separator, "."), width, ends.end(),
-                    path.stat().st_size, head[:ends.end()].count("\n"))
-    columns = tuple(Column.named(header.get(f"NAME{k}", f"column {k + 1}"), header.get(f"UNIT{k}", ""),
-                                 sample_time=sample_time) for k in range(width))
+    text = TextRows(
+        path,
+        "latin-1",
+        Dialect(" " if separator in " \t" else separator, "."),
+        width,
+        ends.end(),
+        path.stat().st_size,
+        head[: ends.end()].count("\n"),
+    )
+    columns = tuple(
+        Column.named(header.get(f"NAME{k}", f"column {k + 1}"), header.get(f"UNIT{k}", ""), sample_time=sample_time)
+        for k in range(width)
+    )
     return TextTable(path, tuple(_apart(columns)), "GCS array", text)
 
 
 def _apart(columns: tuple[Column, ...]) -> list[Column]:
     """Two axes may record the same thing under one name."""
     names = [column.name for column in columns]
-    return [replace(column, name=f"{column.name} ({k + 1})") if names.count(column.name) > 1 else column
-            for k, column in enumerate(columns)]
+    return [
+        replace(column, name=f"{column.name} ({k + 1})") if names.count(column.name) > 1 else column
+        for k, column in enumerate(columns)
+    ]

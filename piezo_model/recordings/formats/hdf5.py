@@ -1,7 +1,7 @@
 """HDF5, NeXus and MATLAB 7.3 files: every dataset of numbers is a column, or several, by its path ``group/channel``.
 
-Datasets are read in slices. Units stand in the attribute ``units`` (NeXus) or ``unit``; a scalar dataset or an attribute whose
-name is that of a sampling rate or period gives the period.
+Datasets are read in slices. Units stand in the attribute ``units`` (NeXus) or ``unit``; a scalar dataset or an
+attribute whose name is that of a sampling rate or period gives the period.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 
 def recognises(path: Path, head: bytes) -> bool:
     """Whether the signature of HDF5 stands at the start or at one of the places where it may."""
-    return any(head[at:at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
+    return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,17 @@ def _columns(path: Path, item: Any, stated: float | None) -> Iterator[tuple[Colu
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:
     """The sampling period, where attributes and scalars state exactly one."""
-    by_attribute = (sample_time_of(key, float(value)) for holder in holders for key, value in holder.attrs.items()
-                    if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf")
-    by_scalar = (sample_time_of(item.name.rpartition("/")[2], float(np.ravel(item[()])[0]), _text(item.attrs.get("units", "")))
-                 for item in datasets if item.size == 1 and item.dtype.kind in "iuf")
+    by_attribute = (
+        sample_time_of(key, float(value))
+        for holder in holders
+        for key, value in holder.attrs.items()
+        if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+    )
+    by_scalar = (
+        sample_time_of(item.name.rpartition("/")[2], float(np.ravel(item[()])[0]), _text(item.attrs.get("units", "")))
+        for item in datasets
+        if item.size == 1 and item.dtype.kind in "iuf"
+    )
     return only([*by_attribute, *by_scalar])
 
 

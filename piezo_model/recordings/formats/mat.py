@@ -1,7 +1,7 @@
 """MATLAB files: versions 4 to 7 by scipy, 7.3 (which is HDF5) by pymatreader.
 
-A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a channel of that name, as Simulink and dSPACE
-write them; otherwise a variable is a column by its path, a matrix one column for each of its columns.
+A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a channel of that name, as Simulink and
+dSPACE write them; otherwise a variable is a column by its path, a matrix one column for each of its columns.
 """
 
 from __future__ import annotations
@@ -42,8 +42,13 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         variables = read(str(path))
     units: dict[str, str] = {}
     found = {name: array for name, array in _arrays("", variables, units) if name is not None}
-    return in_memory(path, "MATLAB 7.3" if modern else "MATLAB", {name: array for name, array in found.items() if array.size > 1},
-                     units, sample_time_in_scalars(found))
+    return in_memory(
+        path,
+        "MATLAB 7.3" if modern else "MATLAB",
+        {name: array for name, array in found.items() if array.size > 1},
+        units,
+        sample_time_in_scalars(found),
+    )
 
 
 def _read_classic(path: str) -> dict[str, Any]:

@@ -33,8 +33,15 @@ class Slice:
         from asammdf import MDF
 
         with MDF(self.path) as file:
-            return np.asarray(file.get(group=self.group, index=self.index, record_offset=start, record_count=stop - start,
-                                       samples_only=True)[0])
+            return np.asarray(
+                file.get(
+                    group=self.group,
+                    index=self.index,
+                    record_offset=start,
+                    record_count=stop - start,
+                    samples_only=True,
+                )[0]
+            )
 
 
 def open_table(path: Path, reading: Reading) -> ChannelTable:
@@ -51,6 +58,10 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
                 if probe.samples.dtype.kind in "iufb" and probe.samples.ndim == 1:
                     name = channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}"
                     kind: Kind = "flag" if probe.samples.dtype.kind == "b" else "number"
-                    channels.append(Channel(Column.of_path(name, probe.unit or "", rows, None, kind, nested=len(groups) > 1),
-                                            Slice(path, k, at)))
+                    channels.append(
+                        Channel(
+                            Column.of_path(name, probe.unit or "", rows, None, kind, nested=len(groups) > 1),
+                            Slice(path, k, at),
+                        )
+                    )
     return ChannelTable(path, "MDF", channels)

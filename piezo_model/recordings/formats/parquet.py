@@ -41,8 +41,10 @@ class ParquetTable:
         names, clocks = [self.columns[k].name for k in at], [Elapsed() for _ in at]
         for k in at:
             if self.columns[k].kind not in ("number", "clock"):
-                raise RecordingError(f"{self.path}: column {self.columns[k].name!r} holds values of type "
-                                     f"{self._type(k)} from data row 1 on, where numbers are needed")
+                raise RecordingError(
+                    f"{self.path}: column {self.columns[k].name!r} holds values of type "
+                    f"{self._type(k)} from data row 1 on, where numbers are needed"
+                )
         try:
             # Buffered and not fetched ahead: otherwise a row group, which may be the whole file, is held at once.
             with arrow_parquet.ParquetFile(self.path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:

@@ -53,8 +53,11 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
     with parsed(path, "TDMS"), TdmsFile.open(path) as file:
         listed = [channel for group in file.groups() for channel in group.channels()]
         single = len(file.groups()) == 1
-        channels = [Channel(_column(channel, single), Slice(path, channel.group_name, channel.name))
-                    for channel in listed if len(channel) > 1]
+        channels = [
+            Channel(_column(channel, single), Slice(path, channel.group_name, channel.name))
+            for channel in listed
+            if len(channel) > 1
+        ]
     return ChannelTable(path, "TDMS", channels)
 
 

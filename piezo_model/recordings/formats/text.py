@@ -1,7 +1,7 @@
 """Plain text of every kind: Arrow parses, after :mod:`piezo_model.recordings.dialect` found out how it is written.
 
-Only when Arrow refuses a file is the text walked through once more, slowly, to name the first cell that is wrong and its
-row as an editor shows it.
+Only when Arrow refuses a file is the text walked through once more, slowly, to name the first cell that is wrong and
+its row as an editor shows it.
 """
 
 from __future__ import annotations
@@ -52,21 +52,33 @@ class TextTable:
     def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
         """Stream columns as arrays of shape (columns, rows)."""
         keys = [str(k) for k in range(len(self.columns))]  # names of the file may repeat or be empty
-        clocks = {k: ClockReader(f"{self.path}: column {self.columns[k].name!r}", self.where) for k in at if self.columns[k].kind == "clock"}
+        clocks = {
+            k: ClockReader(f"{self.path}: column {self.columns[k].name!r}", self.where)
+            for k in at
+            if self.columns[k].kind == "clock"
+        }
         dialect = self.rows.dialect
         options = {
             "read_options": arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LONGEST_LINE),
             "parse_options": arrow_csv.ParseOptions(delimiter="\t" if dialect.separator == " " else dialect.separator),
             "convert_options": arrow_csv.ConvertOptions(
                 column_types={keys[k]: pa.binary() if k in clocks else pa.float64() for k in at},
-                include_columns=[keys[k] for k in at], null_values=NULLS, strings_can_be_null=True,
-                decimal_point=dialect.decimal, check_utf8=False)}
+                include_columns=[keys[k] for k in at],
+                null_values=NULLS,
+                strings_can_be_null=True,
+                decimal_point=dialect.decimal,
+                check_utf8=False,
+            ),
+        }
         try:
             for block in self.rows.blocks():
                 for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
-                    yield np.stack([clocks[k].seconds(self.rows.decoded(column.to_pylist())) if k in clocks
-                                    else numbers(column)
-                                    for k, column in zip(at, batch.columns, strict=True)])
+                    yield np.stack(
+                        [
+                            clocks[k].seconds(self.rows.decoded(column.to_pylist())) if k in clocks else numbers(column)
+                            for k, column in zip(at, batch.columns, strict=True)
+                        ]
+                    )
         except (pa.ArrowException, OSError) as error:
             raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
 
@@ -114,25 +126,31 @@ def open_table(path: Path, reading: Reading) -> TextTable:
     if layout is None:
         raise RecordingError(f"{path}: {_no_table(lines)}")
     _refuse_two_meanings_of_a_comma(path, lines, layout)
-    start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[:layout.start])
-    start += len(lines[layout.start][:layout.glued].encode(encoding))
+    start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[: layout.start])
+    start += len(lines[layout.start][: layout.glued].encode(encoding))
     stop, dropped = end_of_rows(path, encoding, layout.dialect, layout.width, start)
     rows = TextRows(path, encoding, layout.dialect, layout.width, start, stop, layout.start, layout.repeated)
-    stated = sample_time_in(lines[:layout.start] if layout.header is None else lines[:layout.header])
-    columns = tuple(Column.named(name or f"column {k + 1}", unit, kind=kind, sample_time=stated)
-                    for k, (name, unit, kind) in enumerate(zip(layout.names, layout.units, layout.kinds, strict=True)))
+    stated = sample_time_in(lines[: layout.start] if layout.header is None else lines[: layout.header])
+    columns = tuple(
+        Column.named(name or f"column {k + 1}", unit, kind=kind, sample_time=stated)
+        for k, (name, unit, kind) in enumerate(zip(layout.names, layout.units, layout.kinds, strict=True))
+    )
     return TextTable(path, columns, _form(encoding, layout, dropped), rows)
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
     """Encoding, and bytes of the mark at the start."""
-    for mark, encoding in ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
+    for mark, encoding in (
+        (codecs.BOM_UTF8, "utf-8"),
+        (codecs.BOM_UTF16_LE, "utf-16-le"),
+        (codecs.BOM_UTF16_BE, "utf-16-be"),
+    ):
         if head.startswith(mark):
             return encoding, len(mark)
     sample = head[:4096]
     if b"\0" in head:
         for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
-            if sample[odd::2].count(0) > 0.9 * len(sample[odd::2]) and not sample[1 - odd::2].count(0):
+            if sample[odd::2].count(0) > 0.9 * len(sample[odd::2]) and not sample[1 - odd :: 2].count(0):
                 return encoding, 0
         raise RecordingError(f"{path}: is neither plain text nor in a known format")
     try:
@@ -157,8 +175,11 @@ def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: La
         return
     header, cells = layout.dialect.split(lines[layout.start - 1]), layout.dialect.split(lines[layout.start])
     if 1 < len(header) < len(cells) <= 2 * len(header) and all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells):
-        raise RecordingError(f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header has "
-                             f"{len(header)}; its numbers seem to have decimal commas, write decimal points")
+        raise RecordingError(
+            f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header "
+            "has "
+            f"{len(header)}; its numbers seem to have decimal commas, write decimal points"
+        )
 
 
 def _form(encoding: str, layout: Layout, dropped: int) -> str:
@@ -166,8 +187,11 @@ def _form(encoding: str, layout: Layout, dropped: int) -> str:
     said.append(f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}")
     if layout.dialect.decimal == ",":
         said.append("decimal comma")
-    said.append("no header" if layout.header is None else f"header in row {layout.header + 1}"
-                + (", which holds the first row, too" if layout.glued else ""))
+    said.append(
+        "no header"
+        if layout.header is None
+        else f"header in row {layout.header + 1}" + (", which holds the first row, too" if layout.glued else "")
+    )
     if dropped:
         said.append(f"the last {'line is' if dropped == 1 else f'{dropped} lines are'} no complete row and left out")
     return ", ".join(said)

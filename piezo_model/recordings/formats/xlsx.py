@@ -38,7 +38,9 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
         names = [sheet.title for sheet in book.worksheets]
         if reading.sheet is not None and reading.sheet not in names:
-            raise RecordingError(f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}")
+            raise RecordingError(
+                f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}"
+            )
         sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names if reading.sheet in (None, name)}
         book.close()
     tables = {name: found for name, rows in sheets.items() if (found := _layout(rows, reading))}
@@ -46,10 +48,10 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
     name = max(tables, key=lambda name: len(sheets[name]) * tables[name][0].width)
     layout, offset = tables[name]
-    rows = [row[offset:offset + layout.width] for row in sheets[name][layout.start:]]
+    rows = [row[offset : offset + layout.width] for row in sheets[name][layout.start :]]
     while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
         rows.pop()
-    stated = sample_time_in("\t".join(map(_cell, row)) for row in sheets[name][:layout.start])
+    stated = sample_time_in("\t".join(map(_cell, row)) for row in sheets[name][: layout.start])
     said = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
     return ChannelTable(path, said, [_channel(path, layout, k, rows, stated, name) for k in range(layout.width)])
 
@@ -60,12 +62,17 @@ def _layout(rows: list[tuple[Any, ...]], reading: Reading) -> tuple[Layout, int]
     if not used:
         return None
     first, last = min(used), max(used)
-    lines = ["\t".join(_cell(cell) for cell in (*row, *[None] * (last + 1 - len(row)))[first:last + 1]) for row in rows[:1000]]
+    lines = [
+        "\t".join(_cell(cell) for cell in (*row, *[None] * (last + 1 - len(row)))[first : last + 1])
+        for row in rows[:1000]
+    ]
     layout = layout_of(lines, ".", None if reading.header_row is None else reading.header_row - 1)
     return None if layout is None or layout.dialect.separator != "\t" else (layout, first)
 
 
-def _channel(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], stated: float | None, sheet: str) -> Channel:
+def _channel(
+    path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], stated: float | None, sheet: str
+) -> Channel:
     kind = layout.kinds[at]
     values = np.full(len(rows), "NaT", "m8[us]") if kind == "clock" else np.full(len(rows), np.nan)
     if kind in ("number", "clock"):
@@ -74,14 +81,20 @@ def _channel(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], s
                 if at < len(row) and row[at] not in (None, ""):
                     values[k] = _since_1900(row[at]) if kind == "clock" else float(row[at])
             except (TypeError, ValueError):
-                raise RecordingError(f"{path}: column {layout.names[at]!r} holds {row[at]!r} in row {layout.start + k + 1} of sheet "
-                                     f"{sheet!r}, where a {kind} is needed") from None
-    column = Column.named(layout.names[at] or f"column {at + 1}", layout.units[at], kind=kind, rows=len(rows), sample_time=stated)
+                raise RecordingError(
+                    f"{path}: column {layout.names[at]!r} holds {row[at]!r} in row "
+                    f"{layout.start + k + 1} of sheet "
+                    f"{sheet!r}, where a {kind} is needed"
+                ) from None
+    column = Column.named(
+        layout.names[at] or f"column {at + 1}", layout.units[at], kind=kind, rows=len(rows), sample_time=stated
+    )
     return Channel(column, array_slice(values))
 
 
 def _since_1900(cell: Any) -> datetime.timedelta:
-    """Time of Excel's day 0 and after it; a format without date shows an hour past the first midnight as one of day 1."""
+    """Time of Excel's day 0 and after it; a format without date shows an hour past the first midnight as one of day
+    1."""
     if isinstance(cell, datetime.datetime):
         return cell - DAY_0
     if isinstance(cell, datetime.time):

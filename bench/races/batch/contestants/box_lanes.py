@@ -1,4 +1,5 @@
-"""Our block pivoting of eight programs in the lanes of one register, as a bank of compensators calls it; here from a cold start."""
+"""Our block pivoting of eight programs in the lanes of one register, as a bank of compensators calls it; here from a
+cold start."""
 
 from __future__ import annotations
 

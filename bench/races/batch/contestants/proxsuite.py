@@ -1,7 +1,8 @@
 """ProxQP's own batch, solved by its threads; see ``solvers/direct/proxsuite.py``.
 
-Bounds are rows, which was quicker than the library's own box; a batch has them in no other way. Filling the objects of the batch before
-again took about as long as making new ones, which needs no rule on what is kept. With looser tolerances not all answers are right to 1e-9.
+Bounds are rows, which was quicker than the library's own box; a batch has them in no other way. Filling the objects of
+the batch before again took about as long as making new ones, which needs no rule on what is kept. With looser
+tolerances not all answers are right to 1e-9.
 """
 
 from __future__ import annotations
@@ -13,8 +14,14 @@ from bench.races.batch.contestant import Contestant
 from solvers import backend as known
 from solvers.arrays import Matrix
 
-SETTINGS = {"eps_abs": 1e-12, "eps_rel": 0.0, "check_duality_gap": True, "eps_duality_gap_abs": 1e-12, "eps_duality_gap_rel": 0.0,
-            "max_iter": 1000}
+SETTINGS = {
+    "eps_abs": 1e-12,
+    "eps_rel": 0.0,
+    "check_duality_gap": True,
+    "eps_duality_gap_abs": 1e-12,
+    "eps_duality_gap_rel": 0.0,
+    "max_iter": 1000,
+}
 
 
 class Proxsuite(Contestant):

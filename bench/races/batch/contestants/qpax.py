@@ -1,4 +1,5 @@
-"""qpax mapped over the batch by ``jax.vmap`` and compiled for it; see ``solvers/direct/qpax.py``. Compiling is not timed."""
+"""qpax mapped over the batch by ``jax.vmap`` and compiled for it; see ``solvers/direct/qpax.py``. Compiling is not
+timed."""
 
 from __future__ import annotations
 
@@ -15,19 +16,31 @@ jax.config.update("jax_enable_x64", True)
 
 
 class Qpax(Contestant):
-    """``qpax.solve_qp`` with its implicit method, as far as it gets; infinite bounds become rows that are never active."""
+    """``qpax.solve_qp`` with its implicit method, as far as it gets; infinite bounds become rows that are never
+    active."""
 
     algorithm, licence, distribution = known.QPAX.algorithm, known.QPAX.licence, known.QPAX.distribution
     compiles = True
 
     def __init__(self, d: int, threads: int) -> None:
         super().__init__(d, threads)
-        self._lower, self._both = (jax.jit(jax.vmap(self._solver(np.array(rows)))) for rows in (-np.eye(d), [*-np.eye(d), *np.eye(d)]))
+        self._lower, self._both = (
+            jax.jit(jax.vmap(self._solver(np.array(rows)))) for rows in (-np.eye(d), [*-np.eye(d), *np.eye(d)])
+        )
 
     def _solver(self, rows: Matrix):  # type: ignore[no-untyped-def]  # a function of JAX's arrays, which have no types here
         def one(P, q, h):  # type: ignore[no-untyped-def]
-            return qpax.solve_qp(P, q, jnp.zeros((0, self.d)), jnp.zeros(0), jnp.asarray(rows), h,
-                                 solver_tol=1e-15, max_iter=100, backend="i")[0]
+            return qpax.solve_qp(
+                P,
+                q,
+                jnp.zeros((0, self.d)),
+                jnp.zeros(0),
+                jnp.asarray(rows),
+                h,
+                solver_tol=1e-15,
+                max_iter=100,
+                backend="i",
+            )[0]
 
         return one
 
