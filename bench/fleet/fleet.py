@@ -136,9 +136,8 @@ def _sentence(error: Exception) -> str:
 
 
 def _digest(work: Work, files: Sequence[Path]) -> str:
-    found = hashlib.sha256(
-        json.dumps([version("piezobench"), type(work).__name__, asdict(work)], sort_keys=True).encode()
-    )  # type: ignore[call-overload]
+    settings = asdict(work)  # type: ignore[call-overload]
+    found = hashlib.sha256(json.dumps([version("piezobench"), type(work).__name__, settings], sort_keys=True).encode())
     for path in files:
         with path.open("rb") as file:
             found.update(hashlib.file_digest(file, "sha256").digest())
