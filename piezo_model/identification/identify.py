@@ -35,6 +35,7 @@ from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+from piezo_model.recordings.recording import HELD
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -42,8 +43,6 @@ LagChoice = Literal["estimate", "remove", "ignore"]
 
 USUAL = 5, 3
 """Orders n and m where nothing chooses them."""
-IN_MEMORY = 5_000_000
-"""Samples up to which a file is read once and kept instead of once for each pass."""
 
 
 class InadequateError(IdentificationError):
@@ -319,7 +318,7 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
     if isinstance(x, Recording):
         if y is not None:
             raise IdentificationError("a recording holds its own output, so y must not be given")
-        return x.in_memory() if x.length <= IN_MEMORY else x
+        return x.in_memory() if x.length <= HELD else x
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")
     return Recording.from_arrays(

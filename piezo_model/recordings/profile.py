@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recordings.checks import ABSURD
+from piezo_model.recordings.pieces import ABSURD
 from piezo_model.recordings.tables import Table
 from solvers.arrays import Matrix
 

@@ -183,10 +183,7 @@ def in_memory(
     """
     columns, kept = [], []
     for name, array in arrays.items():
-        period, unit = (
-            sample_time.get(name) if isinstance(sample_time, Mapping) else sample_time,
-            (units or {}).get(name),
-        )
+        period = sample_time.get(name) if isinstance(sample_time, Mapping) else sample_time
         for label, values in columns_of(name, array):
             kind = KINDS_OF_ARRAYS[values.dtype.kind]
             columns.append(
