@@ -10,7 +10,7 @@ import typer
 
 from bench.cli.given_options import refuse
 from bench.cli.worker_options import SPREADING
-from bench.fleet.fleet import Work, done, draw, parts_of
+from bench.fleet.fleet import Work, done, drawn, parts_of
 from bench.fleet.places import folder_here, matching
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.processes.engine import Workers
@@ -27,8 +27,8 @@ OutDir = Annotated[
         "and settings is kept.",
     ),
 ]
-PAGES = 12
-"""Most outliers that have pages of their own."""
+PAGES = 100
+"""Most outliers that have pages of their own; each page takes a second and a megabyte."""
 MOST_REFUSED = 12
 """Lines on the first screen for what was refused."""
 
@@ -64,8 +64,7 @@ def process(
         with progress_bar() as progress:
             table = table_of(done(parts, workers, progress))
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
-            progress("drawing pages", 0, 1)
-            pages = {part.name: draw(part) for part in parts if part.name in outliers}
+            pages = dict(drawn([part for part in parts if part.name in outliers], workers, progress))
             found = report(
                 title,
                 table,

@@ -46,7 +46,12 @@ USUAL = 5, 3
 
 
 class InadequateError(IdentificationError):
-    """The model class does not describe the data, or the options do not suit them."""
+    """The model class does not describe the data, or the options do not suit them; ``explained`` is the share of the
+    range that another explanation leaves."""
+
+    def __init__(self, sentence: str, explained: float) -> None:
+        super().__init__(sentence)
+        self.explained = explained
 
 
 def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
@@ -154,7 +159,7 @@ def identify(
         model = fitted()
     except InadequateError as refusal:
         raise IdentificationError(
-            f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None)}"
+            f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None, refusal.explained)}"
         ) from None
     if (
         structure is not None
@@ -291,7 +296,7 @@ def _fitted(
     fit, _ = forward_error(model, recording, skip, state, high - low)
     judged = check_adequacy(recording, model, skip, state, fit, solver, proximal)
     if judged.refusal is not None and not force:
-        raise InadequateError(f"{recording.name}: {judged.refusal}")
+        raise InadequateError(f"{recording.name}: {judged.refusal.why}", judged.refusal.explained)
     straight = judged.straight and fit.line[1] > 0.0
     if straight:
         w = line(structure, fit)
@@ -302,7 +307,7 @@ def _fitted(
         fit,
         judged.baseline,
         judged.hysteresis,
-        judged.refusal,
+        judged.refusal and judged.refusal.why,
         judged.one_way,
         problem.excitation_report(),
         None if straight else prove(problem, w),

@@ -223,7 +223,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         missing += ["time"] * ("time" not in search.at)
     if missing:
         raise RecordingError(_question(table, missing, list(named)))
-    return Roles({role: search.at[role] for role in ROLES if role in search.at}, search.reasons, unread)
+    at = {role: search.at[role] for role in ROLES if role in named and role in search.at}
+    return Roles(at, {role: why for role, why in search.reasons.items() if role in at}, unread)
 
 
 def find(table: Table, role: str, named: str) -> int:
