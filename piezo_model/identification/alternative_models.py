@@ -20,7 +20,7 @@ from scipy.signal import lfilter
 
 from piezo_model.operators import play
 from piezo_model.units import quantity
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Mask, Matrix, Vector
 
 KNOTS = 24
 PURE = 0.9
@@ -43,9 +43,9 @@ class AlternativeModel(NamedTuple):
     found: float = 0.0
 
 
-def left_over(columns: Matrix, v: Vector) -> Vector:
-    """What the best combination of the columns (N, p) leaves of v (N,)."""
-    residual: Vector = v - columns @ np.linalg.lstsq(columns, v, rcond=None)[0]
+def left_over(columns: Matrix, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
+    """What the best combination of the columns (N, p) over the samples that it is fitted to leaves of v (N,)."""
+    residual: Vector = v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0]
     return residual
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.alternative_models import left_over, polynomials
 from piezo_model.identification.fit_report import Baseline
 from piezo_model.identification.fitting import optimum
 from piezo_model.model import HysteresisCreepModel
@@ -49,19 +49,12 @@ def cross_validate(
         if fitted.sum() <= s.d or not left_out.any():
             return Baseline(*(float("nan"),) * 3)
         model = HysteresisCreepModel.from_weights(s, _weights(x, y, s, fitted, state, solver, proximal))
-        errors = [polynomial_error(s.unit_input(x), y, degree, fitted) for degree in (1, 3)]
+        errors = [left_over(polynomials(s.unit_input(x), degree), y, fitted) for degree in (1, 3)]
         errors.append(model.simulate(x, state.copy()) - y)
         squares += [float(np.sum(error[left_out] ** 2)) for error in errors]
     span = 2.0 * abs(s.y_scale)
     line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span
     return Baseline(float(line), float(cubic), float(model_error))
-
-
-def polynomial_error(u: Vector, y: Vector, degree: int, fitted: Mask | slice = slice(None)) -> Vector:
-    """What is left of y (N,) by the best polynomial in u, in unit amplitudes, over the samples that it is fitted to."""
-    columns = chebvander(u, degree)
-    error: Vector = y - columns @ np.linalg.lstsq(columns[fitted], y[fitted], rcond=None)[0]
-    return error
 
 
 def _weights(

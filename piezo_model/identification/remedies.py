@@ -8,7 +8,7 @@ import numpy as np
 
 from piezo_model.identification.fit_report import percent
 from piezo_model.identification.fitting import IdentificationError
-from piezo_model.identification.transient import FAR_MORE
+from piezo_model.identification.travel import FAR_MORE
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
 

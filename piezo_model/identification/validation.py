@@ -18,9 +18,8 @@ from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
 from piezo_model.identification.initial_state import find_initial_state
-from piezo_model.identification.lag_identification import without_lag
-from piezo_model.identification.transient import longest_transient, transient_end
-from piezo_model.identification.travel import head_of, y_range
+from piezo_model.identification.sensor_lag import without_lag
+from piezo_model.identification.travel import head_of, longest_transient, transient_end, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity

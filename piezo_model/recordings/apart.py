@@ -30,6 +30,7 @@ MEMORY_MB = 4096
 LEAST_S, BYTES_PER_S = 60.0, 5e6
 """Time that a question may take, and how fast a file is read at least."""
 _turn = Lock()
+_limit_memory = cache(limit_memory)  # once in a process
 
 
 @dataclass(frozen=True)
@@ -108,11 +109,6 @@ def _read(file: File, at: int, rows: slice) -> NDArray:
 
 @lru_cache(1)
 def _opened(file: File) -> ArrayTable:
-    _limited()
+    _limit_memory(MEMORY_MB)
     table: ArrayTable = import_module(file.module).open_table(file.path, file.reading)
     return table
-
-
-@cache
-def _limited() -> None:
-    limit_memory(MEMORY_MB)

@@ -374,8 +374,6 @@ def _said(role: str, column: str | None, unit: str, span: tuple[float, float]) -
 def _guessed(reasons: Mapping[str, str]) -> str:
     if not reasons:
         return ""
-    by_reason: dict[str, list[str]] = {}
-    for role, reason in reasons.items():
-        by_reason.setdefault(reason, []).append(role)
-    said = "; ".join(f"{', '.join(roles)} {reason}" for reason, roles in by_reason.items())
+    roles = {why: ", ".join(role for role in reasons if reasons[role] == why) for why in reasons.values()}
+    said = "; ".join(f"{some} {why}" for why, some in roles.items())
     return f"; guessed: {said} (otherwise {', '.join(f'--{role}' for role in reasons)})"

@@ -108,7 +108,7 @@ def scan(
         0,
         tuple((check.low, check.high) for check in values[len(at) - len(signals) :]),
         0,
-        partial(iter, (np.concatenate(held, axis=1),)) if held else partial(_rows, table, signals, rows),
+        partial(iter, (np.concatenate(held, axis=1),)) if held else partial(_streamed, table, signals, rows),
     )
     if reading.resample is None or clock is None:
         return found
@@ -118,7 +118,7 @@ def scan(
         time_resolution=0.0,
         length=resampled_length(str(table.path), clock.duration_s, reading.resample),
         uneven=rows,
-        signals=partial(_resampled_rows, table, at, rows, reading.resample / unit),
+        signals=partial(_streamed, table, at, rows, reading.resample / unit),
     )
 
 
@@ -137,12 +137,9 @@ def _refuse_other_clock(table: Table, time: int, by_clock: float, by_option: flo
         )
 
 
-def _rows(table: Table, at: Sequence[int], length: int) -> Iterator[Matrix]:
-    return limited(table.pieces(at), length)
-
-
-def _resampled_rows(table: Table, at: Sequence[int], length: int, period: float) -> Iterator[Matrix]:
-    return resampled(limited(table.pieces(at), length), period)
+def _streamed(table: Table, at: Sequence[int], length: int, period: float | None = None) -> Iterator[Matrix]:
+    rows = limited(table.pieces(at), length)
+    return rows if period is None else resampled(rows, period)
 
 
 def resampled_length(label: str, duration_s: float, period_s: float) -> int:

@@ -177,18 +177,16 @@ def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: La
 
 
 def _form(encoding: str, layout: Layout, dropped: int) -> str:
-    said = ["text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else "")]
-    said.append(f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}")
-    if layout.dialect.decimal == ",":
-        said.append("decimal comma")
-    said.append(
-        "no header"
-        if layout.header is None
-        else f"header in row {layout.header + 1}" + (", which holds the first row, too" if layout.glued else "")
-    )
-    if dropped:
-        said.append(f"the last {'line is' if dropped == 1 else f'{dropped} lines are'} no complete row and left out")
-    return ", ".join(said)
+    rows = "line is" if dropped == 1 else f"{dropped} lines are"
+    clauses = {
+        "text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else ""): True,
+        f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}": True,
+        "decimal comma": layout.dialect.decimal == ",",
+        "no header" if layout.header is None else f"header in row {layout.header + 1}": True,
+        "which holds the first row, too": layout.glued,
+        f"the last {rows} no complete row and left out": dropped,
+    }
+    return ", ".join(clause for clause, holds in clauses.items() if holds)
 
 
 def _short(cell: str) -> str:
