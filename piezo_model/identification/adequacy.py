@@ -81,14 +81,10 @@ def check_adequacy(
     """Hold a fit against a line, a cubic and what else would explain the recording."""
     s = model.structure
     moving = moving_from(recording, skip)
-    if recording.length > HEAD:  # with so many samples to so few weights, the error is that on data left out
-        recording = recording.head(HEAD + moving)
-        baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
-    else:
-        baseline = cross_validate(recording, s, skip, state, solver, proximal)
-        if math.isnan(baseline.model_percent):
-            baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
-    x, y = recording.arrays()
+    # with many samples to so few weights, the error is that on data left out
+    left_out = cross_validate(recording, s, skip, state, solver, proximal) if recording.length <= HEAD else None
+    baseline = left_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
+    x, y = recording.head(HEAD + moving).arrays()
     own = ((y - model.simulate(x, state.copy())) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
     first = max(0, min(moving - skip - 1, x.size - LOOK))  # while the drive rests, explanations cannot differ

@@ -38,8 +38,9 @@ def alternate_blocks(x: Vector) -> Mask:
 
 def cross_validate(
     recording: Recording, s: ModelStructure, skip: int, state: OperatorState, solver: str, proximal: float
-) -> Baseline:
-    """Judge line, cubic and model of a recording on every second block, fitted to the others."""
+) -> Baseline | None:
+    """Judge line, cubic and model of a recording on every second block, fitted to the others; None where these are too
+    few."""
     x, y = recording.arrays()
     first = alternate_blocks(x)
     counted = np.arange(x.size) >= skip
@@ -47,7 +48,7 @@ def cross_validate(
     for fitted in (first & counted, ~first & counted):
         left_out = counted & ~fitted
         if fitted.sum() <= s.d or not left_out.any():
-            return Baseline(*(float("nan"),) * 3)
+            return None
         model = HysteresisCreepModel.from_weights(s, _weights(x, y, s, fitted, state, solver, proximal))
         errors = [left_over(polynomials(s.unit_input(x), degree), y, fitted) for degree in (1, 3)]
         errors.append(model.simulate(x, state.copy()) - y)

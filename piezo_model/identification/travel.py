@@ -4,6 +4,7 @@ and which first samples no start of the operators explains, as where an amplifie
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -63,12 +64,17 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
     """Range of the output after the first ``skip`` samples."""
     if skip == 0:
         return recording.y_range
-    low, high, seen = math.inf, -math.inf, 0
-    for _, y in recording.chunks():
-        counted = y[max(skip - seen, 0) :]
-        low, high = float(np.min(counted, initial=low)), float(np.max(counted, initial=high))
-        seen += y.size
+    low, high = math.inf, -math.inf
+    for _, y, head in skipping(recording, skip):
+        low, high = float(np.min(y[head:], initial=low)), float(np.max(y[head:], initial=high))
     return low, high
+
+
+def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, int]]:
+    """Chunks of a recording, each with how many of its samples are among the first ``skip``."""
+    for x, y in recording.chunks():
+        yield x, y, min(skip, x.size)
+        skip -= min(skip, x.size)
 
 
 def longest_transient(head: Recording, s: ModelStructure) -> int:
