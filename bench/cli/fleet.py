@@ -22,9 +22,7 @@ OutDir = Annotated[
     typer.Option(
         "--out-dir",
         help="For many recordings: folder or URL for what is made of "
-        "each, with a table "
-        "and a page of all. What is there of the same content "
-        "and settings is kept.",
+        "each, with a table and a page of all. What is there of the same content and settings is kept.",
     ),
 ]
 PAGES = 12

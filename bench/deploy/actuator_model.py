@@ -43,8 +43,7 @@ class Found:
             if self.error_percent is None
             else (
                 f"On the last fifth of the recording, which was kept back, it errs by {self.error_percent:.3g} % of "
-                "the "
-                "range (RMS)."
+                "the range (RMS)."
             )
         )
 

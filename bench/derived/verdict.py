@@ -168,8 +168,7 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
             f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} "
             f"({best.lane}) is the fastest "
             f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times "
-            "as long as a cold one "
-            f"(median over {solver_lanes(len(part))})."
+            f"as long as a cold one (median over {solver_lanes(len(part))})."
         )
 
 
@@ -180,8 +179,7 @@ def _turns(found: Measurements) -> Iterator[str]:
     if len(ratio):
         yield (
             f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as "
-            "long as hot (median "
-            f"over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
+            f"long as hot (median over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
         )
 
 

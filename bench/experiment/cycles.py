@@ -80,8 +80,7 @@ def sentences(table: pd.DataFrame) -> tuple[str, str]:
     settled = int(np.argmax(steady <= 2.0 * steady.min())) + 1
     return (
         f"Both axes together: from {steady[0]:.2f} % in cycle 1, in which nothing is known, to {steady[-1]:.3f} % "
-        f"in cycle {steady.size}; "
-        f"cycle {settled} is the first within twice the best.",
+        f"in cycle {steady.size}; cycle {settled} is the first within twice the best.",
         f"Where the gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle, a compensator that stopped learning after "
         f"{FIXED_AFTER} cycles is at "
         f"{once[-1]:.2f} % in cycle {once.size} and the one that learns on at {drifting[-1]:.2f} %.",

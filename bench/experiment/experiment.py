@@ -47,8 +47,7 @@ def report(rig: Rig, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Repor
         notes=[*(staircases.sentence(i, runs) for i in indices), *loops.sentences(runs), *cycles.sentences(by_cycle)],
         definitions=[
             "A straight line is the one through the corners of the ranges. Errors are those of the measured "
-            "platform in percent of the "
-            "reference's range."
+            "platform in percent of the reference's range."
         ],
         environment=settings(rig),
         title="Self-learning compensation of a two-axis stage",
@@ -65,8 +64,7 @@ def verdict(runs: Mapping[str, Trial]) -> str:
         return f"{first}: a straight line with hindsight would have done as well ({best:.2f} %)."
     return (
         f"{first}, {before / after:.0f} times nearer to the reference than a straight line and {best / after:.0f} "
-        "times nearer "
-        f"than the best straight line that hindsight can give ({best:.2f} %)."
+        f"times nearer than the best straight line that hindsight can give ({best:.2f} %)."
     )
 
 
@@ -78,14 +76,12 @@ def settings(rig: Rig) -> list[tuple[str, str]]:
             "stage",
             f"two axes, {'two actuators in push-pull' if rig.push_pull else 'one actuator'} each ({kinds}), "
             "cross-coupled, with structural "
-            f"dynamics, noise of {1e3 * rig.noise_um:g} nm and steps of {1e3 * rig.quantum_um:g} nm in the "
-            "sensors",
+            f"dynamics, noise of {1e3 * rig.noise_um:g} nm and steps of {1e3 * rig.quantum_um:g} nm in the sensors",
         ),
         (
             "reference",
             f"staircase of {LEVELS} levels over {RANGE_UM:g} µm, each held {rig.hold_s:g} s, a step "
-            f"taking {1e3 * rig.step_s:g} ms; "
-            "axis y a quarter of a period ahead",
+            f"taking {1e3 * rig.step_s:g} ms; axis y a quarter of a period ahead",
         ),
         ("model", f"n = {rig.n}, m = {rig.m}"),
         (

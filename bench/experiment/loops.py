@@ -63,8 +63,7 @@ def figure(runs: Mapping[str, Trial]) -> Figure:
         "loops",
         "Hysteresis loops before and after",
         "Measured position over reference for triangles of "
-        "falling amplitude, on signals "
-        "that were never learned from; below each, what compensation leaves.",
+        "falling amplitude, on signals that were never learned from; below each, what compensation leaves.",
         table,
         plots,
     )

@@ -52,9 +52,7 @@ def sentence(i: int, runs: Mapping[str, Trial]) -> str:
     ]
     return (
         f"Axis {AXES[i]}, last cycle: RMS error {before:.2f} % of range ({before / 100 * RANGE_UM:.2f} µm) along a "
-        "straight "
-        f"line, {best:.2f} % along the best straight line with hindsight, {after:.3f} % "
-        f"({after / 100 * RANGE_UM * 1e3:.0f} nm) with self-learning compensation, {before / after:.0f} times "
-        "less; "
+        f"straight line, {best:.2f} % along the best straight line with hindsight, {after:.3f} % "
+        f"({after / 100 * RANGE_UM * 1e3:.0f} nm) with self-learning compensation, {before / after:.0f} times less; "
         f"largest error {worst[0]:.1f} %, {worst[1]:.1f} % and {worst[2]:.2f} %."
     )

@@ -127,8 +127,7 @@ def sentences(looks: pd.DataFrame) -> list[str]:
             f"The machine drifted: a fixed piece of work was timed {len(looks)} times in the course of the "
             "run, and the medians of the "
             f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a "
-            "difference of that size "
-            "between two figures may be the machine's."
+            "difference of that size between two figures may be the machine's."
         )
     more = looks.ratio / looks.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
     if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
@@ -136,7 +135,6 @@ def sentences(looks: pd.DataFrame) -> list[str]:
             f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % "
             "longer than when undisturbed in "
             f"{100.0 * slow:.0f} % of {len(looks)} trials, at most {100.0 * more.max():.0f} % longer, as "
-            "where a neighbour uses the same "
-            "core, so the times of a single row may be too long by as much."
+            "where a neighbour uses the same core, so the times of a single row may be too long by as much."
         )
     return found

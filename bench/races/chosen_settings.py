@@ -129,8 +129,7 @@ def definition(run: str) -> str:
         f"The setting of a solver is the one that stands for the tier in {run or 'the reference run'}, evaluated "
         "at the constant of these "
         "data. Untested: it does not know this solver, or not with these settings, so the tightest is taken; not "
-        "reached: no setting that "
-        "was measured there reaches the tier, and again the tightest is taken."
+        "reached: no setting that was measured there reaches the tier, and again the tightest is taken."
     )
 
 

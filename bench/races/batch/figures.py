@@ -78,11 +78,9 @@ def verdict(table: pd.DataFrame) -> list[str]:
             times = first.core_rate / after.core_rate
             compared = f"{number(times)} times as many" if times >= 1.0 else f"{number(100.0 * times)} % as many"
             sentences.append(
-                f"At d = {d} {first.who} solves {thousands(first.core_rate)} programs a second and core, "
-                "each of "
+                f"At d = {d} {first.who} solves {thousands(first.core_rate)} programs a second and core, each of "
                 f"{judged(table, first)} judged answers right to 1e-9: {compared} as {after.who}, the "
-                "next that is as right, with "
-                f"{thousands(after.core_rate)}."
+                f"next that is as right, with {thousands(after.core_rate)}."
             )
         elif len(part):
             sentences.append(

@@ -94,13 +94,11 @@ def verdict(table: pd.DataFrame) -> list[str]:
             f"on the {problem} stage {inside.sum()} of {len(part)} learners are within "
             f"{100 * (NOTICED - 1):.0f} % of the least error, "
             f"{_nm(part.rms_um[0])} nm RMS, with cost gaps up to {gap(part[inside].cost_gap.max())} (a "
-            "straight line in place of a model "
-            f"leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)"
+            f"straight line in place of a model leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)"
         )
         paper += [
             f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
-            "times the least, at "
-            f"a cost gap of {gap(line.cost_gap)}"
+            f"times the least, at a cost gap of {gap(line.cost_gap)}"
             for _, line in part[part.settings == PAPERS_STEPS].iterrows()
         ]
         if not inside.all():
