@@ -98,8 +98,8 @@ class Described:
     licence: str
     warm_start: bool
     ladder: tuple[Mapping[str, Any], ...] = ({},)
-    """Of a problem whose constant is 1, what is in use unasked included."""
-    unasked: Mapping[str, Any] = field(default_factory=dict)
+    """Of a problem whose constant is 1, its defaults included."""
+    defaults: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every use."""
     exponents: tuple[float, ...] = ()
     """Of the rungs, where they have such."""

@@ -134,7 +134,7 @@ def race_verb(
         typer.Option(
             help="Of a stream or a loop, what answers must reach: a cost gap "
             "of 1e-3 (low), 1e-6, 1e-9 or 1e-12 (exact), what the stage does not notice, or what the library "
-            "does unasked; may be given again. high by default."
+            "does by default; may be given again. high by default."
         ),
     ] = None,
     settings: Annotated[

@@ -103,7 +103,7 @@ class Candidate:
     @classmethod
     def of(
         cls,
-        who: tuple[str, str],
+        key: tuple[str, str],
         chosen: Choice,
         cheat: str,
         calls: Microseconds,
@@ -114,7 +114,7 @@ class Candidate:
     ) -> Candidate:
         """Deadlines are told from all calls, percentiles from ``tail``."""
         return cls(
-            *who,
+            *key,
             chosen,
             cheat,
             calls.size,

@@ -4,7 +4,7 @@
     error = max(stage excess / 0.01, violation / 1e-3)                           for the tier `stage`, by the first
     answer
 
-An answer is right at a margin m where m · error ≤ 1. What a library does unasked is judged like `low`.
+An answer is right at a margin m where m · error ≤ 1. A library's defaults are judged like `low`.
 """
 
 from __future__ import annotations

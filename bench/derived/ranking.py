@@ -60,7 +60,7 @@ class Line:
     lane: str
     results: dict[Tier, Result]
     default_gap: float
-    """The worst of what it does unasked; NaN where it has no answer."""
+    """The worst of its defaults; NaN where it has no answer."""
 
     @property
     def place(self) -> tuple[float, ...]:

@@ -184,7 +184,7 @@ def _turns(found: Measurements) -> Iterator[str]:
 
 
 def _lanes(found: Measurements) -> Iterator[str]:
-    """Lanes in which a library does otherwise unasked than by its own object."""
+    """Lanes in which the defaults of a library differ from those of its own object."""
     rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(
         ["solver", "lane"]
     )

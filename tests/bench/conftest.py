@@ -55,7 +55,7 @@ SMALL = (
 )
 THIRD = ("--solver", "clarabel")
 TASKS = 25
-"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and what each does unasked and the floor on
+"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and the defaults of each and the floor on
 raw data."""
 
 

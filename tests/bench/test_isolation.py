@@ -125,7 +125,7 @@ def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race:
         "repeatable",
     ]
     others = faulty_race.rows[faulty_race.rows.solver.isin(["daqp", "osqp"])]
-    assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and what they do unasked on raw
+    assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and their defaults on raw
     clean = clean_race.rows[clean_race.rows.task.isin(others.task)]
     assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
 

@@ -142,4 +142,4 @@ def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed
     assert (rows.first_us_p50 > 0.0).all()
     assert all(np.array_equal(times[task], ns) for task, ns in kept.items())
     assert len(run.settings["conditions"]["parts"]) == 2 * 2
-    assert not run.looks().empty
+    assert not run.sentinel_samples().empty

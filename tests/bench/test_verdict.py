@@ -199,7 +199,7 @@ def test_notes_say_what_warm_starts_cold_caches_and_other_scalings_are_worth() -
     assert raw == "On raw data the paper's method ends 25 % above the optimal cost after its 15 200 steps."
 
 
-def test_a_wrapper_that_does_otherwise_unasked_than_the_library_is_named_with_what_differs() -> None:
+def test_a_wrapper_that_has_other_defaults_than_the_library_is_named_with_what_differs() -> None:
     rows = [
         row(is_default=True, settings='{"eps": 1e-6}'),
         row(lane="qpsolvers", is_default=True, settings='{"eps": 1e-6, "raise_error": false}'),

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from example_scripts import run_example
 
-from bench.rig.rig import Rig
+from bench.stage.setup import StageSetup
 
 
 def made(folder: Path, script: str, name: str, *words: object) -> tuple[pd.DataFrame, str]:
@@ -53,7 +53,7 @@ def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_t
 
 @pytest.mark.parametrize("plant", sorted({case.plant for case in actuators.CASES}))
 def test_the_best_straight_line_is_no_worse_than_the_one_through_the_corners_of_the_ranges(plant: str) -> None:
-    rig = Rig.quick(seed=1)
-    sensor = actuators.sensor_of(plant, rig)
-    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, rig)[-rig.cycle :])
+    setup = StageSetup.quick(seed=1)
+    sensor = actuators.sensor_of(plant, setup)
+    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, setup)[-setup.cycle :])
     assert best <= straight

@@ -93,8 +93,8 @@ def test_every_setting_of_a_ladder_has_a_name_of_its_own_and_is_found_by_it_for_
     assert len(set(names)) == len(names)
     for c in (1e-4, 1.0, 2.5e6):
         assert [cls.at(name, c) for name in names] == [dict(rung) for rung in cls.ladder(c)]
-        unasked = cls.at(setting_text(cls.always), c)
-        assert unasked == {} or setting_text(cls.always) in names
+        default = cls.at(setting_text(cls.always), c)
+        assert default == {} or setting_text(cls.always) in names
     with pytest.raises(ValueError, match=r"has no setting \{\"no\": 1\} in its ladder"):
         cls.at(setting_text({"no": 1}), 1.0)
 

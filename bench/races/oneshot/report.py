@@ -58,7 +58,7 @@ DEFINITIONS = (
     "(exact), in exact arithmetic, and constraints violated by no more than that, relative to the largest number of "
     "the optimum. stage: a model that errs on unseen data by at most 1 % of the sensor's noise more than the "
     "optimum's. 1e-9 is numerics, stage is engineering.",
-    "default: what the library does unasked, judged like low. In the lanes qpsolvers and cvxpy these are the defaults "
+    "default: the library's own settings, judged like low. In the lanes qpsolvers and cvxpy these are the defaults "
     "of that package, which are not always the library's: cvxpy asks OSQP for 1e-5.",
     "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, "
     "else once; those of the first problem are shown, since tolerances are multiples of a constant of each. A tier "

@@ -86,7 +86,7 @@ def floor_bound(floor: pd.DataFrame) -> float:
     return min(1.0, rate_bound(stalls, samples) * max(1.0, missed / max(stalls, 1))) if samples else 1.0
 
 
-def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound: float) -> dict[str, Any]:
+def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound: float) -> dict[str, Any]:
     failed = part[part.status.isin(FAILURES)]
     ran = part.drop(failed.index)
     paced = bool(part.paced.iloc[0])
@@ -96,7 +96,7 @@ def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         str(failed.status.iloc[0])
         if len(failed)
         else FLOOR
-        if who["solver"] == FLOOR
+        if key["solver"] == FLOOR
         else str(Status.MISSED)
         if (ran.status != Status.OK).any()
         else str(Status.LATE if beyond else Status.OK)
@@ -117,7 +117,7 @@ def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         )
     }
     return {
-        **who,
+        **key,
         "setting": part.setting.iloc[0],
         "basis": part.basis.iloc[0],
         "paced": paced,
