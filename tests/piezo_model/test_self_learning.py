@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 import re
 import time
 from itertools import pairwise
@@ -71,6 +72,15 @@ def test_a_replay_in_any_chunks_equals_single_steps_bit_for_bit(mode: str, solve
         np.testing.assert_array_equal(np.concatenate(parts), x)
         assert replayed.counts == stepped.counts
         assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
+
+
+def test_learners_made_alike_are_the_same_bytes_whatever_was_computed_before() -> None:
+    rng = np.random.default_rng(0)
+    states = set()
+    for size in range(4, 40, 3):
+        np.linalg.svd(rng.normal(size=(size, size)))  # which leaves other numbers on the stack each time
+        states.add(pickle.dumps(learner_for(sensor("bouc_wen"))._learning.memory()))
+    assert len(states) == 1
 
 
 @pytest.mark.parametrize(("mode", "solver"), WAYS)
