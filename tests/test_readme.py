@@ -45,9 +45,7 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.needs("cc")
-def test_the_commands_from_a_recording_to_a_controller_work_as_they_stand(
-    stage: Path, piezobench: CommandLine
-) -> None:
+def test_the_commands_from_a_recording_to_a_controller_work_as_they_stand(stage: Path, piezobench: CommandLine) -> None:
     shutil.copytree(ROOT / "results" / "reference", stage / "results" / "reference")
     (block,) = [text for text in blocks("sh") if "deploy" in text]
     for words in documents.commands(block):

@@ -79,7 +79,7 @@ def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
 
 def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
     write_sources(tmp_path, a_model(), ExportSettings())
-    built = building.build(tmp_path, "realtime", program("gcc"), ("-O2",))
+    built = building.build(tmp_path, "loop", program("gcc"), ("-O2",))
 
     def without_rights() -> None:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
