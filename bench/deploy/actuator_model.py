@@ -21,7 +21,7 @@ from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
 
 WORSE = 1.1
-"""How many times the error of the model that the run keeps another model may have."""
+"""Largest ratio of another model's error to that of the model that the run keeps."""
 SIMULATED = "simulated"
 
 

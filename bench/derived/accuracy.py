@@ -30,7 +30,7 @@ def applies(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
 
 
 def error(rows: pd.DataFrame, tier: Tier) -> pd.Series[float]:
-    """How many times the tolerance of a tier each answer is from right, infinite where it is not ok."""
+    """Error of each answer in tolerances of the tier, infinite where it is not ok."""
     if tier is not Tier.STAGE:
         return distance(rows) / TOLERANCE[tier]
     return _worst(rows, (rows.stage_excess / UNNOTICED).clip(lower=0.0), rows.violation / TOLERANCE[Tier.LOW])

@@ -125,12 +125,10 @@ def _stage(found: Measurements) -> Iterator[str]:
         return
     noticed, most = int((part.stage_excess > UNNOTICED).sum()), part.sort_values("stage_excess").iloc[-1]
     steps, best = apart(most.model_error_um, most.optimum_error_um)
-    says = f"would notice on {noticed}" if noticed else "would not notice on any"
-    more = f", {number(most.stage_excess)} times the sensor's noise more" if most.stage_excess > 0.0 else ""
     yield (
-        f"The stage {says} of {len(part)} problems that the optimum was not reached: on {most.problem} the paper's "
-        f"model errs by {steps} µm "
-        f"RMS on unseen data and the optimum's by {best} µm{more} (up to {UNNOTICED:g} times goes unnoticed)."
+        f"On {noticed or 'none'} of {len(part)} problems the stage is measurably worse with the paper's method than at "
+        f"the optimum: on {most.problem} {steps} against {best} µm RMS on unseen data (sensor noise "
+        f"{number(most.noise_um)} µm, of which {percent(UNNOTICED)} counts as a difference)."
     )
 
 

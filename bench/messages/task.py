@@ -146,7 +146,7 @@ class Outcome:
     message: str = ""
     """The sentence that goes with a failure."""
     found: bool = False
-    """What the solver itself says."""
+    """Whether the solver reports success."""
     x: Vector | None = None
     y: Vector | None = None
     z: Vector | None = None

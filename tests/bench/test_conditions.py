@@ -36,7 +36,7 @@ def quiet(**change: float) -> dict[str, float]:
     ("change", "said"),
     [
         ({"steal_percent": 3.0}, "A hypervisor gave 3.0 %"),
-        ({"throttled": 2}, "slowed down 2 times"),
+        ({"throttled": 2}, "The processor throttled 2 times"),
         ({"busy_cores": 2.5}, "kept 1.5 cores busy"),
         ({"preemptions": 100}, "taken off their core 100 times in 10000"),
     ],

@@ -349,7 +349,7 @@ def test_a_simulated_stage_goes_on_by_the_clock_where_the_loop_is_late() -> None
         ((), "say either a simulated actuator or a stage's file"),
         (("--simulate", "magic"), "there is no simulated actuator 'magic'"),
         (("--simulate", "duhem", "--sine", "fast"), "--sine fast: 2 parts between colons are needed"),
-        (("--simulate", "duhem", "--sine", "5Hz:10V"), "'10V' is no number in µm"),
+        (("--simulate", "duhem", "--sine", "5Hz:10V"), "'10V' is not a number in µm"),
         (("--simulate", "duhem", "--sine", "5Hz:1um", "--set-point", 3), "two references"),
         (("--simulate", "duhem", "--rate", 1e6), "the rate must be from 1 to 20000 Hz"),
         (("--simulate", "duhem", "--record", "run.csv"), "must end in .parquet"),

@@ -45,7 +45,7 @@ LONGEST_US = 1000.0
 """Whatever takes longer hot has no turn: caches do not matter there, and time does."""
 PREFERRED = (Tier.HIGH, Tier.MID)
 NEAR = 2.0
-"""How many times as long as the fastest of its lane a solver may take to be among the candidates for a decision."""
+"""Largest ratio of a candidate's time to that of the fastest of its lane."""
 ENOUGH = 3_000
 """Calls of a candidate over all problems, enough for p99.9."""
 WARM_UP = 1
