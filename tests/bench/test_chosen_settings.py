@@ -160,6 +160,7 @@ def test_a_run_without_scaled_data_is_refused(clean_race: Race, tmp_path: Path) 
         table_of(str(tmp_path / "raw"))
 
 
+@pytest.mark.slow
 def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:

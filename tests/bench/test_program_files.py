@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from program_files import INF, Drawn, dense, draw, same, write_mat, write_qps
+from programs import library
 from qpsolvers import Problem
 from scipy.io import savemat
 
@@ -155,9 +156,7 @@ def test_what_is_wrong_with_a_qps_file_is_said_with_file_and_line(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_highs_reads_the_same_program_from_the_same_file(tmp_path: Path, seed: int) -> None:
-    highspy = pytest.importorskip(
-        "highspy", reason="highspy is not installed, and it is what our reader is compared with"
-    )
+    highspy = library("highspy")
     path = write_qps(tmp_path / "drawn.mps", draw(seed))
     engine = highspy.Highs()
     engine.silent()

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from figures import Figures
+from programs import library
 
-from bench.stage import trial
-from bench.stage.setup import AMPLITUDE_UM, StageSetup
+library("pandas")
+from bench.stage import trial  # noqa: E402
+from bench.stage.setup import AMPLITUDE_UM, StageSetup  # noqa: E402
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
