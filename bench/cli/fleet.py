@@ -10,7 +10,7 @@ import typer
 
 from bench.cli.given_options import refuse
 from bench.cli.worker_options import SPREADING
-from bench.fleet.fleet import Work, done, draw, parts_of
+from bench.fleet.fleet import Work, done, drawn, parts_of
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
 from bench.processes.engine import Workers
@@ -25,8 +25,8 @@ OutDir = Annotated[
         "each, with a table and a page of all. What is there of the same content and settings is kept.",
     ),
 ]
-PAGES = 12
-"""Most outliers that have pages of their own."""
+PAGES = 100
+"""Most outliers that have pages of their own; each page takes a second and a megabyte."""
 MOST_REFUSED = 12
 """Lines on the first screen for what was refused."""
 
@@ -62,8 +62,7 @@ def process(
         with progress_bar() as progress:
             table = table_of(done(parts, workers, progress))
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
-            progress("drawing pages", 0, 1)
-            pages = {part.name: draw(part) for part in parts if part.name in outliers}
+            pages = dict(drawn([part for part in parts if part.name in outliers], workers, progress))
             found = report(
                 title,
                 table,

@@ -103,9 +103,8 @@ def simulate_verb(
         raise RecordingError(f"{drive}: is in {given.unit} and the model's input in {s.input_unit}")
     y, began = loaded.simulate(given.values, loaded.initial_state(start)), start if loaded.start is not None else "rest"
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
-    write_table(
-        out, {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
-    )
+    columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
+    write_table(out, columns, loaded.warning)
     if as_json:
         print_json(
             {

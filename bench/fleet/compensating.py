@@ -57,7 +57,8 @@ class Compensating:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
         state = model.initial_state(self.start)
         x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(wanted.values)
-        write_table(target, {"time_s": np.arange(x.size) * wanted.sample_time, f"drive_{s.input_unit}".rstrip("_"): x})
+        times, name = np.arange(x.size) * wanted.sample_time, f"drive_{s.input_unit}".rstrip("_")
+        write_table(target, {"time_s": times, name: x}, model.warning)
         error, span = np.abs(model.simulate(x, state) - wanted.values), 2.0 * abs(s.y_scale)
         return {
             "forced": model.warning,

@@ -82,11 +82,18 @@ def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Ro
     return [found[part.name] for part in parts]
 
 
-def draw(part: Part) -> str:
-    """Write the page of a recording whose work is done; returns its place in the folder, or "" where the work has
-    none."""
+def drawn(parts: Sequence[Part], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
+    """Draw the pages of recordings whose work is done; yields their names and places."""
+    for at, page in enumerate(each(draw, parts, workers)):
+        progress("drawing pages", at + 1, len(parts))
+        yield page
+
+
+def draw(part: Part) -> tuple[str, str]:
+    """Write the page of a recording whose work is done; returns its name and place in the folder, "" where the work
+    has none."""
     if not isinstance(part.work, Drawing):
-        return ""
+        return part.name, ""
     with ExitStack() as stack:
         recording, made, *further = (
             stack.enter_context(file_here(place))
@@ -98,7 +105,7 @@ def draw(part: Part) -> str:
         )
         folder = stack.enter_context(folder_here(f"{part.out}/pages"))
         part.work.draw(recording, further, made, folder / f"{part.name}.html")
-    return f"pages/{part.name}.html"
+    return part.name, f"pages/{part.name}.html"
 
 
 def row_of(part: Part) -> Row:

@@ -11,6 +11,7 @@ from bench.messages.progress import Progress, silent
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice, check_direction
+from piezo_model.recordings.recording import HELD
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Identifying:
 
     def opened(self, recording: Path) -> Recording:
         """The recording; which column is the input is settled by a fit where their names do not say it."""
-        return check_direction(Recording.open(recording, **self.opening))
+        return check_direction(Recording.open(recording, hold=HELD, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
         """The model of a recording."""

@@ -86,6 +86,7 @@ def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mappi
     """Everything that is said and shown; ``links`` has files of each name by what they are, "" for none."""
     fine, refused = table[table.refused == ""], table[table.refused != ""]
     there, links = [name for name in FIGURES if name in fine], links or {}
+    pages, outliers = sum(bool(each["page"]) for each in links.values()), int((fine.distance > DISTANT).sum())
     kinds = [kind for kind in next(iter(links.values()), ()) if any(each[kind] for each in links.values())]
     rows = [
         [
@@ -110,7 +111,8 @@ def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mappi
             headings,
             rows,
             1,
-            note="Errors of the output as a share of its range.",
+            note="Errors of the output as a share of its range."
+            + (f" The {pages} most unlike have pages." if 0 < pages < outliers else ""),
         ),
         tables=[Table("Refused", ("recording", "why"), refused[["recording", "refused"]].values.tolist(), 2)],
         figures=figures(fine),

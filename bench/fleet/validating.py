@@ -13,6 +13,7 @@ from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import check_direction
 from piezo_model.identification.validation import Validation
+from piezo_model.recordings.recording import HELD
 
 
 @dataclass(frozen=True)
@@ -48,5 +49,8 @@ class Validating:
 
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and what it is worth there."""
-        loaded, opened = HysteresisCreepModel.load(model), check_direction(Recording.open(recording, **self.opening))
+        loaded, opened = (
+            HysteresisCreepModel.load(model),
+            check_direction(Recording.open(recording, hold=HELD, **self.opening)),
+        )
         return opened, loaded, loaded.validate(opened)

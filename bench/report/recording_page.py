@@ -3,6 +3,7 @@ advice."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -139,26 +140,27 @@ def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
 def _error(review: Review, unit: str) -> Figure:
     e = review.error
     edges = np.unique(np.linspace(0, e.size, min(e.size, POINTS // 2) + 1).astype(int))
+    ends = [k + extreme(e[k:stop]) for k, stop in pairwise(edges.tolist()) for extreme in (np.argmin, np.argmax)]
+    at = np.unique(ends)
     table = pd.DataFrame(
         {
-            "time_s": edges[:-1] * review.model.structure.sample_time,
-            "lowest": np.minimum.reduceat(e, edges[:-1]),
-            "highest": np.maximum.reduceat(e, edges[:-1]),
-            "counted": np.where(edges[:-1] >= review.skipped, "counted", "not counted"),
+            "time_s": at * review.model.structure.sample_time,
+            "error": e[at],
+            "counted": np.where(at >= review.skipped, "counted", "not counted"),
         }
     )
     end = 2.0 * np.abs(e[review.skipped :]).max()  # a transient would leave a flat line of the rest
     return Figure(
         "error",
         "Error over time",
-        "Measured minus modelled output, lowest and highest of each stretch of time. A grey part at the start is not "
-        "counted; the axis ends at twice the largest counted error.",
+        "Measured minus modelled output, through the lowest and highest of each stretch of time. A grey part at the "
+        "start is not counted; the axis ends at twice the largest counted error.",
         table,
         [
             Plot(
                 Axis("time_s", "time, s"),
-                Axis("lowest", f"error, {unit}", domain=(max(e.min(), -end), min(e.max(), end))),
-                (Mark("range", "counted", y2="highest"),),
+                Axis("error", f"error, {unit}", domain=(max(e.min(), -end), min(e.max(), end))),
+                (Mark("line", "counted", size=1.0),),
                 colours={"counted": BLUE, "not counted": GREY},
                 height=260,
             )

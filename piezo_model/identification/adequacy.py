@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,15 @@ ONE_WAY = 0.9
 """Share of the drive's travel in one direction from which on the data are nearly one branch."""
 
 
+class Refusal(NamedTuple):
+    """What speaks against a model."""
+
+    why: str
+    """One sentence without its full stop."""
+    explained: float = math.inf
+    """Error that the explanation leaves, as a share of the range; infinite where none is known."""
+
+
 @dataclass(frozen=True)
 class Adequacy:
     """Errors on data left out, whether there is hysteresis, whether a line says all, what speaks against a model, and
@@ -55,7 +65,7 @@ class Adequacy:
     baseline: Baseline
     hysteresis: bool
     straight: bool
-    refusal: str | None
+    refusal: Refusal | None
     one_way: bool
 
 
@@ -71,14 +81,10 @@ def check_adequacy(
     """Hold a fit against a line, a cubic and what else would explain the recording."""
     s = model.structure
     moving = moving_from(recording, skip)
-    if recording.length > HEAD:  # with so many samples to so few weights, the error is that on data left out
-        recording = recording.head(HEAD + moving)
-        baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
-    else:
-        baseline = cross_validate(recording, s, skip, state, solver, proximal)
-        if math.isnan(baseline.model_percent):
-            baseline = Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
-    x, y = recording.arrays()
+    # with many samples to so few weights, the error is that on data left out
+    left_out = cross_validate(recording, s, skip, state, solver, proximal) if recording.length <= HEAD else None
+    baseline = left_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
+    x, y = recording.head(HEAD + moving).arrays()
     own = ((y - model.simulate(x, state.copy())) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
     first = max(0, min(moving - skip - 1, x.size - LOOK))  # while the drive rests, explanations cannot differ
@@ -96,7 +102,7 @@ def check_adequacy(
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal, at = None, alternative_models.outlier(y)
     if at is not None and alternative_models.outlier(x) != at:
-        on_curve, refusal = False, alternative_models.outlier_sentence(y, at, skip, s.output_unit)
+        on_curve, refusal = False, Refusal(alternative_models.outlier_sentence(y, at, skip, s.output_unit))
     elif (
         on_curve
         and curve > NOISY
@@ -113,8 +119,8 @@ def check_adequacy(
 
 def _refusal(
     u: Vector, v: Vector, own: Vector, look: slice, s: ModelStructure, error: float, line: float
-) -> str | None:
-    """Why there is to be no model, in one sentence without its full stop; None where there is no reason.
+) -> Refusal | None:
+    """Why there is to be no model; None where there is no reason.
 
     Explanations are tried on all of the data, thinned, and on the stretch ``look`` of neighbours.
     """
@@ -137,20 +143,37 @@ def _refusal(
     if (noise or undersampled) and (resonant := alternative_models.resonance(u, v)).error < far_better:
         return _of_resonance(resonant, s, compared)
     if noise:
-        return f"the output is noise that does not follow the drive: {compared}"
+        return Refusal(f"the output is noise that does not follow the drive: {compared}")
     if undersampled:
         period = 2.0 * math.pi / math.acos(max(1.0 - alternative_models.roughness(u), -1.0))
-        return (
+        return Refusal(
             f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, "
             "and hysteresis "
             f"depends on them: {compared}"
         )
-    if not few and error > MUCH_BETTER * line and alternative_models.sense(thin_u, thin_v) < REVERSED:
-        return (
-            "the output leads the drive round its loops, as where the columns of input and output are swapped: "
-            f"{compared}"
-        )
     seconds = s.sample_time
+    if not few and error > MUCH_BETTER * line:
+        loose = alternative_models.backlash(thin_u, thin_v)
+        if loose.error < far_better:
+            width = quantity(2.0 * s.x_scale * loose.found, s.input_unit, 3)
+            return Refusal(
+                f"the output follows the drive with a backlash of {width}, as of a gear or a loose coupling, which "
+                f"leaves {percent(100.0 * loose.error)} of the range: {compared}",
+                loose.error,
+            )
+        if alternative_models.sense(thin_u, thin_v) < REVERSED:
+            if (resonant := alternative_models.resonance(u, v)).error < MUCH_BETTER * far_better:
+                return _of_resonance(resonant, s, compared)
+            late = alternative_models.phase(u, v)
+            if alternative_models.tones(u) and late.error > 90.0:
+                return Refusal(
+                    f"the output lags by {late.error:.0f}° at {late.found / seconds:.3g} Hz, as above a resonance, or "
+                    f"falls as the drive rises and leads it, as where the columns are swapped: {compared}"
+                )
+            return Refusal(
+                "the output leads the drive round its loops, as where the columns of input and output are swapped: "
+                f"{compared}"
+            )
     found = {"channels": channels, "butterfly": alternative_models.butterfly(thin_u, thin_v)}
     if no_better:  # where the model is better than a line: over one loop, time says as much as the drive does
         found["drift"] = alternative_models.drift(thin_v)
@@ -170,18 +193,19 @@ def _refusal(
         left = (
             f"which leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
         )
-        return {
-            "drift": f"the output drifts with time and does not follow the drive, {left}",
+        if name == "resonance":
+            return _of_resonance(best, s, left.replace("which", "it"))
+        why = {
+            "drift": "the output drifts with time and does not follow the drive",
             "channels": "the output seems to hold two channels in turn, even samples on one curve and odd ones on "
-            f"another, {left}",
-            "butterfly": "the output falls and rises again on one way of the drive, as the butterfly of a strain "
-            f"over a field, {left}",
-            "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}, "
-            f"{left}",
-            "resonance": _of_resonance(best, s, left.replace("which", "it")),
-        }[name]
-    return f"the model class does not describe these data: {compared}" if no_better else None
+            "another",
+            "butterfly": "the output falls and rises again on one way of the drive, as the butterfly of a strain over "
+            "a field",
+            "delay": f"the output is the drive with a delay of {quantity(best.found * stride * seconds, 's', 3)}",
+        }
+        return Refusal(f"{why[name]}, {left}", best.error)
+    return Refusal(f"the model class does not describe these data: {compared}") if no_better else None
 
 
-def _of_resonance(found: alternative_models.AlternativeModel, s: ModelStructure, why: str) -> str:
-    return f"the output has a resonance at {found.found / s.sample_time:.3g} Hz: {why}"
+def _of_resonance(found: alternative_models.AlternativeModel, s: ModelStructure, why: str) -> Refusal:
+    return Refusal(f"the output has a resonance at {found.found / s.sample_time:.3g} Hz: {why}", found.error)

@@ -6,7 +6,7 @@ error that the explanation leaves, as a share of the output's range, infinite wh
     curve       v = f(u), piecewise linear                    delay       v(k) = cubic in u(k − d)
     drift       v = polynomial in time                        resonance   v = b(z) / (1 − 2ρ cos φ z⁻¹ + ρ² z⁻²) u
     butterfly   v = f±(u), falling and rising                 channels    v = one cubic for even samples, one for odd
-    ones
+    backlash    v = line in one play of u                     ones
 """
 
 from __future__ import annotations
@@ -18,12 +18,15 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from piezo_model.operators import play
 from piezo_model.units import quantity
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Mask, Matrix, Vector
 
 KNOTS = 24
 PURE = 0.9
 """Share of the drive's power in one tone from which on delay, resonance and hysteresis look the same."""
+RADII = np.linspace(0.005, 0.495, 99)
+"""Of plays, as shares of the drive's range."""
 APART = 0.5
 """Share of the error of one cubic for all below which two cubics are two channels."""
 OUTLYING = 10.0
@@ -40,9 +43,9 @@ class AlternativeModel(NamedTuple):
     found: float = 0.0
 
 
-def left_over(columns: Matrix, v: Vector) -> Vector:
-    """What the best combination of the columns (N, p) leaves of v (N,)."""
-    residual: Vector = v - columns @ np.linalg.lstsq(columns, v, rcond=None)[0]
+def left_over(columns: Matrix, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
+    """What the best combination of the columns (N, p) over the samples that it is fitted to leaves of v (N,)."""
+    residual: Vector = v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0]
     return residual
 
 
@@ -144,17 +147,41 @@ def butterfly(u: Vector, v: Vector) -> AlternativeModel:
     return AlternativeModel(rms(left_over(np.hstack([columns, columns * direction[:, None]]), v)))
 
 
-def single_tone(u: Vector) -> bool:
-    """Whether nearly all of the drive's power is in one tone and its neighbours."""
+def backlash(u: Vector, v: Vector) -> AlternativeModel:
+    """A straight line in one play, and nothing of the drive beside it; ``found`` is the play's width as a share of the
+    drive's range. At the start it touches either side or stands in the middle."""
+    found = AlternativeModel(np.inf)
+    for side in (-1.0, 0.0, 1.0):
+        z = play(u, RADII, u[0] + side * RADII)[0]
+        z -= z.mean(axis=0)
+        left = np.mean(v**2) - np.square(v @ z / v.size) / np.maximum(np.mean(z**2, axis=0), ROUNDING)
+        k = int(np.argmin(left))
+        found = min(found, AlternativeModel(float(np.sqrt(max(left[k], 0.0))), 2.0 * float(RADII[k])))
+    return found
+
+
+def tones(u: Vector, most: int = 1) -> bool:
+    """Whether nearly all of the drive's power is in so many tones and their neighbours."""
     power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
-    top = int(np.argmax(power))
-    return bool(power[max(top - 2, 0) : top + 3].sum() > PURE * power.sum())
+    total = power.sum()
+    for _ in range(most):
+        top = int(np.argmax(power))
+        power[max(top - 2, 0) : top + 3] = 0.0
+    return bool(power.sum() < (1.0 - PURE) * total)
+
+
+def phase(u: Vector, v: Vector) -> AlternativeModel:
+    """By how many degrees the output lags at the drive's strongest tone, which is ``found`` in cycles a sample, in
+    place of an error."""
+    U, V = (np.fft.rfft((each - each.mean()) * np.hanning(u.size)) for each in (u, v))
+    top = int(np.argmax(np.abs(U)))
+    return AlternativeModel(float(np.degrees(np.angle(U[top] / V[top]))), top / u.size)
 
 
 def delay(u: Vector, v: Vector) -> AlternativeModel:
     """A cubic in the drive of ``found`` samples before, up to a quarter of the recording."""
     longest = min(u.size // 4, 2000)
-    if single_tone(u):
+    if tones(u):
         return AlternativeModel(np.inf)
 
     def error(late: int) -> float:
@@ -168,15 +195,16 @@ def delay(u: Vector, v: Vector) -> AlternativeModel:
 
 
 def resonance(u: Vector, v: Vector) -> AlternativeModel:
-    """Two conjugate poles; ``found`` is the frequency in cycles a sample."""
-    if single_tone(u):
+    """Two conjugate poles; ``found`` is the frequency in cycles a sample. Two tones determine no zeros."""
+    if tones(u):
         return AlternativeModel(np.inf)
+    delays = (1,) if tones(u, 2) else range(3)
     u = u - u[0]
 
     def error(at: Vector) -> float:
         rho, phi = 1.0 / (1.0 + np.exp(-at[0])), np.exp(at[1])
         poles = [1.0, -2.0 * rho * np.cos(phi), rho * rho]
-        columns = [lfilter([0.0] * late + [1.0], poles, u) for late in range(3)]
+        columns = [lfilter([0.0] * late + [1.0], poles, u) for late in delays]
         return rms(
             left_over(
                 np.column_stack([*(column / (np.linalg.norm(column) or 1.0) for column in columns), np.ones_like(u)]), v

@@ -11,9 +11,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.alternative_models import left_over, polynomials
 from piezo_model.identification.fit_report import Baseline
 from piezo_model.identification.fitting import optimum
 from piezo_model.model import HysteresisCreepModel
@@ -38,8 +38,9 @@ def alternate_blocks(x: Vector) -> Mask:
 
 def cross_validate(
     recording: Recording, s: ModelStructure, skip: int, state: OperatorState, solver: str, proximal: float
-) -> Baseline:
-    """Judge line, cubic and model of a recording on every second block, fitted to the others."""
+) -> Baseline | None:
+    """Judge line, cubic and model of a recording on every second block, fitted to the others; None where these are too
+    few."""
     x, y = recording.arrays()
     first = alternate_blocks(x)
     counted = np.arange(x.size) >= skip
@@ -47,21 +48,14 @@ def cross_validate(
     for fitted in (first & counted, ~first & counted):
         left_out = counted & ~fitted
         if fitted.sum() <= s.d or not left_out.any():
-            return Baseline(*(float("nan"),) * 3)
+            return None
         model = HysteresisCreepModel.from_weights(s, _weights(x, y, s, fitted, state, solver, proximal))
-        errors = [polynomial_error(s.unit_input(x), y, degree, fitted) for degree in (1, 3)]
+        errors = [left_over(polynomials(s.unit_input(x), degree), y, fitted) for degree in (1, 3)]
         errors.append(model.simulate(x, state.copy()) - y)
         squares += [float(np.sum(error[left_out] ** 2)) for error in errors]
     span = 2.0 * abs(s.y_scale)
     line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span
     return Baseline(float(line), float(cubic), float(model_error))
-
-
-def polynomial_error(u: Vector, y: Vector, degree: int, fitted: Mask | slice = slice(None)) -> Vector:
-    """What is left of y (N,) by the best polynomial in u, in unit amplitudes, over the samples that it is fitted to."""
-    columns = chebvander(u, degree)
-    error: Vector = y - columns @ np.linalg.lstsq(columns[fitted], y[fitted], rcond=None)[0]
-    return error
 
 
 def _weights(

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.signal import welch
 
 from piezo_model.identification.fitting import accumulate
-from piezo_model.identification.lag_identification import without_lag
+from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel

@@ -9,6 +9,7 @@ import numpy as np
 
 import solvers
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.travel import skipping
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -38,12 +39,10 @@ def accumulate(
     proximal: float,
 ) -> IdentificationProblem:
     """Run the operators over the whole recording from their states at its start, and count after ``skip`` samples."""
-    basis, seen = DataBasis(s, state), 0
-    for x, y in recording.chunks():
-        head = min(max(skip - seen, 0), x.size)
+    basis = DataBasis(s, state)
+    for x, y, head in skipping(recording, skip):
         basis.update(x[:head], y[:head], count=False)
         basis.update(x[head:], y[head:])
-        seen += x.size
     return basis.problem(proximal=proximal)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.identification.fit_report import Fit
+from piezo_model.identification.travel import skipping
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 
@@ -38,14 +39,12 @@ def forward_error(
     That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation
     errs, too.
     """
-    s, state, seen = model.structure, state.copy(), 0
+    s, state = model.structure, state.copy()
     skipped_worst, low, high, total, squares = 0.0, math.inf, -math.inf, 0.0, 0.0
     inside, inside_total = 0, 0.0
     gram, stride = np.zeros((5, 5)), max(1, recording.length // ENOUGH)
-    for x, y in recording.chunks():
+    for x, y, head in skipping(recording, skipped):
         error = y - model.simulate(x, state)
-        head = min(max(skipped - seen, 0), x.size)
-        seen += x.size
         skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
         if head == x.size:
             continue

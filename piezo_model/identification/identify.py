@@ -1,7 +1,7 @@
 """From a recording to a model: the whole of equations (3) to (6) in one call.
 
 What a recording does not say is found out and reported: sign, transient and the states that the actuator started with
-(`preprocessing`), an offset and a lag of the sensor (`lag_identification`), and the creep rates that its length can
+(`preprocessing`), an offset and a lag of the sensor (`sensor_lag`), and the creep rates that its length can
 tell apart. Data that the model class does not describe are refused (`adequacy`).
 """
 
@@ -16,25 +16,27 @@ from typing import Any, Literal, get_args
 from numpy.typing import ArrayLike
 
 from piezo_model.identification.adequacy import check_adequacy
-from piezo_model.identification.direction import directed
-from piezo_model.identification.fit_report import Fit, FitReport, Offset
+from piezo_model.identification.fit_report import Fit, FitReport, Offset, percent
 from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
 from piezo_model.identification.forward_error import forward_error
-from piezo_model.identification.lag_identification import estimate_lag, without_lag
 from piezo_model.identification.model_selection import (
     HYSTERESIS_ORDERS,
     SAMPLES,
     SUPERPOSITION_ORDERS,
     Progress,
+    candidate_rates,
     select,
 )
 from piezo_model.identification.preprocessing import preprocess, require
 from piezo_model.identification.remedies import remedy
+from piezo_model.identification.sensor_lag import estimate_lag, without_lag
 from piezo_model.identification.travel import moving_from, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
-from piezo_model.recordings import Recording
+from piezo_model.recordings import Recording, RecordingError
+from piezo_model.recordings.profile import REASONS
+from piezo_model.recordings.recording import HELD
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -42,12 +44,19 @@ LagChoice = Literal["estimate", "remove", "ignore"]
 
 USUAL = 5, 3
 """Orders n and m where nothing chooses them."""
-IN_MEMORY = 5_000_000
-"""Samples up to which a file is read once and kept instead of once for each pass."""
+DIRECTION_SAMPLES = 20_000
+"""That both ways round are tried on, from the start."""
+CLEAR = 1.25
+"""The larger error is so many times the smaller one where the fit contradicts a guess."""
 
 
 class InadequateError(IdentificationError):
-    """The model class does not describe the data, or the options do not suit them."""
+    """The model class does not describe the data, or the options do not suit them; ``explained`` is the share of the
+    range that another explanation leaves."""
+
+    def __init__(self, sentence: str, explained: float) -> None:
+        super().__init__(sentence)
+        self.explained = explained
 
 
 def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
@@ -58,9 +67,7 @@ def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ..
     >>> choose_creep_rates(1e-4, 10.0)
     (1000.0, 100.0, 10.0, 1.0, 0.1)
     """
-    slowest = math.ceil(math.log10(1.0 / duration_s) - 1e-9)
-    fastest = math.floor(math.log10(0.1 / sample_time) + 1e-9)
-    return tuple(10.0**k for k in range(fastest, slowest - 1, -1))
+    return candidate_rates(sample_time, duration_s, per_decade=1)
 
 
 def identify(
@@ -155,7 +162,7 @@ def identify(
         model = fitted()
     except InadequateError as refusal:
         raise IdentificationError(
-            f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None)}"
+            f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None, refusal.explained)}"
         ) from None
     if (
         structure is not None
@@ -218,24 +225,39 @@ def _selected(
 
 
 def check_direction(recording: Recording) -> Recording:
-    """The recording with input and output as a fit both ways round tells them, where nothing but their values does; see
-    `direction`."""
+    """The recording, or with input and output exchanged where they were guessed by their values and a fit contradicts
+    that.
 
-    def fit(part: Recording) -> HysteresisCreepModel:
-        return _fitted(
-            part,
-            None,
-            *USUAL,
-            None,
-            None,
-            solver="box_active_set",
-            lag="ignore",
-            state=None,
-            proximal=1e-10,
-            force=True,
+    The guess (`piezo_model.recordings.profile`) looks at the sense of the loops alone, which an open path or a drift
+    turns. A model is fitted both ways round: the operators only ever lag, so that the drive explains the output and
+    not the other way round.
+
+    Raises
+    ------
+    RecordingError
+        Input and output were guessed, and the recording does not tell which is which.
+    """
+    if recording.reasons.get("input") not in REASONS or recording.reasons.get("output") not in REASONS:
+        return recording
+    part = recording.head(DIRECTION_SAMPLES)
+    reports = [
+        _fitted(each, None, *USUAL, None, None, "box_active_set", "ignore", None, 1e-10, force=True).report
+        for each in (part, part.swapped())
+    ]
+    errors = [float(report["fit"]["rms_percent"]) for report in reports]
+    either = f"{percent(errors[0])} of the range as they were guessed and {percent(errors[1])} the other way round"
+    if any(report["one_way"] for report in reports) or errors[1] < errors[0] <= CLEAR * errors[1]:
+        raise RecordingError(
+            f"{recording.name}: cannot tell which column is the input and which the output: a model "
+            f"leaves {either}; name them "
+            f"with --input and --output"
         )
-
-    return directed(recording, fit)
+    reason = (
+        f"because a model leaves {percent(min(errors))} of the range that way and {percent(max(errors))} the "
+        "other way round"
+    )
+    reasons = {role: reason if role in ("input", "output") else why for role, why in recording.reasons.items()}
+    return replace(recording if errors[0] <= errors[1] else recording.swapped(), reasons=reasons)
 
 
 def _fitted(
@@ -292,7 +314,7 @@ def _fitted(
     fit, _ = forward_error(model, recording, skip, state, high - low)
     judged = check_adequacy(recording, model, skip, state, fit, solver, proximal)
     if judged.refusal is not None and not force:
-        raise InadequateError(f"{recording.name}: {judged.refusal}")
+        raise InadequateError(f"{recording.name}: {judged.refusal.why}", judged.refusal.explained)
     straight = judged.straight and fit.line[1] > 0.0
     if straight:
         w = line(structure, fit)
@@ -303,7 +325,7 @@ def _fitted(
         fit,
         judged.baseline,
         judged.hysteresis,
-        judged.refusal,
+        judged.refusal and judged.refusal.why,
         judged.one_way,
         problem.excitation_report(),
         None if straight else prove(problem, w),
@@ -319,7 +341,7 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
     if isinstance(x, Recording):
         if y is not None:
             raise IdentificationError("a recording holds its own output, so y must not be given")
-        return x.in_memory() if x.length <= IN_MEMORY else x
+        return x.in_memory() if x.length <= HELD else x
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")
     return Recording.from_arrays(

@@ -155,7 +155,7 @@ def excursions(x: Vector) -> NDArray[np.int64]:
     return np.array(bottoms, dtype=np.int64)
 
 
-def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
+def candidate_rates(sample_time: float, duration_s: float, per_decade: int = PER_DECADE) -> tuple[float, ...]:
     """Rates in 1/s on a logarithmic grid from the length of the recording to ten sampling periods, fastest first.
 
     Examples
@@ -163,9 +163,9 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
     >>> candidate_rates(1e-2, 1.0)
     (10.0, 3.16228, 1.0)
     """
-    slowest = math.ceil(PER_DECADE * math.log10(1.0 / duration_s) - 1e-9)
-    fastest = math.floor(PER_DECADE * math.log10(0.1 / sample_time) + 1e-9)
-    return tuple(float(f"{10.0 ** (k / PER_DECADE):.6g}") for k in range(fastest, slowest - 1, -1))
+    slowest = math.ceil(per_decade * math.log10(1.0 / duration_s) - 1e-9)
+    fastest = math.floor(per_decade * math.log10(0.1 / sample_time) + 1e-9)
+    return tuple(float(f"{10.0 ** (k / per_decade):.6g}") for k in range(fastest, slowest - 1, -1))
 
 
 def select(

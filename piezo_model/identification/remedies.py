@@ -8,6 +8,7 @@ import numpy as np
 
 from piezo_model.identification.fit_report import percent
 from piezo_model.identification.fitting import IdentificationError
+from piezo_model.identification.travel import FAR_MORE
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
 
@@ -18,43 +19,48 @@ Refit = Callable[..., HysteresisCreepModel]
 """The identification again with other keywords; IdentificationError where it is refused again."""
 
 
-def remedy(refit: Refit, recording: Recording, skip: int | None, m: int | None) -> str:
+def remedy(refit: Refit, recording: Recording, skip: int | None, m: int | None, explained: float) -> str:
     """A clause that names the option with which the recording does give a model, with the error then; "" where none was
     found.
 
-    What is tried: to leave out first samples, and lower orders than ``m``, None where it may not be chosen.
+    What is tried: to leave out first samples, and lower orders than ``m``, None where it may not be chosen. An option
+    that leaves more than the explanation of the refusal does, ``explained`` as a share of the range, helps nobody.
     """
-    if (found := _transient(refit, recording, skip or 0)) is not None:
+
+    def tried(**changes: int) -> HysteresisCreepModel | None:
+        try:
+            model = refit(**changes)
+        except IdentificationError:
+            return None
+        return model if model.report["fit"]["rms_percent"] < 100.0 * explained else None
+
+    if (found := _transient(tried, recording, skip or 0)) is not None:
+        first = int(found.report["fit"]["skipped"])
         return (
-            f"; its first {found[0]} samples seem to hold a transient: with --skip {found[0]} the model leaves "
-            f"{found[1]}"
+            f"; its first {first} samples seem to hold a transient: with --skip {first} the model leaves {_left(found)}"
         )
     for lower in range((m or 0) - 1, -1, -1):
-        if (model := _tried(refit, m=lower)) is not None:
+        if (model := tried(m=lower)) is not None:
             return f"; with --m {lower} the model leaves {_left(model)}"
     return ""
 
 
-def _transient(refit: Refit, recording: Recording, skip: int) -> tuple[int, str] | None:
-    """Fewest first samples without which there is a model, and what that leaves."""
+def _transient(
+    tried: Callable[..., HysteresisCreepModel | None], recording: Recording, skip: int
+) -> HysteresisCreepModel | None:
+    """The model without the fewest first samples that it takes, where it errs far more in them than in all others,
+    and not because the drive goes farther there."""
     longest = int(LONGEST_TRANSIENT * recording.length)
-    model = _tried(refit, skip=longest) if longest > skip else None
+    model = tried(skip=longest) if longest > skip else None
     if model is None or model.start is None:
         return None
     x, y = recording.head(2 * longest).arrays()
-    error = np.abs(model.simulate(x, model.start.copy()) - y)
-    beyond = np.flatnonzero(error[:longest] > model.report["fit"]["max"])
-    fewest = int(beyond[-1]) + 1 if beyond.size else 0
-    if fewest > skip and (again := _tried(refit, skip=fewest)) is not None:
-        return fewest, _left(again)
-    return longest, _left(model)
-
-
-def _tried(refit: Refit, **changes: int) -> HysteresisCreepModel | None:
-    try:
-        return refit(**changes)
-    except IdentificationError:
+    known, worst = (x >= x[longest:].min()) & (x <= x[longest:].max()), float(model.report["fit"]["max"])
+    error = np.where(known, np.abs(model.simulate(x, model.start.copy()) - y), 0.0)[:longest]
+    if error.max() <= FAR_MORE * worst:
         return None
+    fewest = int(np.flatnonzero(error > worst)[-1]) + 1
+    return (tried(skip=fewest) if fewest > skip else None) or model
 
 
 def _left(model: HysteresisCreepModel) -> str:

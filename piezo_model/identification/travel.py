@@ -1,19 +1,26 @@
-"""Where the drive of a recording moves, what it has covered by then, and how much of the recording its start is found
-from."""
+"""Where the drive of a recording moves, what it has covered by then, how much of the recording its start is found from,
+and which first samples no start of the operators explains, as where an amplifier was switched on."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 
 HEAD, LONGEST_HEAD = 200_000, 500_000
 """Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
 MOVED = 0.01
 """Share of its range that a drive covers within the noise of its rest."""
+TRANSIENT_SHARE = 0.1
+"""Longest transient, as a share of the recording."""
+FAR_MORE, NOTABLE = 4.0, 0.03
+"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the
+range."""
 
 
 def head_of(recording: Recording, s: ModelStructure) -> Recording:
@@ -57,9 +64,29 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
     """Range of the output after the first ``skip`` samples."""
     if skip == 0:
         return recording.y_range
-    low, high, seen = math.inf, -math.inf, 0
-    for _, y in recording.chunks():
-        counted = y[max(skip - seen, 0) :]
-        low, high = float(np.min(counted, initial=low)), float(np.max(counted, initial=high))
-        seen += y.size
+    low, high = math.inf, -math.inf
+    for _, y, head in skipping(recording, skip):
+        low, high = float(np.min(y[head:], initial=low)), float(np.max(y[head:], initial=high))
     return low, high
+
+
+def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, int]]:
+    """Chunks of a recording, each with how many of its samples are among the first ``skip``."""
+    for x, y in recording.chunks():
+        yield x, y, min(skip, x.size)
+        skip -= min(skip, x.size)
+
+
+def longest_transient(head: Recording, s: ModelStructure) -> int:
+    """Samples at the start within which a transient may lie; 0 where the drive does not move after them."""
+    look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
+    return look if look and moving_from(head, look) < head.length else 0
+
+
+def transient_end(error: Vector, look: int) -> int:
+    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after
+    them; 0 for none."""
+    later = float(np.max(error[look:]))
+    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
+        return 0
+    return int(np.flatnonzero(error[:look] > later)[-1]) + 1

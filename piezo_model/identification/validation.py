@@ -18,9 +18,8 @@ from piezo_model.identification.fit_report import Fit, percent
 from piezo_model.identification.fitting import IdentificationError
 from piezo_model.identification.forward_error import forward_error
 from piezo_model.identification.initial_state import find_initial_state
-from piezo_model.identification.lag_identification import without_lag
-from piezo_model.identification.transient import longest_transient, transient_end
-from piezo_model.identification.travel import head_of, y_range
+from piezo_model.identification.sensor_lag import without_lag
+from piezo_model.identification.travel import head_of, longest_transient, transient_end, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
@@ -93,12 +92,6 @@ class Validation:
             )
 
 
-def _outlier(recording: Recording, unit: str) -> str:
-    y = recording.head(LOOKED_AT).arrays()[1]
-    at = outlier(y)
-    return "" if at is None else outlier_sentence(y, at, 0, unit)
-
-
 def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState:
     """States before the first sample of a recording that explain it best; the identification's where these do as well
     as there.
@@ -158,7 +151,7 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     if lag is not None and lag["removed"]:
         recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
-    reported = model.report.get("fit", {}).get("rms_percent")
+    reported, y = model.report.get("fit", {}).get("rms_percent"), recording.head(LOOKED_AT).arrays()[1]
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
         fit,
@@ -168,5 +161,5 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
         max(0.0, 50.0 * (farthest - 1.0)),
         s.output_unit,
         model.warning,
-        _outlier(recording, s.output_unit),
+        "" if (at := outlier(y)) is None else outlier_sentence(y, at, 0, s.output_unit),
     )

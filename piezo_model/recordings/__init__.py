@@ -1,4 +1,19 @@
-"""Recordings of an actuator: CSV and Parquet files that are checked once, read in chunks and never trusted blindly."""
+"""Recordings of an actuator: files of any format that are checked once, read in chunks and never trusted blindly.
+
+A voltage on its way from a file to a weight passes
+
+    formats/*           ``batches``: text by Arrow, after `dialect` and `text_rows`; binary formats by their libraries,
+                        in a child process (`apart`)
+    tables              ``Table.pieces``: float64, (columns, rows)
+    roles, profile      which column is what, by names, and by values where these do not say it
+    scan                ``scan``: values and clock checked (`checks`, `clocks`, `time_rounding`), held, streamed, or
+                        interpolated, in one pass
+    recording           ``Recording.chunks``
+    identification      `preprocessing` (sign, transient, initial state), `sensor_lag`; `fitting.accumulate`: the sums
+                        of (6), `fitting.optimum`: the weights; `forward_error`, `adequacy`, `fit_report`: their worth
+
+and enters none of these files twice but where a recording is too long to be held.
+"""
 
 from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.recording import Recording, Reference, read_reference

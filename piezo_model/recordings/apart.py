@@ -16,11 +16,12 @@ from threading import Lock
 from types import ModuleType
 from typing import Any, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.child_process import Child, LateError, LostError, limit_memory
 from piezo_model.recordings.pieces import RecordingError
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading
+from piezo_model.recordings.tables import ArrayTable, Column, Reading
 
 T = TypeVar("T")
 
@@ -29,6 +30,7 @@ MEMORY_MB = 4096
 LEAST_S, BYTES_PER_S = 60.0, 5e6
 """Time that a question may take, and how fast a file is read at least."""
 _turn = Lock()
+_limit_memory = cache(limit_memory)  # once in a process
 
 
 @dataclass(frozen=True)
@@ -44,25 +46,25 @@ class File:
 
 @dataclass(frozen=True)
 class Rows:
-    """How a channel is read."""
+    """An array in the child, read by slices."""
 
     file: File
     at: int
 
-    def __call__(self, start: int, stop: int) -> NDArray:
-        """Values from one row to before another."""
-        return _ask(_read, self.file, self.at, start, stop)
+    def __getitem__(self, rows: slice) -> NDArray:
+        """Some of its values."""
+        return _ask(_read, self.file, self.at, rows)
 
 
-def open_table(module: ModuleType, path: Path, reading: Reading) -> ChannelTable:
-    """List the channels; the errors are those of :func:`piezo_model.recordings.tables.open_table`."""
+def open_table(module: ModuleType, path: Path, reading: Reading) -> ArrayTable:
+    """List the columns; the errors are those of :func:`piezo_model.recordings.tables.open_table`."""
     found = path.stat()
     file = File(path.absolute(), module.__name__, reading, found.st_size, found.st_mtime_ns)
     form, columns = _ask(_list, file)
-    return ChannelTable(path, form, [Channel(column, Rows(file, k)) for k, column in enumerate(columns)])
+    return ArrayTable(path, form, columns, [Rows(file, k) for k in range(len(columns))])
 
 
-def _ask(question: Callable[..., T], file: File, *more: int) -> T:
+def _ask(question: Callable[..., T], file: File, *more: Any) -> T:
     """The child's answer; what it raised is raised here, and how it ended is said in a sentence."""
     limit_s = LEAST_S + file.size / BYTES_PER_S
     try:
@@ -89,7 +91,7 @@ def _child(process: int) -> Child:
 # In the child.
 
 
-def _answer(question: Callable[..., T], file: File, *more: int) -> T | Exception:
+def _answer(question: Callable[..., T], file: File, *more: Any) -> T | Exception:
     try:
         return question(file, *more)
     except Exception as error:
@@ -101,17 +103,12 @@ def _list(file: File) -> tuple[str, tuple[Column, ...]]:
     return table.form, table.columns
 
 
-def _read(file: File, at: int, start: int, stop: int) -> NDArray:
-    return _opened(file).channels[at].read(start, stop)
+def _read(file: File, at: int, rows: slice) -> NDArray:
+    return np.asarray(_opened(file).arrays[at][rows])
 
 
 @lru_cache(1)
-def _opened(file: File) -> ChannelTable:
-    _limited()
-    table: ChannelTable = import_module(file.module).open_table(file.path, file.reading)
+def _opened(file: File) -> ArrayTable:
+    _limit_memory(MEMORY_MB)
+    table: ArrayTable = import_module(file.module).open_table(file.path, file.reading)
     return table
-
-
-@cache
-def _limited() -> None:
-    limit_memory(MEMORY_MB)

@@ -1,4 +1,4 @@
-"""Columns of Arrow as float64 arrays."""
+"""Columns of Arrow as arrays."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import Elapsed
-from solvers.arrays import Matrix
+from piezo_model.recordings.tables import Column, Kind
 
 
-def matrix_of(batch: pa.RecordBatch, clocks: Sequence[Elapsed]) -> Matrix:
-    """Columns of numbers of a batch as an array of its own, shape (columns, rows), NaN where a value is missing.
+def column_of(field: pa.Field, rows: int) -> Column:
+    """A column of a table of so many rows."""
+    kinds: dict[Kind, Sequence[bool]] = {
+        "number": (pa.types.is_floating(field.type), pa.types.is_integer(field.type), pa.types.is_decimal(field.type)),
+        "flag": (pa.types.is_boolean(field.type),),
+        "clock": (pa.types.is_temporal(field.type) and not pa.types.is_date(field.type),),
+    }
+    return Column.named(field.name, kind=next((kind for kind, fits in kinds.items() if any(fits)), "text"), rows=rows)
 
-    Points in time and durations become seconds since the first; there is a clock for each column.
-    """
-    rows = np.empty((batch.num_columns, batch.num_rows))
-    for row, column, clock in zip(rows, batch.columns, clocks, strict=True):
-        if pa.types.is_temporal(column.type):
-            row[:] = clock.seconds(times(column))
-        else:
-            row[:] = numbers(column.cast(pa.float64()) if pa.types.is_decimal(column.type) else column)
-    return rows
+
+def arrays_of(batch: pa.RecordBatch) -> list[NDArray[Any]]:
+    """Columns of a batch as arrays, times as datetime64 or timedelta64."""
+    return [times(column) if pa.types.is_temporal(column.type) else numbers(column) for column in batch.columns]
 
 
 def numbers(column: pa.Array) -> NDArray[Any]:
     """A column of numbers as an array, NaN where a value is missing."""
-    if column.null_count:
+    if column.null_count or pa.types.is_decimal(column.type):
         column = column.cast(pa.float64(), safe=False).fill_null(math.nan)
     return np.asarray(np.from_dlpack(column))  # to_numpy would import pandas
 

@@ -1,4 +1,4 @@
-"""Is a recording what an identification may be fed with? One pass over its columns, in bounded memory.
+"""Are values finite and times uniform, over any number of pieces and in bounded memory?
 
 Uniform sampling means t_k = t_0 + k T. Printed times carry a rounding of up to half the last digit r (125 µs printed
 with three digits reads 0.000, 0.000, …), so that two of them, s samples apart, may miss s T by r without anything
@@ -15,13 +15,11 @@ given as the shortest decimal that the rounding leaves possible.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 
 import numpy as np
 
-from piezo_model.recordings.pieces import RecordingError, check_sample_time, limited, rechunk
-from piezo_model.recordings.tables import Table
+from piezo_model.recordings.pieces import ABSURD, RecordingError, check_sample_time
 from piezo_model.recordings.time_rounding import Rounding, printed_digit
 from solvers.arrays import Vector
 
@@ -30,90 +28,8 @@ TIME_TOLERANCE = 0.01
 """Share of the sampling period by which an interval may differ from it."""
 SAME_RATE, LEAST_CHANGE = 16, 0.05
 """Equal intervals in a row that make a sampling rate, and the share by which another one differs."""
-ABSURD = 1e30
-"""Size from which a value is none: instruments write 9.9e37 for an overload."""
 
 Where = Callable[[int], str]
-
-
-@dataclass(frozen=True)
-class Scan:
-    """What one pass over a table found."""
-
-    sample_time: float
-    """Sampling period in seconds."""
-    time_resolution: float
-    """Rounding that shows in the times, in seconds."""
-    length: int
-    """Rows up to the last that is complete."""
-    incomplete: int
-    """Rows after that one."""
-    ranges: tuple[tuple[float, float], ...]
-    """Smallest and largest value of every signal."""
-    duration_s: float
-    """From the first time to the last."""
-
-
-def scan(
-    table: Table,
-    time: int | None,
-    signals: Sequence[int],
-    sample_time: float = 1.0,
-    tolerance: float = TIME_TOLERANCE,
-    length: int | None = None,
-    even: bool = True,
-) -> Scan:
-    """Check a time column and signal columns in one pass.
-
-    Parameters
-    ----------
-    table : Table
-        Opened table.
-    time : int or None
-        Position of the time column.
-    signals : sequence of int
-        Positions of the signals.
-    sample_time : float
-        Seconds in one unit of the time column, or the sampling period where there is none.
-    tolerance : float
-        Allowed deviation of an interval, as a share of the sampling period.
-    length : int, optional
-        Rows to look at.
-    even : bool
-        Whether the times must be even; otherwise the sampling period is their mean distance.
-
-    Raises
-    ------
-    RecordingError
-        Missing, NaN or infinite values but for missing ones in the last rows, times that run backwards, stand still,
-        leap or jitter, fewer than two rows.
-    """
-    if not 0 < tolerance < 0.5:
-        raise RecordingError(f"the time tolerance is a share of the sampling period between 0 and 0.5, not {tolerance}")
-    at = [*([] if time is None else [time]), *signals]
-    values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
-    clock = (
-        None
-        if time is None
-        else ClockCheck(
-            f"{table.path}: time column {table.columns[time].name!r}", table.where, sample_time, tolerance, even
-        )
-    )
-    for piece in rechunk(limited(table.pieces(at), length), CHUNK):
-        for check, column in zip(values, piece, strict=True):
-            check.update(column)
-        if clock and not any(check.bad for check in values):
-            clock.update(piece[0])
-    complete = min(check.finish() for check in values)
-    rows = values[0].count
-    if complete < rows:
-        return replace(scan(table, time, signals, sample_time, tolerance, complete, even), incomplete=rows - complete)
-    if clock is None and rows < 2:
-        raise RecordingError(f"{table.path}: has {rows} data row{'' if rows == 1 else 's'}, and a recording needs two")
-    ranges = tuple((check.low, check.high) for check in values[len(at) - len(signals) :])
-    if clock is None:
-        return Scan(sample_time, 0.0, rows, 0, ranges, (rows - 1) * sample_time)
-    return Scan(clock.sample_time(), clock.resolution * sample_time, rows, 0, ranges, clock.duration_s)
 
 
 class ValueCheck:

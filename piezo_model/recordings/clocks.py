@@ -1,4 +1,4 @@
-"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789) into seconds, exact to the
+"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789) into times, exact to the
 nanosecond.
 
 A column is written in one form: all of its clocks have a date or none has, and so with an offset from UTC, which
@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from datetime import datetime, timedelta
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,7 +21,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from piezo_model.recordings.arrow_columns import numbers
-from piezo_model.recordings.pieces import Elapsed, RecordingError
+from piezo_model.recordings.pieces import RecordingError
 from solvers.arrays import Vector
 
 _GAP = "[\\s\u00a0\u202f]*"
@@ -44,7 +45,7 @@ def is_clock(cell: str) -> bool:
 
 
 class ClockReader:
-    """Seconds since the first cell of a column, over any number of pieces.
+    """Times of a column, over any number of pieces.
 
     The sentence of an error starts with the label; ``where`` names a row counted from 0.
     """
@@ -52,8 +53,7 @@ class ClockReader:
     def __init__(self, label: str, where: Callable[[int], str]) -> None:
         """Start before the first cell."""
         self.label, self.where = label, where
-        self._count, self._elapsed = 0, Elapsed()
-        self._example = ""
+        self._count, self._example = 0, ""
         self._date: str | None = None
         self._zone: str | None = None
         """Of the first cell, "" for none."""
@@ -62,11 +62,11 @@ class ClockReader:
         self._minutes: bool | None = None
         """Whether a clock of two numbers has minutes and seconds: some of the first ones have a fraction."""
 
-    def seconds(self, cells: Sequence[str | None]) -> Vector:
-        """Seconds of the next piece, NaN where a cell is missing; RecordingError for a cell that is no clock of the
-        column's form."""
+    def times(self, cells: Sequence[str | None]) -> NDArray[Any]:
+        """Times of the next piece, datetime64 from the first date on or timedelta64 since midnight, NaT where a cell
+        is missing; RecordingError for a cell that is no clock of the column's form."""
         at = np.array([k for k, cell in enumerate(cells) if cell], dtype=int)
-        result = np.full(len(cells), np.nan)
+        result = np.full(len(cells), np.iinfo(np.int64).min)  # NaT
         if at.size:
             self._example = self._example or str(cells[at[0]])
             plain = pc.replace_substring_regex(
@@ -79,10 +79,9 @@ class ClockReader:
                 wrong = next(iter(np.flatnonzero(np.isnan(days + offsets)).tolist()), -1)
             if wrong >= 0:
                 raise RecordingError(self._refusal(str(cells[at[wrong]]), self._count + int(at[wrong])))
-            times = self._times_of_day(parts) + days.astype(np.int64) * DAY - offsets.astype(np.int64) * SECOND
-            result[at] = self._elapsed.seconds(times.view("M8[ns]" if self._date else "m8[ns]"))
+            result[at] = self._times_of_day(parts) + (days * DAY - offsets * SECOND).astype(np.int64)
         self._count += len(cells)
-        return result
+        return result.view("M8[ns]" if self._date else "m8[ns]")
 
     def _times_of_day(self, parts: pa.StructArray) -> NDArray[np.int64]:
         """Nanoseconds since midnight."""

@@ -201,7 +201,8 @@ def _headed(
     if not headed:
         return Layout(dialect, width, start, tuple(f"column {k + 1}" for k in range(width)), units, kinds, None, ())
     at, names = headed[-1] if header is None else headed[0]
-    return Layout(dialect, width, start, tuple(names), units, kinds, at, (lines[at].strip(), *repeated))
+    named = tuple(name or f"column {k + 1}" for k, name in enumerate(names))
+    return Layout(dialect, width, start, named, units, kinds, at, (lines[at].strip(), *repeated))
 
 
 def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from piezo_model.structure import SAMPLE_TIMES
 from solvers.arrays import Matrix, Vector
 
+T = TypeVar("T")
 BUFFER_BYTES = 1 << 18
 """Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""
+ABSURD = 1e30
+"""Size from which a value is none: instruments write 9.9e37 for an overload."""
 
 
 class RecordingError(ValueError):
@@ -48,7 +51,7 @@ def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:
         yield np.concatenate(held, axis=1)
 
 
-def ahead(pieces: Iterable[Matrix]) -> Iterator[Matrix]:
+def ahead(pieces: Iterable[T]) -> Iterator[T]:
     """The same pieces, each made by a thread while the one before it is worked on."""
     made = iter(pieces)
     with ThreadPoolExecutor(1) as thread:

@@ -15,10 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recordings.checks import ABSURD
+from piezo_model.recordings.pieces import ABSURD, rechunk
 from piezo_model.recordings.tables import Table
 from solvers.arrays import Matrix
 
+LOOK = 1_000_000
+"""Rows from the start that tell input from output."""
 LEAST_LOOP = 0.004
 """Area of a loop, as a share of the product of both ranges, from which its sense tells input from output."""
 LEAST_NOISE_RATIO = 4.0
@@ -74,32 +76,16 @@ def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
 
 def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], str] | None:
     """Which of two columns is the input and which the output, and why; None where the values do not tell."""
-    first: Matrix | None = None
-    last: Matrix = np.empty((2, 0))
-    area = covariance = 0.0
-    total, low, high, rows = np.zeros(2), np.full(2, np.inf), np.full(2, -np.inf), 0
-    variation, bends = np.zeros(2), np.zeros(2)
-    for piece in map(_sane, table.pieces(pair)):
-        first = piece[:, :1].copy() if first is None else first
-        window = np.concatenate([last, piece], axis=1) - first
-        a, b = window
-        area += 0.5 * float(np.sum(a[:-1] * b[1:] - a[1:] * b[:-1]))
-        fresh = window[:, last.shape[1] and 1 :]
-        covariance, total, rows = (
-            covariance + float(fresh[0] @ fresh[1]),
-            total + fresh.sum(axis=1),
-            rows + fresh.shape[1],
-        )
-        low, high = np.minimum(low, window.min(axis=1)), np.maximum(high, window.max(axis=1))
-        variation += np.abs(np.diff(window, axis=1)).sum(axis=1)
-        bends += np.abs(np.diff(window, 2, axis=1)).sum(axis=1)
-        last = piece[:, -1:].copy()
-    ranges = high - low
-    if rows < 16 or not np.all(ranges > 0) or not np.all(np.isfinite(bends)):
+    rows = _sane(next(rechunk(table.pieces(pair), LOOK), np.empty((2, 0))))
+    if rows.shape[1] < 16:
         return None
-    covariance -= total[0] * total[1] / rows
+    a, b = window = rows - rows[:, :1]
+    area, ranges = 0.5 * float(np.sum(a[:-1] * b[1:] - a[1:] * b[:-1])), np.ptp(window, axis=1)
+    variation, bends = (np.abs(np.diff(window, order, axis=1)).sum(axis=1) for order in (1, 2))
+    if not np.all(ranges > 0) or not np.all(np.isfinite(bends)):
+        return None
     loops = max(1.0, float(np.min(variation / (2 * ranges))))
-    lag = area * np.sign(covariance) / (loops * ranges[0] * ranges[1])
+    lag = area * np.sign(np.cov(a, b)[0, 1]) / (loops * ranges[0] * ranges[1])
     if abs(lag) > LEAST_LOOP:
         return (pair if lag > 0 else pair[::-1]), LAGS
     noise = bends / ranges

@@ -9,6 +9,7 @@ are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` says so; w
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,29 +19,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, Scan, ValueCheck, scan
+from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, ValueCheck
 from piezo_model.recordings.opening import open_table
-from piezo_model.recordings.pieces import RecordingError, check_sample_time, limited, rechunk
-from piezo_model.recordings.resampling import resampled, resampled_length
-from piezo_model.recordings.roles import Roles, choose_roles, seconds_per_unit
-from piezo_model.recordings.tables import Column, Reading, Table
+from piezo_model.recordings.pieces import RecordingError, check_sample_time, rechunk
+from piezo_model.recordings.roles import choose_roles
+from piezo_model.recordings.scan import Scan, scan
+from piezo_model.recordings.tables import Column, Reading
 from piezo_model.structure import SMALLEST
 from piezo_model.units import canonical, quantity, shown
 from solvers.arrays import Matrix, Vector
 
-CLOCK_TOLERANCE = 0.01
-"""Share of its duration by which a recording may last longer or shorter by its time column than by a given sampling
-period."""
+HELD = 5_000_000
+"""Samples up to which an identification keeps a recording in memory."""
 
 
-@dataclass(frozen=True)
-class Recording:
-    """Input and output of an actuator; made by :meth:`open` or :meth:`from_arrays`, which check it."""
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Where signals come from."""
 
     name: str
     """Path of the file, or what arrays were called."""
     sample_time: float
     """Sampling period in seconds."""
+    columns: Mapping[str, str] = field(default_factory=dict)
+    """Column of the file by role."""
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """Why a column was guessed, by role; not of those that the user named."""
+    form: str = ""
+    """How the file was understood, as a clause: "text, separated by tabs, header in row 3"."""
+
+    @property
+    def guesses(self) -> dict[str, str]:
+        """Those of ``columns`` that nobody named."""
+        return {role: self.columns[role] for role in self.reasons}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording(Source):
+    """Input and output of an actuator; made by :meth:`open` or :meth:`from_arrays`, which check it."""
+
     length: int
     """Samples."""
     x_range: tuple[float, float]
@@ -51,17 +68,9 @@ class Recording:
     """Unit of the input ("V"), or "" where nothing says it."""
     output_unit: str = ""
     """Unit of the output ("um"), or "" where nothing says it."""
-    columns: Mapping[str, str] = field(default_factory=dict)
-    """Column of the file by role: time, input, output."""
-    guesses: Mapping[str, str] = field(default_factory=dict)
-    """Those of ``columns`` that nobody named."""
     time_resolution: float = 0.0
     """Rounding that shows in the times, in seconds."""
-    reasons: Mapping[str, str] = field(default_factory=dict)
-    """Why the guessed ones were guessed, by role."""
-    form: str = ""
-    """How the file was understood, as a clause: "text, separated by tabs, header in row 3"."""
-    _pieces: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False, default=tuple)
+    _pieces: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False)
 
     @classmethod
     def open(
@@ -79,6 +88,7 @@ class Recording:
         resample: float | None = None,
         input_unit: str | None = None,
         output_unit: str | None = None,
+        hold: int = 0,
     ) -> Recording:
         """Open a file and check all of it, in one pass and in bounded memory.
 
@@ -93,6 +103,8 @@ class Recording:
             times.
         sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
             What the file does not say, as in :class:`piezo_model.recordings.tables.Reading`.
+        hold : int
+            Samples up to which the recording stays in memory; a longer one is read again whenever it is looked at.
 
         Raises
         ------
@@ -110,26 +122,20 @@ class Recording:
         (0.005, 3, (0.0, 2.0), 'um')
         """
         reading = Reading(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
-        table = open_table(path, reading)
-        roles = choose_roles(table, {"time": time, "input": input, "output": output}, sample_time is not None)
-        found = _scanned(table, roles, ("input", "output"), reading, time_tolerance)
-        x, y = (table.columns[roles.at[role]] for role in ("input", "output"))
+        source, found, (x, y) = _read(
+            path, {"time": time, "input": input, "output": output}, reading, time_tolerance, hold
+        )
         for role, column, (low, high) in zip(("input", "output"), (x, y), found.ranges, strict=True):
-            _refuse_constant(f"{table.path}: {role} column {column.name!r}", low, high, found.length)
+            _refuse_constant(f"{path}: {role} column {column.name!r}", low, high, found.length)
         return cls(
-            str(path),
-            found.sample_time,
-            found.length,
-            found.ranges[0],
-            found.ranges[1],
-            _unit(input_unit, x),
-            _unit(output_unit, y),
-            _names(table, roles),
-            {role: table.columns[roles.at[role]].name for role in roles.reasons},
-            found.time_resolution,
-            roles.reasons,
-            _form(table, found),
-            found.signals,
+            **source,
+            length=found.length,
+            x_range=found.ranges[0],
+            y_range=found.ranges[1],
+            input_unit=_unit(reading.input_unit, x),
+            output_unit=_unit(reading.output_unit, y),
+            time_resolution=found.time_resolution,
+            _pieces=found.signals,
         )
 
     @classmethod
@@ -174,13 +180,13 @@ class Recording:
             ranges.append((check.low, check.high))
         both = np.stack(list(signals.values()))
         return cls(
-            name,
-            float(sample_time),
-            both.shape[1],
-            ranges[0],
-            ranges[1],
-            input_unit,
-            output_unit,
+            name=name,
+            sample_time=float(sample_time),
+            length=both.shape[1],
+            x_range=ranges[0],
+            y_range=ranges[1],
+            input_unit=input_unit,
+            output_unit=output_unit,
             _pieces=partial(iter, (both,)),
         )
 
@@ -226,7 +232,6 @@ class Recording:
             input_unit=self.output_unit,
             output_unit=self.input_unit,
             columns={other.get(role, role): name for role, name in self.columns.items()},
-            guesses={other.get(role, role): name for role, name in self.guesses.items()},
             _pieces=partial(_turned, self._pieces),
         )
 
@@ -255,26 +260,14 @@ class Recording:
         return f"{first}\n{second}{_guessed(self.reasons)}"
 
 
-@dataclass(frozen=True)
-class Reference:
+@dataclass(frozen=True, kw_only=True)
+class Reference(Source):
     """A signal to be followed; ``sample_time, values, unit = reference`` unpacks it."""
 
-    sample_time: float
-    """Sampling period in seconds."""
     values: Vector
     """The signal, shape (samples,)."""
     unit: str
     """Unit of the values, or "" where nothing says it."""
-    name: str
-    """Path of the file."""
-    columns: Mapping[str, str]
-    """Column of the file by role: time, reference."""
-    guesses: Mapping[str, str]
-    """Those of ``columns`` that nobody named."""
-    reasons: Mapping[str, str] = field(default_factory=dict)
-    """Why, by role."""
-    form: str = ""
-    """How the file was understood, as a clause."""
 
     def __iter__(self) -> Iterator[Any]:
         """Sampling period, values and unit."""
@@ -325,116 +318,38 @@ def read_reference(
         With one sentence that names file, column and row.
     """
     reading = Reading(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+    source, found, (signal,) = _read(path, {"time": time, role: column}, reading, time_tolerance, sys.maxsize)
+    unit = _unit(reading.input_unit if role == "input" else reading.output_unit, signal)
+    return Reference(**source, values=next(rechunk(found.signals(), found.length))[0], unit=unit)
+
+
+def _read(
+    path: str | Path, named: Mapping[str, str | None], reading: Reading, tolerance: float, hold: int
+) -> tuple[dict[str, Any], Scan, list[Column]]:
+    """Fields of a `Source`, the samples of a file and the columns of its signals."""
     table = open_table(path, reading)
-    roles = choose_roles(table, {"time": time, role: column}, sample_time is not None)
-    found = _scanned(table, roles, (role,), reading, time_tolerance)
-    values = next(rechunk(found.signals(), found.length))[0]
-    unit = _unit(input_unit if role == "input" else output_unit, table.columns[roles.at[role]])
-    return Reference(
-        found.sample_time,
-        values,
-        unit,
-        str(path),
-        _names(table, roles),
-        {role: table.columns[roles.at[role]].name for role in roles.reasons},
-        roles.reasons,
-        _form(table, found),
-    )
-
-
-@dataclass(frozen=True)
-class _Scanned:
-    """What a pass over the columns found, and how to stream the signals."""
-
-    sample_time: float
-    time_resolution: float
-    length: int
-    incomplete: int
-    ranges: tuple[tuple[float, float], ...]
-    uneven: int
-    """Rows that the samples were interpolated from, or 0."""
-    signals: Callable[[], Iterable[Matrix]]
-
-
-def _scanned(table: Table, roles: Roles, signals: Iterable[str], reading: Reading, tolerance: float) -> _Scanned:
-    at, time = [roles.at[role] for role in signals], roles.at.get("time")
-    if time is None:
-        if reading.resample is not None:
-            raise RecordingError(
-                f"{table.path}: --resample needs a time column, and there is none; name it with --time"
-            )
-        found = scan(table, None, at, reading.sample_time or table.columns[at[0]].sample_time or 1.0, tolerance)
-        if roles.unread is not None:
-            _refuse_other_clock(table, roles.unread, found)
-    else:
-        found = scan(
-            table, time, at, seconds_per_unit(table, table.columns[time]), tolerance, even=reading.resample is None
-        )
-    if reading.resample is None or time is None:
-        return _Scanned(
-            found.sample_time,
-            found.time_resolution,
-            found.length,
-            found.incomplete,
-            found.ranges,
-            0,
-            partial(_rows, table, at, found.length),
-        )
-    period, unit = reading.resample, seconds_per_unit(table, table.columns[time])
-    length = resampled_length(str(table.path), found.duration_s, period)
-    return _Scanned(
-        period,
-        0.0,
-        length,
-        found.incomplete,
-        found.ranges,
-        found.length,
-        partial(_resampled_rows, table, [time, *at], found.length, period / unit),
-    )
-
-
-def _refuse_other_clock(table: Table, time: int, found: Scan) -> None:
-    """Refuse a sampling period that a time column contradicts."""
-    column, ends = table.columns[time], [np.inf, -np.inf]
-    for piece in limited(table.pieces([time]), found.length):
-        ends = [min(ends[0], float(np.nanmin(piece))), max(ends[1], float(np.nanmax(piece)))]
-    by_clock, by_option = (ends[1] - ends[0]) * seconds_per_unit(table, column), found.duration_s
-    # one that stands still is not believed
-    if by_clock > 0.0 and abs(by_clock - by_option) > CLOCK_TOLERANCE * by_clock:
-        raise RecordingError(
-            f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {column.name!r} and "
-            f"{quantity(by_option, 's')} by "
-            f"--sample-time {found.sample_time:g}; leave out --sample-time, or give --resample where "
-            "the times are uneven, or "
-            "--time none where that column is no clock"
-        )
+    roles = choose_roles(table, named, reading.sample_time is not None)
+    found = scan(table, roles, reading, tolerance, hold)
+    columns = {role: table.columns[k] for role, k in roles.at.items()}
+    rows = "row is" if found.incomplete == 1 else f"{found.incomplete} rows are"
+    left_out = f", the last {rows} not complete and left out" if found.incomplete else ""
+    uneven = f", interpolated from {found.uneven} rows at the times of the file" if found.uneven else ""
+    source = {
+        "name": str(path),
+        "sample_time": found.sample_time,
+        "columns": {role: column.name for role, column in columns.items()},
+        "reasons": roles.reasons,
+        "form": table.form + left_out + uneven,
+    }
+    return source, found, [column for role, column in columns.items() if role != "time"]
 
 
 def _turned(pieces: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:
     return (piece[::-1] for piece in pieces())
 
 
-def _rows(table: Table, at: list[int], length: int) -> Iterator[Matrix]:
-    return limited(table.pieces(at), length)
-
-
-def _resampled_rows(table: Table, at: list[int], length: int, period: float) -> Iterator[Matrix]:
-    return resampled(limited(table.pieces(at), length), period)
-
-
 def _unit(given: str | None, column: Column) -> str:
     return column.unit if given is None else canonical(given) or given.strip()
-
-
-def _names(table: Table, roles: Roles) -> dict[str, str]:
-    return {role: table.columns[k].name for role, k in roles.at.items()}
-
-
-def _form(table: Table, found: _Scanned) -> str:
-    rows = "row is" if found.incomplete == 1 else f"{found.incomplete} rows are"
-    left_out = f", the last {rows} not complete and left out" if found.incomplete else ""
-    uneven = f", interpolated from {found.uneven} rows at the times of the file" if found.uneven else ""
-    return table.form + left_out + uneven
 
 
 def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
@@ -459,8 +374,6 @@ def _said(role: str, column: str | None, unit: str, span: tuple[float, float]) -
 def _guessed(reasons: Mapping[str, str]) -> str:
     if not reasons:
         return ""
-    by_reason: dict[str, list[str]] = {}
-    for role, reason in reasons.items():
-        by_reason.setdefault(reason, []).append(role)
-    said = "; ".join(f"{', '.join(roles)} {reason}" for reason, roles in by_reason.items())
+    roles = {why: ", ".join(role for role in reasons if reasons[role] == why) for why in reasons.values()}
+    said = "; ".join(f"{some} {why}" for why, some in roles.items())
     return f"; guessed: {said} (otherwise {', '.join(f'--{role}' for role in reasons)})"

@@ -168,9 +168,10 @@ class _Search:
         """Free columns without a role."""
         return [k for k in self.free if k not in self.at.values()]
 
-    def give(self, role: str, at: int, reason: str) -> None:
-        """Settle a role."""
-        self.at[role], self.reasons[role] = at, reason
+    def give(self, role: str, group: Sequence[int], reason: str) -> None:
+        """Settle a role that is open where one column alone is left for it."""
+        if role not in self.at and len(group) == 1:
+            self.at[role], self.reasons[role] = group[0], reason
 
 
 def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = False) -> Roles:
@@ -208,7 +209,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         _find_time_by_name(search)
     unread = search.at.get("time") if sampled else None
     if "reference" in named:
-        _find_reference(search, named)
+        _find_reference(search)
     else:
         _find_signals(search)
     missing = [role for role in named if role != "time" and role not in search.at]
@@ -223,7 +224,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         missing += ["time"] * ("time" not in search.at)
     if missing:
         raise RecordingError(_question(table, missing, list(named)))
-    return Roles({role: search.at[role] for role in ROLES if role in search.at}, search.reasons, unread)
+    at = {role: search.at[role] for role in ROLES if role in named and role in search.at}
+    return Roles(at, {role: why for role, why in search.reasons.items() if role in at}, unread)
 
 
 def find(table: Table, role: str, named: str) -> int:
@@ -272,24 +274,17 @@ def words_of(column: Column) -> set[str]:
 
 
 def _find_time_by_name(search: _Search) -> None:
-    ranked = sorted((rank, k) for k in search.left() if (rank := _time_rank(search.table.columns[k])) is not None)
-    if ranked and (len(ranked) == 1 or ranked[0][0] < ranked[1][0]):
-        search.give("time", ranked[0][1], "by name")
+    ranks = {k: rank for k in search.left() if (rank := _time_rank(search.table.columns[k])) is not None}
+    search.give("time", [k for k, rank in ranks.items() if rank == min(ranks.values())], "by name")
 
 
 def _find_time_by_values(search: _Search) -> None:
+    known = {k: search.profiles[k] for k in search.left() if k in search.profiles}
+    rising = [k for k, profile in known.items() if profile.rises and not profile.counts]
     clocks = [k for k in search.left() if search.table.columns[k].kind == "clock"]
-    rising = [
-        k for k in search.left() if k in search.profiles and search.profiles[k].rises and not search.profiles[k].counts
-    ]
-    even = [k for k in rising if search.profiles[k].uniform]
-    for group, reason in (
-        (clocks, "as the only clock"),
-        (rising, "as the only one that never falls"),
-        (even, "as the only one that rises evenly"),
-    ):
-        if len(group) == 1:
-            return search.give("time", group[0], reason)
+    search.give("time", clocks, "as the only clock")
+    search.give("time", rising, "as the only one that never falls")
+    search.give("time", [k for k in rising if known[k].uniform], "as the only one that rises evenly")
 
 
 def _time_rank(column: Column) -> tuple[int, int] | None:
@@ -301,59 +296,44 @@ def _time_rank(column: Column) -> tuple[int, int] | None:
     return near or ((2, 0) if column.unit in SECONDS else None)
 
 
-def _find_reference(search: _Search, named: Mapping[str, str | None]) -> None:
-    if "reference" in search.at:
-        return
+def _find_reference(search: _Search) -> None:
     left = search.left()
-    wished = [k for k in left if words_of(search.table.columns[k]) & WISHED or search.table.columns[k].stem == "r"]
-    lengths = [k for k in left if vote(search.table.columns[k]) < 0]
-    for group in (wished, lengths, left):
-        if len(group) == 1:
-            return search.give("reference", group[0], "by name" if group is not left else "as the only one left")
+    columns = {k: search.table.columns[k] for k in left}
+    wished = [k for k, column in columns.items() if words_of(column) & WISHED or column.stem == "r"]
+    search.give("reference", wished, "by name")
+    search.give("reference", [k for k, column in columns.items() if vote(column) < 0], "by name")
+    search.give("reference", left, "as the only one left")
 
 
 def _find_signals(search: _Search) -> None:
     columns = search.table.columns
     usual = [k for k in search.left() if not words_of(columns[k]) & OTHERS or vote(columns[k])]
-    usual = [k for k in usual if columns[k].name and columns[k].kind == "number"]
+    usual = [k for k in usual if columns[k].kind == "number"]
     _by_name(search, usual)
     if {"input", "output"} <= search.at.keys():
         return
-    if "time" not in search.at:
-        _find_time_by_values(search)
-    lively = [
-        k
-        for k in search.left()
-        if k in search.profiles and not search.profiles[k].constant and not search.profiles[k].counts
-    ]
+    _find_time_by_values(search)
+    known = {k: search.profiles[k] for k in search.left() if k in search.profiles}
+    lively = [k for k, profile in known.items() if not profile.constant and not profile.counts]
     usual = [k for k in usual if k in lively]
     _by_name(search, usual)
     for group in (usual, lively):
         left = [k for k in group if k not in search.at.values()]
         absent = [role for role in ("input", "output") if role not in search.at]
-        if len(absent) == 1 and len(left) == 1 and not (absent == ["output"] and words_of(columns[left[0]]) & WISHED):
-            return search.give(absent[0], left[0], "as the only one left")
-        if len(absent) == 2 and len(left) == 2 and not all(vote(columns[k]) < 0 for k in left):
-            found = input_first(search.table, (left[0], left[1]))
-            if found:
-                search.give("input", found[0][0], found[1])
-                search.give("output", found[0][1], found[1])
-                return
+        if absent == ["input"] or (absent == ["output"] and not any(words_of(columns[k]) & WISHED for k in left)):
+            search.give(absent[0], left, "as the only one left")
+        elif len(absent) == len(left) == 2 and not all(vote(columns[k]) < 0 for k in left):
+            pair, reason = input_first(search.table, (left[0], left[1])) or ((), "")
+            for role, k in zip(absent, pair, strict=False):
+                search.give(role, [k], reason)
 
 
 def _by_name(search: _Search, usual: Sequence[int]) -> None:
     columns = search.table.columns
-    free = [k for k in usual if k not in search.at.values()]
-    votes = {k: vote(columns[k]) for k in free}
-    if "input" not in search.at:
-        best = [k for k in free if votes[k] == max(votes.values()) > 0]
-        if len(best) == 1:
-            search.give("input", best[0], "by name")
-    free = [k for k in free if k not in search.at.values() and not words_of(columns[k]) & WISHED]
-    if "output" not in search.at:
-        best = [k for k in free if votes[k] == min(votes[k] for k in free) < 0]
-        if len(best) == 1:
-            search.give("output", best[0], "by name")
+    votes = {k: vote(columns[k]) for k in usual if k not in search.at.values()}
+    search.give("input", [k for k in votes if votes[k] == max(votes.values()) > 0], "by name")
+    votes = {k: n for k, n in votes.items() if k not in search.at.values() and not words_of(columns[k]) & WISHED}
+    search.give("output", [k for k in votes if votes[k] == min(votes.values()) < 0], "by name")
 
 
 def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str:

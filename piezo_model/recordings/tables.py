@@ -2,7 +2,8 @@
 
 A table is a path, its columns and two verbs: ``pieces(at)`` streams the columns at those positions as float64 arrays of
 shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where
-a row is. A missing cell arrives as NaN; what NaN means is judged in :mod:`piezo_model.recordings.checks`.
+a row is. A format says only how its ``batches`` are read. A missing cell arrives as NaN; what NaN means is judged in
+:mod:`piezo_model.recordings.checks`.
 
 A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the registry.
 """
@@ -10,12 +11,12 @@ A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from solvers.arrays import Matrix
 
 HEAD_BYTES = 1 << 18
 """Bytes at the start of a file by which its format is told; the header of a text must lie within them."""
-CHANNEL_ROWS = 1 << 17
+ARRAY_ROWS = 1 << 17
 Kind = Literal["number", "clock", "flag", "text", "empty"]
 KINDS_OF_ARRAYS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
 """By the letter that NumPy has for a type."""
@@ -89,16 +90,9 @@ class Column:
 
     @classmethod
     def named(cls, name: str, unit: str = "", **more: Any) -> Column:
-        """A column whose unit is stated apart, or else read from its name."""
-        return cls(name, canonical(unit) or split_unit(name)[1], **more)
-
-    @classmethod
-    def of_path(
-        cls, name: str, unit: str, rows: int, sample_time: float | None, kind: Kind = "number", nested: bool = True
-    ) -> Column:
-        """A column named by its path, of which the last part may tell the unit."""
-        last = name.rpartition("/")[2] if nested else name
-        return cls(name, canonical(unit) or split_unit(last)[1], kind, rows, sample_time, nested)
+        """A column whose unit is stated apart, or else read from its name, or the last part of its path."""
+        last = name.rpartition("/")[2] if more.get("nested") else name
+        return cls(name, canonical(unit) or split_unit(last)[1], **more)
 
     @property
     def stem(self) -> str:
@@ -107,80 +101,61 @@ class Column:
         return split_unit(last if re.search(r"[^\W\d]", last) else self.name.replace("/", " "))[0]
 
 
-class Table(Protocol):
+@dataclass(frozen=True)
+class Table(ABC):
     """An opened file; its columns are read on demand."""
-
-    @property
-    def path(self) -> Path:
-        """Where it is."""
-
-    @property
-    def columns(self) -> Sequence[Column]:
-        """In the order of the file."""
-
-    @property
-    def form(self) -> str:
-        """How the file was understood, as a clause of a sentence."""
-
-    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
-        """Stream the columns at these positions as arrays of shape (columns, rows)."""
-
-    def where(self, row: int) -> str:
-        """Where a row is, counted from 0, as a user would look for it."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A column that can be read from any row to any other."""
-
-    column: Column
-    read: Callable[[int, int], NDArray]
-    """Values from one row to before another, times as datetime64 or timedelta64; must survive pickling."""
-
-
-@dataclass(frozen=True)
-class ChannelTable:
-    """Arrays by name, as the scientific formats keep them; they need not be of one length."""
 
     path: Path
     form: str
-    channels: Sequence[Channel] = field(repr=False)
+    """How the file was understood, as a clause of a sentence."""
+    columns: tuple[Column, ...]
+    """In the order of the file."""
+
+    @abstractmethod
+    def batches(self, at: Sequence[int]) -> Iterable[Sequence[NDArray]]:
+        """Stream the columns at these positions, times as datetime64 or timedelta64, some rows at a time."""
+
+    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
+        """Stream the columns at these positions as arrays of shape (columns, rows), times in seconds since the
+        first."""
+        clocks = [Elapsed() for _ in at]
+        for batch in self.batches(at):
+            yield np.stack(
+                [
+                    clock.seconds(values) if values.dtype.kind in "mM" else np.asarray(values, dtype=np.float64)
+                    for values, clock in zip(batch, clocks, strict=True)
+                ]
+            )
+
+    def where(self, row: int) -> str:
+        """Where a row is, counted from 0, as a user would look for it."""
+        return f"data row {row + 1}"
+
+
+@dataclass(frozen=True)
+class ArrayTable(Table):
+    """Arrays by name, as the scientific formats keep them; they need not be of one length."""
+
+    arrays: Sequence[Any] = field(repr=False)
+    """One a column, read by slices; they must survive pickling."""
 
     def __post_init__(self) -> None:
         """Refuse a file that has none."""
-        if not self.channels:
+        if not self.columns:
             raise RecordingError(f"{self.path}: is {self.form} without a column of numbers")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Of all channels."""
-        return tuple(channel.column for channel in self.channels)
-
-    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
-        """Stream channels of one length as arrays of shape (columns, rows)."""
-        chosen = [self.channels[k] for k in at]
-        lengths = {channel.column.name: channel.column.rows or 0 for channel in chosen}
+    def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
+        """Stream arrays of one length."""
+        lengths = {self.columns[k].name: self.columns[k].rows or 0 for k in at}
         if len(set(lengths.values())) > 1:
             raise RecordingError(
                 f"{self.path}: the columns are not of one length: "
                 + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items())
             )
-        clocks = [Elapsed() for _ in chosen]
-        for start in range(0, max(lengths.values()), CHANNEL_ROWS):
-            stop = min(start + CHANNEL_ROWS, max(lengths.values()))
+        for start in range(0, max(lengths.values()), ARRAY_ROWS):
             with parsed(self.path, self.form):
-                read = [channel.read(start, stop) for channel in chosen]
-                piece = np.stack(
-                    [
-                        clock.seconds(values) if values.dtype.kind in "mM" else np.asarray(values, dtype=np.float64)
-                        for values, clock in zip(read, clocks, strict=True)
-                    ]
-                )
-            yield piece
-
-    def where(self, row: int) -> str:
-        """Data row, for a row counted from 0."""
-        return f"data row {row + 1}"
+                batch = [self.arrays[k][start : start + ARRAY_ROWS] for k in at]
+            yield batch
 
 
 @contextmanager
@@ -197,39 +172,39 @@ def parsed(path: Path, form: str) -> Iterator[None]:
 def in_memory(
     path: Path,
     form: str,
-    arrays: Mapping[str, NDArray],
+    arrays: Mapping[str, Any],
     units: Mapping[str, str] | None = None,
-    sample_time: float | None = None,
-) -> ChannelTable:
-    """Make a table of one- and two-dimensional arrays; a matrix becomes columns ``name/1``, ``name/2``, …"""
-    units, channels = units or {}, []
+    sample_time: float | Mapping[str, float | None] | None = None,
+    nested: bool = True,
+) -> ArrayTable:
+    """Make a table of one- and two-dimensional arrays; a matrix becomes columns ``name/1``, ``name/2``, …
+
+    Unit and sampling period are by name, or one period for all; ``nested`` says whether names are paths.
+    """
+    columns, kept = [], []
     for name, array in arrays.items():
+        period = sample_time.get(name) if isinstance(sample_time, Mapping) else sample_time
         for label, values in columns_of(name, array):
             kind = KINDS_OF_ARRAYS[values.dtype.kind]
-            column = Column.of_path(label, units.get(name, ""), values.size, sample_time, kind)
-            channels.append(Channel(column, array_slice(values)))
-    return ChannelTable(path, form, channels)
+            columns.append(
+                Column.named(
+                    label, (units or {}).get(name, ""), kind=kind, rows=len(values), sample_time=period, nested=nested
+                )
+            )
+            kept.append(values)
+    return ArrayTable(path, form, tuple(columns), kept)
 
 
-def columns_of(name: str, array: NDArray) -> Iterator[tuple[str, NDArray]]:
+def columns_of(name: str, array: Any) -> Iterator[tuple[str, Any]]:
     """The columns of numbers that an array holds, each with its name; none where it holds something else."""
     if array.dtype.names:
         for part in array.dtype.names:
             yield from columns_of(f"{name}/{part}" if name else part, array[part])
     elif array.dtype.kind in KINDS_OF_ARRAYS and array.size > 1:
-        array = array.squeeze()
+        array = array if array.ndim == 1 else np.squeeze(array)
         if array.ndim == 1:
             yield name or "column 1", array
         elif array.ndim == 2:
             long = array if array.shape[0] >= array.shape[1] else array.T
             for k in range(long.shape[1]):
                 yield f"{name}/{k + 1}" if name else f"column {k + 1}", long[:, k]
-
-
-def array_slice(values: NDArray) -> Callable[[int, int], NDArray]:
-    """How a channel of an array in memory is read."""
-    return partial(_rows, values)
-
-
-def _rows(values: NDArray, start: int, stop: int) -> NDArray:
-    return values[start:stop]

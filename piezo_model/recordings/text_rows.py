@@ -16,6 +16,7 @@ from piezo_model.recordings.dialect import Dialect
 from piezo_model.recordings.pieces import BUFFER_BYTES, RecordingError
 
 LONGEST_LINE = 1 << 20
+LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 TAIL_BYTES = 1 << 16
 
 
@@ -121,11 +122,9 @@ def end_of_rows(path: Path, encoding: str, dialect: Dialect, width: int, start: 
     with path.open("rb") as file:
         file.seek(begin)
         tail = file.read()
-    lines = re.findall(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+", tail.decode(encoding, errors="replace"))
-    if begin > start:
-        lines = lines[1:]
+    lines = LINE.findall(tail.decode(encoding, errors="replace"))
     dropped, stop = 0, size
-    for line in reversed(lines):
+    for line in reversed(lines[begin > start :]):
         cells = dialect.split(line)
         holds = any(dialect.kind(cell) in ("number", "clock") for cell in cells)
         if holds and not dialect.is_comment(line) and len(cells) >= width:

@@ -8,6 +8,7 @@ the old one as it was. CSV follows RFC 4180 with the shortest decimals that give
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +23,7 @@ from piezo_model.recordings.pieces import RecordingError
 WRITTEN_SUFFIXES = (".csv", ".parquet")
 
 
-def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
+def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str = "") -> None:
     """Write named columns of equal length atomically; numbers come back to the last bit.
 
     Parameters
@@ -31,6 +32,8 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
         ``.csv`` (comma, decimal point, header) or ``.parquet``; an existing file is replaced.
     columns : mapping of str to array, shape (rows,)
         Finite numbers; put units in the names (``time_s``, ``voltage_V``).
+    remark : str
+        A sentence that goes with the table: a comment above the header of CSV, ``remark`` in Parquet's metadata.
 
     Raises
     ------
@@ -54,6 +57,8 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
         )
     pa = _arrow(path)
     table = pa.table({name: _column(path, name, values) for name, values in _checked_names(path, columns).items()})
+    if remark:
+        table = table.replace_schema_metadata({"remark": remark})
     write = _write_csv if path.suffix.lower() == ".csv" else pa.parquet.write_table
     try:
         with replacing(os.path.realpath(path)) as temporary, temporary.open("wb") as file:  # a link stays a link
@@ -99,16 +104,9 @@ def _arrow(path: Path) -> Any:
 def _write_csv(table: Any, file: BinaryIO) -> None:
     from pyarrow.csv import WriteOptions, write_csv
 
-    header = _Line()
+    header = io.StringIO()
+    for remark in (table.schema.metadata or {}).values():
+        header.write(f"# {' '.join(remark.decode().split())}\n")
     csv.writer(header, lineterminator="\n").writerow(table.column_names)
-    file.write(header.text.encode())
+    file.write(header.getvalue().encode())
     write_csv(table, file, WriteOptions(include_header=False))
-
-
-class _Line:
-    """The one line that csv.writer, which wants a file, is asked for."""
-
-    text = ""
-
-    def write(self, text: str) -> None:
-        self.text += text

@@ -5,6 +5,8 @@ import os
 import random
 import signal
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import fsspec
@@ -15,6 +17,7 @@ from browser import Browser
 from command_line import CommandLine, Finished, wait_until_gone
 from conftest import TWO_CORES
 
+from bench.cli import fleet as fleet_verb
 from bench.cli.fleet import process
 from bench.fleet.compensating import Compensating
 from bench.fleet.fleet import done, parts_of
@@ -355,3 +358,37 @@ def test_asked_again_the_page_shows_the_refused_rows_again(
         assert "1 of 2 recordings are refused" in piezobench(*words).refusal
         pages.append((tmp_path / "out" / "fleet.html").read_text())
     assert all("Refused" in page and BAD in page for page in pages)
+
+
+@dataclass(frozen=True)
+class Told:
+    """Work that takes the error from the file itself and draws at once."""
+
+    made = ""
+
+    def reads(self, name: str) -> Sequence[str]:
+        return ()
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, float]:
+        return {"rms_percent": float(recording.read_text())}
+
+    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
+        page.write_text(recording.name)
+
+
+@pytest.mark.parametrize("most", [100, 12])
+def test_every_outlier_has_its_page_and_where_they_are_too_many_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    monkeypatch.setattr(fleet_verb, "PAGES", most)
+    count, outliers = 60, 28
+    for k in range(count):
+        (tmp_path / f"{k}.txt").write_text(str((30.0 + k) if k < outliers else 1.0 + 1e-3 * k))
+    process(Told(), [str(tmp_path / "*.txt")], str(tmp_path / "out"), Workers(), "Fleet", "gave a model", as_json=True)
+    table = table_in(tmp_path / "out")
+    assert int((table.distance > DISTANT).sum()) == outliers
+    drawn = sorted((tmp_path / "out" / "pages").glob("*.html"))
+    assert {page.stem for page in drawn} == {str(name) for name in table.name[: min(most, outliers)]}
+    page = (tmp_path / "out" / "fleet.html").read_text()
+    assert page.count('href="pages/') == len(drawn)
+    assert ("The 12 most unlike have pages" in page) == (most < outliers)

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from command_line import CommandLine
 
-from piezo_model.recordings import write_table
+from piezo_model.recordings import read_reference, write_table
 
 SAMPLE_TIME = 1e-3
 WARNING = "The model was forced although the output is noise that does not follow the drive"
@@ -66,3 +67,21 @@ def test_what_a_forced_model_computes_is_said_with_the_warning(
 def test_the_table_of_a_fleet_marks_forced_models(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     assert piezobench("identify", desk / "noise.csv", "--out-dir", tmp_path, "--force", "--n", 1, "--m", 0).status == 0
     assert WARNING in pd.read_csv(tmp_path / "fleet.csv").forced[0]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("verb", ["compensate", "simulate"])
+def test_a_table_made_from_a_forced_model_is_marked_and_read_all_the_same(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, verb: str, suffix: str
+) -> None:
+    out, given = tmp_path / f"made{suffix}", {"compensate": "wish.csv", "simulate": "noise.csv"}[verb]
+    call = piezobench(verb, desk / "model.json", desk / given, "--out", out)
+    assert call.status == 0
+    if suffix == ".csv":
+        first, header = out.read_text().splitlines()[:2]
+        assert first.startswith(f"# {WARNING}")
+        assert header.startswith("time_s,drive_V")
+    else:
+        assert WARNING in pq.read_schema(out).metadata[b"remark"].decode()
+    drive = read_reference(out, column="drive_V", role="input")
+    assert (drive.sample_time, drive.values.size) == (SAMPLE_TIME, 500 if verb == "compensate" else 4000)

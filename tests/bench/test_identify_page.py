@@ -93,14 +93,26 @@ def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(
     share = browser.run(
         """
         const plot = document.querySelector('#error svg');
-        const lines = [...plot.querySelectorAll('.mark-rule.role-mark line')].slice(arguments[0]);
-        const rules = lines.map(rule => rule.getBoundingClientRect());
-        const height = Math.max(...rules.map(r => r.bottom)) - Math.min(...rules.map(r => r.top));
-        return height / plot.getBoundingClientRect().height;
-    """,
-        found.skipped,
-    )  # no more stretches than samples are left out
+        const counted = plot.querySelector('.mark-line.role-mark path[stroke="#1f86c7"]');
+        return counted.getBoundingClientRect().height / plot.getBoundingClientRect().height;
+    """
+    )
     assert 0.3 < share < 1.0
+
+
+def test_the_error_is_a_curve_through_its_largest_values(browser: Browser, tmp_path: Path) -> None:
+    x, y = signals()
+    y[4000] += 5.0
+    measured = recording(x, y)
+    found = review(measured, identify(measured, n=3, m=1, creep_rates=()))
+    browser.open(recording_page.write(tmp_path / "page.html", "stage.csv", found))
+    assert browser.run("return document.querySelectorAll('#error .mark-rule.role-mark line').length") == 0
+    assert browser.run("return document.querySelectorAll('#error .mark-line.role-mark path').length") >= 1
+    drawn = pd.read_csv(tmp_path / "page-figures" / "error.csv")
+    assert drawn.time_s.is_monotonic_increasing
+    counted = found.error[found.skipped :]
+    shown = drawn.error[drawn.counted == "counted"]
+    assert (shown.min(), shown.max()) == pytest.approx((counted.min(), counted.max()), rel=1e-4)
 
 
 def test_the_structure_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:

@@ -301,6 +301,50 @@ def test_a_butterfly_is_named_be_its_switching_soft_or_sharp(sharpness: float) -
         identify(Recording.from_arrays(75.0 * field, strain, SAMPLE_TIME))
 
 
+@pytest.mark.parametrize(("form", "width"), [(1, 0.6), (4, 0.6), (4, 0.7)])
+def test_the_backlash_of_a_motor_is_named_with_its_width_and_no_option_that_does_not_help(
+    form: int, width: float
+) -> None:
+    rng = np.random.default_rng(0)
+    u = drive(rng, form=form)
+    position, y = u[0], np.empty_like(u)
+    for k, value in enumerate(u):
+        position = min(max(position, value - width), value + width)
+        y[k] = position
+    made = Recording.from_arrays(75.0 + 70.0 * u, noisy(rng, y, 0.001), SAMPLE_TIME, input_unit="V")
+    with pytest.raises(IdentificationError, match=r"with a backlash of ([\d.]+) V, as of a gear") as caught:
+        identify(made)
+    found = float(str(caught.value).partition("backlash of ")[2].split()[0])
+    assert found == pytest.approx(2.0 * 70.0 * width, rel=0.02)
+    assert "--" not in str(caught.value)
+
+
+def resonant(*frequencies: float, damping: float, seed: int = 3) -> Recording:
+    """A stage with a resonance at 40 Hz, driven by a few tones."""
+    rng, t = np.random.default_rng(seed), np.arange(8000) * SAMPLE_TIME
+    u = np.mean([np.sin(2.0 * np.pi * f * t + k) for k, f in enumerate(frequencies)], axis=0)
+    w = 2.0 * np.pi * 40.0 * SAMPLE_TIME
+    a, b = 2.0 * np.exp(-damping * w) * np.cos(w * np.sqrt(1.0 - damping**2)), -np.exp(-2.0 * damping * w)
+    y = lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], u + 0.05 * loops(rng, u))
+    return Recording.from_arrays(u, noisy(rng, y, 0.001), SAMPLE_TIME)
+
+
+@pytest.mark.parametrize("tones", [(30.0, 45.0), (38.0, 44.0), (7.0, 60.0)])
+@pytest.mark.parametrize("damping", [0.02, 0.1])
+def test_two_tones_tell_a_resonance_and_its_frequency(tones: tuple[float, ...], damping: float) -> None:
+    with pytest.raises(IdentificationError, match=r"the output has a resonance at (\d+)") as caught:
+        identify(resonant(*tones, damping=damping))
+    assert float(str(caught.value).partition("resonance at ")[2].split()[0]) == pytest.approx(40.0, rel=0.03)
+    assert "--" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(45.0, 0.02), (45.0, 0.1), (60.0, 0.1)])
+def test_one_tone_above_a_resonance_is_not_taken_for_swapped_columns_alone(frequency: float, damping: float) -> None:
+    with pytest.raises(IdentificationError, match=r"lags by 1\d\d° at (45|60) Hz, as above a resonance, or") as caught:
+        identify(resonant(frequency, damping=damping))
+    assert "--" not in str(caught.value)
+
+
 def test_validation_leaves_out_the_transient_that_identification_leaves_out() -> None:
     made = switched_on(470.0, 3.0, 20)
     model = identify(made)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, parsed
+from piezo_model.recordings.tables import ArrayTable, Column, Reading, parsed
 
 
-def open_table(path: Path, reading: Reading) -> ChannelTable:
+def open_table(path: Path, reading: Reading) -> ArrayTable:
     match path.read_text():
         case "crash":
             os.kill(os.getpid(), signal.SIGSEGV)
@@ -26,9 +26,12 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
             started.write_text(str(os.getpid()))
             started.rename(path.with_name("busy"))
             time.sleep(1000.0)
-    return ChannelTable(path, "unruly", [Channel(Column.named("x", rows=100), crash)])
+    return ArrayTable(path, "unruly", (Column.named("x", rows=100),), [Crashing()])
 
 
-def crash(start: int, stop: int) -> NDArray[np.float64]:
-    os.kill(os.getpid(), signal.SIGSEGV)
-    return np.zeros(stop - start)
+class Crashing:
+    """An array that ends the process when its rows are read."""
+
+    def __getitem__(self, rows: slice) -> NDArray[np.float64]:
+        os.kill(os.getpid(), signal.SIGSEGV)
+        return np.zeros(rows.stop - rows.start)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from piezo_model.recordings.arrow_columns import matrix_of
-from piezo_model.recordings.pieces import Elapsed, RecordingError, first_line
-from piezo_model.recordings.tables import Column, Reading
-from solvers.arrays import Matrix
+from piezo_model.recordings.arrow_columns import arrays_of, column_of
+from piezo_model.recordings.pieces import RecordingError, first_line
+from piezo_model.recordings.tables import Reading, Table
 
 NAME = "a stream of Arrow batches"
 ORDER = 11
@@ -26,25 +26,16 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 @dataclass(frozen=True)
-class ArrowTable:
-    """A stream of Arrow batches; see :class:`piezo_model.recordings.tables.Table`."""
+class StreamTable(Table):
+    """A stream of Arrow batches."""
 
-    path: Path
-    columns: tuple[Column, ...]
-    form: str = "Arrow stream"
-
-    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
-        """Stream columns as arrays of shape (columns, rows)."""
-        names, clocks = [self.columns[k].name for k in at], [Elapsed() for _ in at]
-        for batch in batches(self.path):
-            yield matrix_of(batch.select(names), clocks)
-
-    def where(self, row: int) -> str:
-        """Data row, for a row counted from 0."""
-        return f"data row {row + 1}"
+    def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
+        """Stream columns."""
+        for batch in whole_batches(self.path):
+            yield arrays_of(batch.select([self.columns[k].name for k in at]))
 
 
-def batches(path: Path) -> Iterator[pa.RecordBatch]:
+def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
     """The whole batches of a stream, in order; RecordingError where there is none."""
     count = 0
     with pa.OSFile(str(path)) as source:
@@ -63,16 +54,7 @@ def batches(path: Path) -> Iterator[pa.RecordBatch]:
         raise RecordingError(f"{path}: is an Arrow stream without a whole batch")
 
 
-def open_table(path: Path, reading: Reading) -> ArrowTable:
+def open_table(path: Path, reading: Reading) -> StreamTable:
     """Read the columns of the first batch and count the rows of all."""
-    rows, schema = 0, None
-    for batch in batches(path):
-        rows, schema = rows + batch.num_rows, batch.schema
-    assert schema is not None
-    return ArrowTable(
-        path,
-        tuple(
-            Column.named(field.name, kind="number" if pa.types.is_floating(field.type) else "text", rows=rows)
-            for field in schema
-        ),
-    )
+    schemas, rows = zip(*((batch.schema, batch.num_rows) for batch in whole_batches(path)), strict=True)
+    return StreamTable(path, "Arrow stream", tuple(column_of(field, sum(rows)) for field in schemas[0]))

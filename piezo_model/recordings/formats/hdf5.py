@@ -6,20 +6,19 @@ attribute whose name is that of a sampling rate or period gives the period.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.recordings.sampling_remark import only, sample_time_of
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, parsed
+from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
 
 NAME = "an HDF5 file"
 ORDER = 30
 APART = True
+UNITS = ("Unit", "Units", "unit", "units")
+"""Attributes that hold one; the last that is there counts."""
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
@@ -28,61 +27,24 @@ def recognises(path: Path, head: bytes) -> bool:
     return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
 
 
-@dataclass(frozen=True)
-class Slice:
-    """Rows of one column of a dataset."""
-
-    path: Path
-    dataset: str
-    axis: int
-    """Along which the rows run."""
-    at: int
-    """Which of the columns."""
-    part: str | None = None
-    """Field of a compound dataset."""
-
-    def __call__(self, start: int, stop: int) -> NDArray:
-        """Values from one row to before another."""
-        import h5py
-
-        with h5py.File(self.path, "r") as file:
-            data = file[self.dataset]
-            data = data.fields(self.part) if self.part else data
-            if len(file[self.dataset].shape) == 1:
-                return np.asarray(data[start:stop])
-            return np.asarray(data[start:stop, self.at] if self.axis == 0 else data[self.at, start:stop])
-
-
-def open_table(path: Path, reading: Reading) -> ChannelTable:
-    """List the datasets."""
+def open_table(path: Path, reading: Reading) -> ArrayTable:
+    """List the datasets, which keep the file open and are read in slices where they are plain columns."""
     import h5py
 
     datasets: list[Any] = []
-    with parsed(path, "HDF5"), h5py.File(path, "r") as file:
+    with parsed(path, "HDF5"):
+        file = h5py.File(path, "r")
         file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
         datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
         stated = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
-        channels = [Channel(column, read) for item in datasets for column, read in _columns(path, item, stated)]
-    return ChannelTable(path, "HDF5", channels)
-
-
-def _columns(path: Path, item: Any, stated: float | None) -> Iterator[tuple[Column, Slice]]:
-    name: str = item.name.lstrip("/")
-    shape: tuple[int, ...] = item.shape or ()
-    rows = max(shape, default=0)
-    if rows < 2 or len(shape) > 2:
-        return
-    unit = next((_text(item.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in item.attrs), "")
-    if item.dtype.names:
-        for part in item.dtype.names:
-            if item.dtype[part].kind in "iufb" and not item.dtype[part].shape and len(shape) == 1:
-                yield Column.of_path(f"{name}/{part}", "", rows, stated), Slice(path, item.name, 0, 0, part)
-    elif item.dtype.kind in "iufb":
-        axis = 0 if len(shape) == 1 or shape[0] >= shape[1] else 1
-        count = 1 if len(shape) == 1 else min(shape)
-        for k in range(count):
-            label = name if count == 1 else f"{name}/{k + 1}"
-            yield Column.of_path(label, unit, rows, stated), Slice(path, item.name, axis, k)
+        columns = {
+            item.name.lstrip("/"): item
+            for item in datasets
+            if max(item.shape or (0,)) > 1 and item.ndim <= 2 and (item.dtype.names or item.dtype.kind in "iufb")
+        }
+        units = {name: _text(item.attrs[key]) for name, item in columns.items() for key in UNITS if key in item.attrs}
+        arrays = {name: item if item.ndim == 1 and not item.dtype.names else item[()] for name, item in columns.items()}
+    return in_memory(path, "HDF5", arrays, units, stated)
 
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:

@@ -7,6 +7,7 @@ dSPACE write them; otherwise a variable is a column by its path, a matrix one co
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.recordings.sampling_remark import sample_time_in_scalars
-from piezo_model.recordings.tables import ChannelTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
 
 NAME = "a MATLAB file"
 ORDER = 25
@@ -28,16 +29,16 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith(b"MATLAB ") or version_4
 
 
-def open_table(path: Path, reading: Reading) -> ChannelTable:
+def open_table(path: Path, reading: Reading) -> ArrayTable:
     """Read every variable."""
     with path.open("rb") as file:
         modern = file.read(10) == b"MATLAB 7.3"
     if modern:
-        import pymatreader
-
-        read = pymatreader.read_mat
+        from pymatreader import read_mat as read
     else:
-        read = _read_classic
+        from scipy.io import loadmat
+
+        read = partial(loadmat, simplify_cells=True)
     with parsed(path, "MATLAB"):
         variables = read(str(path))
     units: dict[str, str] = {}
@@ -49,12 +50,6 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         units,
         sample_time_in_scalars(found),
     )
-
-
-def _read_classic(path: str) -> dict[str, Any]:
-    import scipy.io
-
-    return dict(scipy.io.loadmat(path, simplify_cells=True))
 
 
 def _arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, NDArray]]:

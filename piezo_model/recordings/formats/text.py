@@ -13,18 +13,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
+from numpy.typing import NDArray
 
 from piezo_model.recordings.arrow_columns import numbers
 from piezo_model.recordings.clocks import ClockReader
 from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
 from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading
-from piezo_model.recordings.text_rows import LONGEST_LINE, TextRows, end_of_rows
-from solvers.arrays import Matrix
+from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading, Table
+from piezo_model.recordings.text_rows import LINE, LONGEST_LINE, TextRows, end_of_rows
 
 NAME = "plain text"
 ORDER = 100
@@ -41,16 +40,13 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 @dataclass(frozen=True)
-class TextTable:
-    """A text file; see :class:`piezo_model.recordings.tables.Table`."""
+class TextTable(Table):
+    """A text file."""
 
-    path: Path
-    columns: tuple[Column, ...]
-    form: str
     rows: TextRows
 
-    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
-        """Stream columns as arrays of shape (columns, rows)."""
+    def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
+        """Stream columns."""
         keys = [str(k) for k in range(len(self.columns))]  # names of the file may repeat or be empty
         clocks = {
             k: ClockReader(f"{self.path}: column {self.columns[k].name!r}", self.where)
@@ -73,12 +69,10 @@ class TextTable:
         try:
             for block in self.rows.blocks():
                 for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
-                    yield np.stack(
-                        [
-                            clocks[k].seconds(self.rows.decoded(column.to_pylist())) if k in clocks else numbers(column)
-                            for k, column in zip(at, batch.columns, strict=True)
-                        ]
-                    )
+                    yield [
+                        clocks[k].times(self.rows.decoded(column.to_pylist())) if k in clocks else numbers(column)
+                        for k, column in zip(at, batch.columns, strict=True)
+                    ]
         except (pa.ArrowException, OSError) as error:
             raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
 
@@ -116,7 +110,7 @@ def open_table(path: Path, reading: Reading) -> TextTable:
         head = file.read(HEAD_BYTES)
         whole = not file.read(1)
     encoding, mark = _encoding(path, head)
-    lines = re.findall(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+", head[mark:].decode(encoding, errors="replace"))
+    lines = LINE.findall(head[mark:].decode(encoding, errors="replace"))
     if not whole and len(lines) > 1:
         lines = lines[:-1]
     elif not whole and len(head) >= min(HEAD_BYTES, LONGEST_LINE):
@@ -132,10 +126,10 @@ def open_table(path: Path, reading: Reading) -> TextTable:
     rows = TextRows(path, encoding, layout.dialect, layout.width, start, stop, layout.start, layout.repeated)
     stated = sample_time_in(lines[: layout.start] if layout.header is None else lines[: layout.header])
     columns = tuple(
-        Column.named(name or f"column {k + 1}", unit, kind=kind, sample_time=stated)
-        for k, (name, unit, kind) in enumerate(zip(layout.names, layout.units, layout.kinds, strict=True))
+        Column.named(name, unit, kind=kind, sample_time=stated)
+        for name, unit, kind in zip(layout.names, layout.units, layout.kinds, strict=True)
     )
-    return TextTable(path, columns, _form(encoding, layout, dropped), rows)
+    return TextTable(path, _form(encoding, layout, dropped), columns, rows)
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
@@ -183,18 +177,16 @@ def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: La
 
 
 def _form(encoding: str, layout: Layout, dropped: int) -> str:
-    said = ["text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else "")]
-    said.append(f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}")
-    if layout.dialect.decimal == ",":
-        said.append("decimal comma")
-    said.append(
-        "no header"
-        if layout.header is None
-        else f"header in row {layout.header + 1}" + (", which holds the first row, too" if layout.glued else "")
-    )
-    if dropped:
-        said.append(f"the last {'line is' if dropped == 1 else f'{dropped} lines are'} no complete row and left out")
-    return ", ".join(said)
+    rows = "line is" if dropped == 1 else f"{dropped} lines are"
+    clauses = {
+        "text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else ""): True,
+        f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}": True,
+        "decimal comma": layout.dialect.decimal == ",",
+        "no header" if layout.header is None else f"header in row {layout.header + 1}": True,
+        "which holds the first row, too": layout.glued,
+        f"the last {rows} no complete row and left out": dropped,
+    }
+    return ", ".join(clause for clause, holds in clauses.items() if holds)
 
 
 def _short(cell: str) -> str:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_model.recordings.dialect import Layout, layout_of
 from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import Channel, ChannelTable, Column, Reading, array_slice, parsed
+from piezo_model.recordings.tables import ArrayTable, Column, Reading, parsed
 
 NAME = "an Excel workbook"
 ORDER = 50
@@ -29,7 +30,7 @@ def recognises(path: Path, head: bytes) -> bool:
         return "xl/workbook.xml" in archive.namelist()
 
 
-def open_table(path: Path, reading: Reading) -> ChannelTable:
+def open_table(path: Path, reading: Reading) -> ArrayTable:
     """Read a sheet as the table of a text is read: header, units and first row are found alike."""
     import openpyxl
 
@@ -53,7 +54,10 @@ def open_table(path: Path, reading: Reading) -> ChannelTable:
         rows.pop()
     stated = sample_time_in("\t".join(map(_cell, row)) for row in sheets[name][: layout.start])
     said = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
-    return ChannelTable(path, said, [_channel(path, layout, k, rows, stated, name) for k in range(layout.width)])
+    columns, arrays = [], [_values(path, layout, k, rows, name) for k in range(layout.width)]
+    for label, unit, kind in zip(layout.names, layout.units, layout.kinds, strict=True):
+        columns.append(Column.named(label, unit, kind=kind, rows=len(rows), sample_time=stated))
+    return ArrayTable(path, said, tuple(columns), arrays)
 
 
 def _layout(rows: list[tuple[Any, ...]], reading: Reading) -> tuple[Layout, int] | None:
@@ -70,9 +74,7 @@ def _layout(rows: list[tuple[Any, ...]], reading: Reading) -> tuple[Layout, int]
     return None if layout is None or layout.dialect.separator != "\t" else (layout, first)
 
 
-def _channel(
-    path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], stated: float | None, sheet: str
-) -> Channel:
+def _values(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], sheet: str) -> NDArray[Any]:
     kind = layout.kinds[at]
     values = np.full(len(rows), "NaT", "m8[us]") if kind == "clock" else np.full(len(rows), np.nan)
     if kind in ("number", "clock"):
@@ -86,10 +88,7 @@ def _channel(
                     f"{layout.start + k + 1} of sheet "
                     f"{sheet!r}, where a {kind} is needed"
                 ) from None
-    column = Column.named(
-        layout.names[at] or f"column {at + 1}", layout.units[at], kind=kind, rows=len(rows), sample_time=stated
-    )
-    return Channel(column, array_slice(values))
+    return values
 
 
 def _since_1900(cell: Any) -> datetime.timedelta:
