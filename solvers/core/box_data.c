@@ -1,7 +1,7 @@
 /* The data of a box problem: room for them, scaling, checks. */
 #include "box_fallback.h"
 
-enum { BOX_VECTORS = 35 };
+enum { BOX_VECTORS = 31 };
 #define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
 static int even(int d) { return (d + 1) / 2 * 2; }
@@ -31,29 +31,27 @@ Box box_at(void *memory)
     s.ub = reals(&room, 1, ld);
     s.x = reals(&room, 1, ld);
     s.g = reals(&room, 1, ld);
-    s.r = reals(&room, 1, ld);
-    s.below = reals(&room, 1, ld);
-    s.above = reals(&room, 1, ld);
-    s.at = reals(&room, 1, ld);
+    s.basic = reals(&room, 1, ld);
+    s.low = reals(&room, 1, ld);
+    s.high = reals(&room, 1, ld);
+    s.held = reals(&room, 1, ld);
     s.is_free = reals(&room, 1, ld);
     s.unit = reals(&room, 1, ld);
     s.diagonal = reals(&room, 1, ld);
     s.weight = reals(&room, 1, ld);
     s.gain = reals(&room, 1, ld);
-    s.masked = reals(&room, 1, ld);
+    s.residual = reals(&room, 1, ld);
     s.step = reals(&room, 1, ld);
     s.inverse_diagonal = reals(&room, 1, ld);
-    s.inverse_weight = reals(&room, 1, ld);
     s.zero = reals(&room, 1, ld);
-    s.sign = reals(&room, 1, ld);
-    s.pivots = reals(&room, 2, ld);
+    s.v = reals(&room, 1, ld);
+    s.w = reals(&room, 1, ld);
+    s.pair = reals(&room, 2, ld);
     s.side = integers(&room, s.d);
     s.P = reals(&room, even(s.d), ld);
     s.M = reals(&room, even(s.d), ld);
     s.factor = reals(&room, 2, ld);
     s.share = reals(&room, 2, ld);
-    s.one = reals(&room, 2, ld);
-    s.skew = reals(&room, 2, ld);
     s.U = reals(&room, 2 * ld, ld);
     s.fallback = s.U;
     return s;
@@ -62,6 +60,7 @@ Box box_at(void *memory)
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
     const int64_t bytes = box_bytes(d);
+    real irregular = (real)0.618033988749895;
     Box s;
     memset(memory, 0, (size_t)bytes);
     s.head = memory;
@@ -69,25 +68,20 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
     s.head->d = d;
     s.head->bytes = bytes;
     s = box_at(memory);
+    for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one */
+        s.v[j] = irregular;
+        s.w[j] = 1 - irregular * irregular;
+        irregular += (real)0.618033988749895;
+        irregular -= irregular >= 1 ? 1 : 0;
+    }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;
         s.inverse_diagonal[j] = -1;
         s.lo[j] = s.lb[j] = -REAL_INFINITY;
         s.hi[j] = s.ub[j] = REAL_INFINITY;
     }
-    if (d > 0) {
-        real irregular = 0;
-        s.one[s.ld] = 1;
-        for (int j = 0; j < d; ++j) {
-            irregular += (real)0.618033988749895;
-            irregular -= irregular >= 1 ? 1 : 0;
-            s.sign[j] = (real)0.75 + irregular / 2;
-            s.skew[s.ld + j] = j > 0 ? (real)0.5 + irregular : 0;
-            s.skew[s.ld - j] = -s.skew[s.ld + j];
-        }
-        if (d % 2 != 0) {
-            s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
-        }
+    if (d % 2 != 0) {
+        s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
     }
     return box_take_bounds(&s, lb, ub);
 }
