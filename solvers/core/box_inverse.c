@@ -95,7 +95,7 @@ CORE_INLINE int sweep_pair(const Box *s, const real *from, int k, int ld)
     return (a > 0) & (determinant > 0);
 }
 
-CORE_INLINE int invert(Box *s, const real *P, int ld)
+CORE_INLINE int invert_scaled(Box *s, const real *P, int ld)
 {
     const int d = s->d;
     const real *from = s->P;
@@ -118,6 +118,8 @@ CORE_INLINE int invert(Box *s, const real *P, int ld)
  * definite. The rows of few variables have a constant length. */
 int box_invert(Box *s, const real *P)
 {
-    s->head->inverted = s->ld == 8 ? invert(s, P, 8) : s->ld == FEW ? invert(s, P, FEW) : invert(s, P, s->ld);
+    s->head->inverted = s->ld == 8     ? invert_scaled(s, P, 8)
+                        : s->ld == FEW ? invert_scaled(s, P, FEW)
+                                       : invert_scaled(s, P, s->ld);
     return s->head->inverted;
 }
