@@ -35,15 +35,17 @@ typedef struct {
 typedef struct {
     BoxHead *head;
     int d, ld;
-    real *answer, *scale, *q, *lo, *hi;            /* answer in x, the rest in z */
-    real *raw_q, *lb, *ub;                         /* as the caller gave them */
-    real *x, *g;                                   /* z and its gradient q + P z */
-    real *r, *below, *above, *at, *is_free, *unit; /* see box_exchange.c */
-    real *diagonal, *weight, *gain, *masked, *step, *inverse_diagonal, *inverse_weight, *zero;
-    real *factor, *share; /* 2 ld numbers, one an exchange */
-    real *one;            /* 2 ld zeros but for a one in the middle: unit vectors by where one begins to read */
-    real *skew, *sign;    /* see box_inverse.c */
-    real *pivots;         /* 2 rows */
+    real *answer, *scale, *q, *lo, *hi; /* answer in x, the rest in z */
+    real *raw_q, *lb, *ub;              /* as the caller gave them */
+    real *x, *g;                        /* z and its gradient q + P z */
+    /* Of the exchanges (box_exchange.c): the basic variables, their intervals, x at the bounds and zero elsewhere; 1
+     * where free and 0 elsewhere, and 1 or the unit at a bound; W_jj, 1/|W_jj| and what exchanging j gains. */
+    real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
+    real *factor, *share;   /* 2 ld numbers, one an exchange: 1/p, and what a column takes part with */
+    real *residual, *step;  /* g_F and P_FF^-1 g_F of a refinement */
+    real *inverse_diagonal; /* of M */
+    real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is seen */
+    real *pair;             /* 2 rows of a pass of sweeps */
     int32_t *side;
     real *P, *M, *U; /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
     void *fallback;  /* see box_fallback.h; it takes the place of U */

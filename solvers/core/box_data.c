@@ -1,7 +1,7 @@
 /* The data of a box problem: room for them, scaling, checks. */
 #include "box_fallback.h"
 
-enum { BOX_VECTORS = 35 };
+enum { BOX_VECTORS = 25 };
 #define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
 static int even(int d) { return (d + 1) / 2 * 2; }
@@ -9,7 +9,7 @@ static int even(int d) { return (d + 1) / 2 * 2; }
 int64_t box_bytes(int d)
 {
     const int64_t ld = padded(d), each = (int64_t)sizeof(real), columns = 2 * ld * ld * each;
-    return HEAD_BYTES + ld * (BOX_VECTORS + 2 * even(d)) * each + 8 * ld
+    return HEAD_BYTES + ld * (BOX_VECTORS + 6 + 2 * even(d)) * each + 8 * ld
            + (columns > fallback_bytes(d) ? columns : fallback_bytes(d));
 }
 
@@ -17,44 +17,30 @@ Box box_at(void *memory)
 {
     Box s;
     Room room = after_head(memory);
-    int ld;
+    real **const names[BOX_VECTORS] = {&s.answer,   &s.scale,
+                                       &s.q,        &s.lo,
+                                       &s.hi,       &s.raw_q,
+                                       &s.lb,       &s.ub,
+                                       &s.x,        &s.g,
+                                       &s.basic,    &s.low,
+                                       &s.high,     &s.held,
+                                       &s.is_free,  &s.unit,
+                                       &s.diagonal, &s.weight,
+                                       &s.gain,     &s.residual,
+                                       &s.step,     &s.inverse_diagonal,
+                                       &s.zero,     &s.v,
+                                       &s.w};
     s.head = memory;
     s.d = VARIABLES(s.head);
-    s.ld = ld = padded(s.d);
-    s.answer = reals(&room, 1, ld);
-    s.scale = reals(&room, 1, ld);
-    s.q = reals(&room, 1, ld);
-    s.lo = reals(&room, 1, ld);
-    s.hi = reals(&room, 1, ld);
-    s.raw_q = reals(&room, 1, ld);
-    s.lb = reals(&room, 1, ld);
-    s.ub = reals(&room, 1, ld);
-    s.x = reals(&room, 1, ld);
-    s.g = reals(&room, 1, ld);
-    s.r = reals(&room, 1, ld);
-    s.below = reals(&room, 1, ld);
-    s.above = reals(&room, 1, ld);
-    s.at = reals(&room, 1, ld);
-    s.is_free = reals(&room, 1, ld);
-    s.unit = reals(&room, 1, ld);
-    s.diagonal = reals(&room, 1, ld);
-    s.weight = reals(&room, 1, ld);
-    s.gain = reals(&room, 1, ld);
-    s.masked = reals(&room, 1, ld);
-    s.step = reals(&room, 1, ld);
-    s.inverse_diagonal = reals(&room, 1, ld);
-    s.inverse_weight = reals(&room, 1, ld);
-    s.zero = reals(&room, 1, ld);
-    s.sign = reals(&room, 1, ld);
-    s.pivots = reals(&room, 2, ld);
+    s.ld = padded(s.d);
+    name_vectors(&room, s.ld, names, BOX_VECTORS);
     s.side = integers(&room, s.d);
-    s.P = reals(&room, even(s.d), ld);
-    s.M = reals(&room, even(s.d), ld);
-    s.factor = reals(&room, 2, ld);
-    s.share = reals(&room, 2, ld);
-    s.one = reals(&room, 2, ld);
-    s.skew = reals(&room, 2, ld);
-    s.U = reals(&room, 2 * ld, ld);
+    s.pair = reals(&room, 2, s.ld);
+    s.factor = reals(&room, 2, s.ld);
+    s.share = reals(&room, 2, s.ld);
+    s.P = reals(&room, even(s.d), s.ld);
+    s.M = reals(&room, even(s.d), s.ld);
+    s.U = reals(&room, 2 * s.ld, s.ld);
     s.fallback = s.U;
     return s;
 }
@@ -62,6 +48,7 @@ Box box_at(void *memory)
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
     const int64_t bytes = box_bytes(d);
+    real irregular = (real)0.618033988749895;
     Box s;
     memset(memory, 0, (size_t)bytes);
     s.head = memory;
@@ -69,25 +56,20 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
     s.head->d = d;
     s.head->bytes = bytes;
     s = box_at(memory);
+    for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one */
+        s.v[j] = irregular;
+        s.w[j] = 1 - irregular * irregular;
+        irregular += (real)0.618033988749895;
+        irregular -= irregular >= 1 ? 1 : 0;
+    }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;
         s.inverse_diagonal[j] = -1;
         s.lo[j] = s.lb[j] = -REAL_INFINITY;
         s.hi[j] = s.ub[j] = REAL_INFINITY;
     }
-    if (d > 0) {
-        real irregular = 0;
-        s.one[s.ld] = 1;
-        for (int j = 0; j < d; ++j) {
-            irregular += (real)0.618033988749895;
-            irregular -= irregular >= 1 ? 1 : 0;
-            s.sign[j] = (real)0.75 + irregular / 2;
-            s.skew[s.ld + j] = j > 0 ? (real)0.5 + irregular : 0;
-            s.skew[s.ld - j] = -s.skew[s.ld + j];
-        }
-        if (d % 2 != 0) {
-            s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
-        }
+    if (d % 2 != 0) {
+        s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
     }
     return box_take_bounds(&s, lb, ub);
 }
@@ -186,12 +168,9 @@ static real symmetric_part(const Box *s, const Pivoting *p)
 static void prepare(const Pivoting *p)
 {
     for (int i = 0; i < p->d; ++i) {
-        p->diagonal[i] = p->data[symmetric_row(p->d + 1, i) + i];
+        p->diagonal[i] = 1;
     }
     pivoting_prepare(p);
-    for (int i = 0; i < p->d; ++i) {
-        p->diagonal[i] = p->scale[i] = 1;
-    }
 }
 
 /* Solve for a right-hand side with everything free; the largest entry, infinite where a pivot is not safe. */
@@ -219,7 +198,6 @@ int box_factorise_copy(Box *s)
     const Fallback f = fallback_at(s);
     const Pivoting *const p = &f.program;
     const real unequal = symmetric_part(s, p);
-    real irregular = 0;
     if (!(unequal < REAL_INFINITY)) {
         return NOT_FINITE;
     }
@@ -232,9 +210,7 @@ int box_factorise_copy(Box *s)
     /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the
      * right-hand side is irregular, so that this is about 1/lambda_min. */
     for (int j = 0; j < s->d; ++j) {
-        irregular += (real)0.618033988749895;
-        irregular -= irregular >= 1 ? 1 : 0;
-        f.centre[j] = irregular - (real)0.5;
+        f.centre[j] = s->v[j] - (real)0.5;
     }
     if (length_of_solution(p, 16 * (real)s->d * REAL_EPSILON, f.centre) * (real)s->d * REAL_EPSILON < (real)0.02) {
         return OK;

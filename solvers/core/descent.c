@@ -24,21 +24,12 @@ Descent descent_at(void *memory)
 {
     Descent s;
     Room room = after_head(memory);
+    real **const names[VECTORS] = {&s.w,        &s.next, &s.shift, &s.carry, &s.lower, &s.upper,
+                                   &s.momentum, &s.D,    &s.lb,    &s.ub,    &s.q,     &s.answer};
     s.head = memory;
     s.d = VARIABLES(s.head);
     s.ld = padded(s.d);
-    s.w = reals(&room, 1, s.ld);
-    s.next = reals(&room, 1, s.ld);
-    s.shift = reals(&room, 1, s.ld);
-    s.carry = reals(&room, 1, s.ld);
-    s.lower = reals(&room, 1, s.ld);
-    s.upper = reals(&room, 1, s.ld);
-    s.momentum = reals(&room, 1, s.ld);
-    s.D = reals(&room, 1, s.ld);
-    s.lb = reals(&room, 1, s.ld);
-    s.ub = reals(&room, 1, s.ld);
-    s.q = reals(&room, 1, s.ld);
-    s.answer = reals(&room, 1, s.ld);
+    name_vectors(&room, s.ld, names, VECTORS);
     s.columns = reals(&room, s.d, s.ld);
     s.copy = reals(&room, s.d, s.ld);
     return s;

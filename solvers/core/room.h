@@ -28,6 +28,14 @@ CORE_INLINE real *reals(Room *room, int rows, int columns)
     return first;
 }
 
+/* Vectors of one length, one after the other. */
+CORE_INLINE void name_vectors(Room *room, int length, real **const *names, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        *names[i] = reals(room, 1, length);
+    }
+}
+
 /* What so many bytes take where the next part begins on a cache line. */
 CORE_INLINE int64_t room_bytes(int64_t bytes) { return (bytes + 63) / 64 * 64; }
 

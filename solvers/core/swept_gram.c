@@ -21,34 +21,20 @@ Swept swept_at(void *memory)
 {
     Swept s;
     Room room = after_head(memory);
-    int ld;
+    real **const names[SWEPT_VECTORS] = {&s.answer, &s.origin, &s.sign,      &s.width,    &s.lb,         &s.ub,
+                                         &s.side,   &s.free,   &s.row,       &s.centre,   &s.rho,        &s.g,
+                                         &s.root,   &s.q,      &s.next_free, &s.next_rho, &s.next_centre};
     s.head = memory;
     s.d = VARIABLES(s.head);
-    s.ld = ld = padded(s.d + 1);
-    s.answer = reals(&room, 1, ld);
-    s.origin = reals(&room, 1, ld);
-    s.sign = reals(&room, 1, ld);
-    s.width = reals(&room, 1, ld);
-    s.lb = reals(&room, 1, ld);
-    s.ub = reals(&room, 1, ld);
-    s.side = reals(&room, 1, ld);
-    s.free = reals(&room, 1, ld);
-    s.row = reals(&room, 1, ld);
-    s.centre = reals(&room, 1, ld);
-    s.rho = reals(&room, 1, ld);
-    s.g = reals(&room, 1, ld);
-    s.root = reals(&room, 1, ld);
-    s.u = reals(&room, 4, ld);
+    s.ld = padded(s.d + 1);
+    name_vectors(&room, s.ld, names, SWEPT_VECTORS);
     s.list = integers(&room, s.d + 1);
-    s.M = reals(&room, ld, ld);
-    s.G = reals(&room, ld, ld);
-    s.P = reals(&room, s.d, ld);
-    s.q = reals(&room, 1, ld);
-    s.next_M = reals(&room, ld, ld);
-    s.next_free = reals(&room, 1, ld);
-    s.next_rho = reals(&room, 1, ld);
-    s.next_centre = reals(&room, 1, ld);
     s.next_list = integers(&room, s.d + 1);
+    s.u = reals(&room, 4, s.ld);
+    s.P = reals(&room, s.d, s.ld);
+    s.M = reals(&room, s.ld, s.ld);
+    s.G = reals(&room, s.ld, s.ld);
+    s.next_M = reals(&room, s.ld, s.ld);
     s.cold = box_at((char *)memory + room_bytes(cold_at(s.d)));
     return s;
 }
