@@ -147,15 +147,12 @@ static int observe(const Loop *loop, double y)
                : 0;
 }
 
-/* Observe where `observes`, then, unless there is something to tell, which comes before the drive, the drive for a
- * reference. */
-static int step(const Loop *loop, double y_ref, double y, int observes, double *x)
+/* Observe where `observes`, then the drive for a reference; where there is something to tell, Python's part comes
+ * before the drive. */
+static PyObject *step(const Loop *loop, double y_ref, double y, int observes)
 {
     const int brought = observes ? observe(loop, y) : 0;
-    if (!brought) {
-        *x = controller_drive(&loop->controller, y_ref);
-    }
-    return brought;
+    return Py_BuildValue("(di)", brought ? 0.0 : controller_drive(&loop->controller, y_ref), brought);
 }
 
 static void drive(const Loop *loop, int64_t samples, const double *y_ref, double *x)
@@ -233,9 +230,9 @@ static void judge(SensorGuard *guard, int64_t samples, const double *x, const do
     F(learner_restore, "state@LEAR, other@", "become what another learner was.", 0, restore(&a, MEMORY(0), MEMORY(1))) \
     F(cyclic_enter, "state@LEAR, phase#0:2", "begin a phase, 0 reset, 1 build, 2 learn.", 0,                           \
       cyclic_enter(LEARNER, INT(1)))                                                                                   \
-    F(learner_step,                                                                                                    \
-      "state@LEAR, compensator@COM2, y_ref, y, observes#0:1, x[1]=", "observe and drive; what there is to tell.", 0,   \
-      WHOLE_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4), REALS(5)))                                               \
+    F(learner_step, "state@LEAR, compensator@COM2, y_ref, y, observes#0:1",                                            \
+      "observe and drive; (drive, what there is to tell).", 0,                                                         \
+      OBJECT_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4)))                                                        \
     F(learner_drive, "state@LEAR, compensator@COM2, y_ref[n], x[n]=", "drives until weights may be due.",              \
       SAMPLES_LAST, drive(LOOP, LENGTH(n), REALS(2), REALS(3)))                                                        \
     F(learner_observe, "state@LEAR, compensator@COM2, y[n], x[n], first#0:n, brought[1]q=",                            \

@@ -68,7 +68,6 @@ class Learner:
         layout.write_settings(numbers, self.core["settings"])
         self.core.whole("delay")[:] = self.block
         RegressorArrays.of(s, "slope").write(self.core)
-        self._drive = np.zeros(1)
         self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.fade_over(settings.fade_s)
         self.core["in_use"][:] = s.inverse_slope_map @ compensator.model.weights
@@ -118,12 +117,12 @@ class Learner:
     def step(self, y_ref: float, y: float | None) -> float:
         """Observe the output of the last drive, None where there was none, then the drive for a reference."""
         with self.core.alone():
-            core, compensator, x = self.core.block, self._compensator.block, self._drive
-            brought = face.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None, x)
+            core, compensator = self.core.block, self._compensator.block
+            x, brought = face.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None)
             if brought:
                 self._follow(Brought(brought))
-                face.learner_step(core, compensator, y_ref, math.nan, False, x)
-            return float(x[0])
+                x, _ = face.learner_step(core, compensator, y_ref, math.nan, False)
+            return float(x)
 
     def drive(self, y_ref: Vector) -> Vector:
         """Drives (N,) for references, N at most `samples_until_change`; their outputs are to be observed next."""

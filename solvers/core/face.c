@@ -134,9 +134,9 @@ static void refuse_count(Arguments *a)
     PyErr_Format(PyExc_TypeError, "%s takes %zd arguments, not %zd", a->signature, wanted, a->count);
 }
 
-int take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count)
+int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count)
 {
-    const char *at = strchr(signature, '(') + 1;
+    const char *at = signature + place;
     memset(a, 0, offsetof(Arguments, sizes));
     memset(a->sizes, -1, sizeof a->sizes);
     a->signature = signature;

@@ -17,8 +17,8 @@
  * A size is a number or a letter, dd a product, d+1 a sum. A letter stands for what it met first; a state of a kind
  * gives those of `measure_state` their values, and NEED_SIZE checks what only C can tell. The first argument that does
  * not fit sets Python's error. The call refers to the arguments by their number, the first is 0, and what it puts into
- * WHOLE_RESULT or NUMBER_RESULT is returned, else 0. Where the expression `lasts` is not 0, the interpreter may run
- * other threads meanwhile: for what takes longer than some microseconds.
+ * WHOLE_RESULT or NUMBER_RESULT is returned, else 0; a Python object may be OBJECT_RESULT. Where the expression `lasts`
+ * is not 0, the interpreter may run other threads meanwhile: for what takes longer than some microseconds.
  */
 #ifndef CORE_FACE_H
 #define CORE_FACE_H
@@ -59,7 +59,8 @@ typedef struct {
     Py_ssize_t length;
 } Part;
 
-int take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count);
+/* The signature is name(arguments), of which the arguments begin at a place. */
+int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count);
 /* Set the sizes that a state gives; each package has its own (module.c). */
 void measure_state(Arguments *a, const void *state);
 /* Fail for a reason that the function itself finds, before it releases the interpreter. */
@@ -86,6 +87,7 @@ PyObject *finish(Arguments *a);
 #define NEED_SIZE(letter, wanted) need_size(&a, LENGTH(letter), wanted)
 #define RETURN_PARTS(state, parts) return_parts(a, state, parts, sizeof parts / sizeof *parts)
 #define WHOLE_RESULT a.whole_result
+#define OBJECT_RESULT a.object_result
 #define NUMBER_RESULT a.is_number = 1, a.number_result
 
 #define FACE_FUNCTION(name, arguments, text, lasts, call)                                                              \
@@ -93,7 +95,7 @@ PyObject *finish(Arguments *a);
     {                                                                                                                  \
         Arguments a;                                                                                                   \
         (void)module;                                                                                                  \
-        if (take_arguments(&a, #name "(" arguments ")", given, count)) {                                               \
+        if (take_arguments(&a, #name "(" arguments ")", sizeof #name, given, count)) {                                 \
             a.waiting = (lasts) ? PyEval_SaveThread() : NULL;                                                          \
             if (!a.failed) {                                                                                           \
                 call;                                                                                                  \

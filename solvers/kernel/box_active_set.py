@@ -153,7 +153,7 @@ class BoxActiveSet(Ours, Solver):
         ``most_exchanges`` ended it before the optimum.
         """
         P, q = self._data()
-        counts = dict(zip(COUNTS, self.counts("counts").tolist(), strict=False))
+        counts = dict(zip(COUNTS, self.counts("counts")[: len(COUNTS)].tolist(), strict=True))
         return box_solution(
             Problem(P, q, lb=self._lb, ub=self._ub),
             self._answer,
