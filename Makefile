@@ -14,9 +14,10 @@ help:                 ## list the targets
 
 # One stamp a set of extras: it is made again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := bench,field,copyleft,live
-$(VENV)/.dev:   EXTRAS := bench,field,copyleft,live,heavy,commercial,codegen,dask,formats,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
+$(VENV)/.test:  EXTRAS := bench,field,copyleft,live,formats,test
+$(VENV)/.dev:   EXTRAS := bench,field,copyleft,live,formats,test,heavy,commercial,codegen,dask,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
 $(VENV)/.docs:  EXTRAS := docs
-$(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
+$(VENV)/.field $(VENV)/.test $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@echo "installing $(EXTRAS) into $(VENV)"
 	@(s=0; while sleep 5; do s=$$((s + 5)); echo "  $$s s"; done) & trap "kill $$!" EXIT; \
 	if command -v uv >/dev/null 2>&1; then \
@@ -29,7 +30,7 @@ $(VENV)/.field $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@touch $@
 
 # The libraries follow their sources; where there is no C compiler, the install above has built them with one of its own.
-core: $(VENV)/.dev    ## compile the C cores again where their sources have changed
+core: $(VENV)/$(if $(ALL)$(wildcard $(VENV)/.dev),.dev,.test) ## compile the C cores again where their sources have changed
 	$(BIN)/python solvers/core/compile_core.py
 
 # Not those of other people's libraries, which the sanitizers would find fault with, too.
@@ -45,16 +46,18 @@ debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests 
 bench: $(VENV)/.field ## set up, then race the default field, or on RECORDING=stage.csv of your own
 	$(BIN)/piezobench race $(if $(RECORDING),--recording "$(RECORDING)") $(OPTIONS)
 
-test: core            ## set up, then run the tests
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# What a test that hangs was at is printed, and the run ends.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+test: core            ## set up, then run the tests; ALL=1: with all libraries, the slow tests too, and none skipped
+	$(if $(ALL),PIEZOBENCH_ALL_TESTS=1) $(PYTEST) $(if $(ALL),-m 'not nightly')
 
-nightly: core         ## run the tests that take minutes, too
-	$(BIN)/python -m pytest -n 2 -m nightly --timeout 0
+nightly: $(VENV)/.dev core ## run the tests that take minutes
+	$(PYTEST) -m nightly -o faulthandler_timeout=0
 
-fuzz: core            ## hostile input for a quarter of an hour, or for FUZZ_SECONDS
+fuzz: $(VENV)/.dev core ## hostile input for a quarter of an hour, or for FUZZ_SECONDS
 	PYTHONPATH=.:tests/piezo_model $(BIN)/python tests/bench/fuzz.py
 
-lint: core            ## style and types
+lint: $(VENV)/.dev    ## style and types
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/clang-format --dry-run -Werror $$(find bench examples piezo_model solvers tests -name '*.[ch]')

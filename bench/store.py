@@ -315,7 +315,7 @@ class Run:
         """Return the raw times of a finished run: task, what was timed, nanoseconds."""
         return self._table("times.parquet", TIMES)
 
-    def looks(self) -> pd.DataFrame:
+    def sentinel_samples(self) -> pd.DataFrame:
         """Return what the sentinel saw."""
         return self._table("sentinel.parquet", LOOKS)
 

@@ -322,8 +322,7 @@ class CompensatorBank:
         )
         if y_ref.ndim != 2 or y_ref.shape[1] != len(self) or y.shape != y_ref.shape:
             raise ValueError(
-                f"references and outputs must have a number for each of {len(self)} actuators, not the "
-                "shapes "
+                f"references and outputs must have a number for each of {len(self)} actuators, not the shapes "
                 f"{y_ref.shape} and {y.shape}"
             )
         if not self._in_order:

@@ -1,4 +1,4 @@
-"""A process that calls functions for us: it starts, is limited in time, talks, and ends.
+"""Runs functions in a subprocess with a time limit.
 
 A child is a fresh interpreter, which imports nothing of its parent's program, so that any script may have one. What it
 prints goes to a file without a name, where its last words are looked for when it has died. It does not outlive its

@@ -133,8 +133,7 @@ class HysteresisCreepModel:
         if np.any(self.slopes < SMALLEST):
             i = int(np.argmin(self.slopes))
             raise ModelError(
-                f"the slope of S⁻¹ beyond threshold {s.dead_zone_thresholds[i]:g} must be positive for "
-                "the "
+                f"the slope of S⁻¹ beyond threshold {s.dead_zone_thresholds[i]:g} must be positive for the "
                 f"model to have an inverse, and it is {self.slopes[i]:g}"
             )
 

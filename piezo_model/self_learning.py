@@ -285,8 +285,7 @@ class SelfLearningCompensator:
         y_ref, y = (np.ascontiguousarray(v, dtype=np.float64) for v in (y_ref, y_measured_before))
         if y_ref.ndim != 1 or y_ref.shape != y.shape:
             raise ValueError(
-                "y_ref and y_measured_before must be vectors of the same length, not of shapes "
-                f"{y_ref.shape} "
+                f"y_ref and y_measured_before must be vectors of the same length, not of shapes {y_ref.shape} "
                 f"and {y.shape}"
             )
         if not y_ref.size:
@@ -343,8 +342,7 @@ class SelfLearningCompensator:
         if json_file.format_of(path) == LearnerFile.FORMAT:
             if options:
                 raise ValueError(
-                    f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} "
-                    "must not be "
+                    f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be "
                     f"given"
                 )
             return cls._resumed(path)

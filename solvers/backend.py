@@ -129,7 +129,7 @@ class LibrarySolver(Solver):
         """Take P (d, d) and q (d,) into the program."""
         self.program.take(P, q)
 
-    def choose(self, target: Any, **unasked: Any) -> None:
+    def choose(self, target: Any, **defaults: Any) -> None:
         """Write our settings, and those of every use, into the library's own object.
 
         Raises
@@ -137,7 +137,7 @@ class LibrarySolver(Solver):
         ValueError
             The library has no such setting.
         """
-        for name, value in {**unasked, **self.settings}.items():
+        for name, value in {**defaults, **self.settings}.items():
             if not hasattr(target, name):
                 raise ValueError(f"{self.name} has no setting {name}")
             setattr(target, name, value)

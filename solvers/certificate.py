@@ -207,8 +207,7 @@ def _check_shift(program: ExactProgram, factor: Rational, shift: float, x: Ratio
     linear = (x.transpose() * program.q)[0, 0] * factor
     if part > SHIFT_SHARE * (abs(program.value(x) * factor - linear - part) + abs(linear)):
         raise RoundingDecides(
-            f"P is indefinite by rounding, and only the shift of {shift:.1e} that makes it convex "
-            "stops the cost from "
+            f"P is indefinite by rounding, and only the shift of {shift:.1e} that makes it convex stops the cost from "
             "falling in a direction without curvature"
         )
 

@@ -1,4 +1,4 @@
-"""What is said of every solver that was written for this project and compiled with it."""
+"""Metadata shared by the built-in solvers."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class Tier(StrEnum):
     """What an answer must reach, the same for all."""
 
     DEFAULT = "default"
-    """What the library does unasked."""
+    """The library's own settings."""
     LOW = "low"
     """Relative cost gap 1e-3."""
     MID = "mid"
@@ -176,7 +176,7 @@ class Solver(Entrant):
     Parameters
     ----------
     **settings
-        The library's own settings, such as a rung of the ladder; without any it does what it does unasked.
+        The library's own settings, such as a rung of the ladder; without any, its defaults.
 
     Notes
     -----

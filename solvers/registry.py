@@ -98,8 +98,8 @@ class Described:
     licence: str
     warm_start: bool
     ladder: tuple[Mapping[str, Any], ...] = ({},)
-    """Of a problem whose constant is 1, what is in use unasked included."""
-    unasked: Mapping[str, Any] = field(default_factory=dict)
+    """Of a problem whose constant is 1, its defaults included."""
+    defaults: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every use."""
     exponents: tuple[float, ...] = ()
     """Of the rungs, where they have such."""
@@ -143,8 +143,7 @@ def _class_of_package(entry: Entry) -> type[Solver]:
         raise ImportError(f"{entry.module} has no Solver class {entry.of_package}")
     if (cls.name, cls.lane) != (entry.name, entry.lane):
         raise ImportError(
-            f"{entry.module}:{entry.of_package} calls itself {cls.name} in the lane {cls.lane}, and is "
-            "registered "
+            f"{entry.module}:{entry.of_package} calls itself {cls.name} in the lane {cls.lane}, and is registered "
             f"as {entry.name} in the lane {entry.lane}"
         )
     return cls
@@ -166,8 +165,7 @@ def entries() -> Iterator[Entry]:
         entry = _registered(registered)
         if (entry.name, entry.lane) in taken:
             raise RegistrationError(
-                f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, "
-                "where "
+                f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, where "
                 f"there is one already"
             )
         taken.add((entry.name, entry.lane))
@@ -182,8 +180,7 @@ def _registered(registered: importlib.metadata.EntryPoint) -> Entry:
     if not re.fullmatch(r"\w[\w.+-]*", name) or not registered.attr:
         raise RegistrationError(
             f"{_package(registered)} registers a solver as {registered.name!r} = "
-            f"{registered.value!r}; the "
-            f"name is lane.name and the value module:Class"
+            f"{registered.value!r}; the name is lane.name and the value module:Class"
         )
     return Entry(name, Lane(lane), registered.module, of_package=registered.attr)
 

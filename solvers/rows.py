@@ -120,7 +120,7 @@ class Intervals:
         self.R: Matrix = program.R[self._kept]
         self.l, self.u = program.l[self._kept], program.u[self._kept]
 
-    def spread(self, w: Vector) -> Vector:
+    def distribute(self, w: Vector) -> Vector:
         """Multipliers (k,) of these rows as those of the whole stack."""
         whole = np.zeros(self._kept.size)
         whole[self._kept] = w
@@ -143,7 +143,7 @@ class Cones:
         self.equal = int(equal.sum())
         self.unequal = self.r.size - self.equal
 
-    def spread(self, w: Vector) -> Vector:
+    def distribute(self, w: Vector) -> Vector:
         """Multipliers (k,) of these rows, w ≥ 0 on the inequalities, as those of the whole stack."""
         whole = np.zeros(self._equal.size)
         ends = np.cumsum([self.equal, self._upper.sum()])

@@ -12,10 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from programs import program
-from selenium import webdriver
-from selenium.webdriver.chrome.options import Options
-from selenium.webdriver.chrome.service import Service
+from programs import library, program
 
 FLAGS = (
     "--headless=new",
@@ -49,13 +46,14 @@ class Browser:
 
     def __init__(self) -> None:
         chromium, driver = program("chromium"), program("chromedriver")
+        webdriver = library("selenium.webdriver")
         self.profile = tempfile.mkdtemp(prefix="chromium-")
-        options = Options()
+        options = webdriver.ChromeOptions()
         options.binary_location = chromium
         for flag in (*FLAGS, f"--user-data-dir={self.profile}"):
             options.add_argument(flag)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-        self.driver = webdriver.Chrome(options=options, service=Service(driver))
+        self.driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
 
     def open(self, page: Path | str, width: str = "desktop", dark: bool = False) -> None:
         """Open a page from disk, or at an address, and wait until its plots are drawn."""

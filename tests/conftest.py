@@ -1,24 +1,28 @@
-"""What all tests share: no deadline for property tests, since machines differ; one browser, one command line, one
-experiment."""
+"""What all tests share: why some were skipped; no deadline for property tests, since machines differ; one browser, one
+command line, one experiment."""
 
 import os
 import sys
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from browser import Browser
 from command_line import CommandLine
 from figures import Figures
-from hypothesis import settings
-from programs import program
+from programs import ALL, RECORDING_ABSENT, program
 
 # The tests start hundreds of processes, each of which would compile every module of ours again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-settings.register_profile("piezobench", deadline=None)
-settings.load_profile("piezobench")
+with suppress(ModuleNotFoundError):
+    from hypothesis import settings
+
+    settings.register_profile("piezobench", deadline=None, max_examples=100 if ALL else 25)
+    settings.load_profile("piezobench")
 
 SHARING = {
     "small races": (
@@ -41,6 +45,10 @@ LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "expo
 """Groups that begin first, so that all processes end together; any other file is a group of its own."""
 
 
+LONG_TO_MAKE = {"drift_race", "scheduler", "slowed_races", "watched"}
+"""Fixtures that take more than ten seconds for a few tests; these are slow."""
+
+
 def group_of(nodeid: str) -> str:
     file = nodeid.partition("::")[0]
     name = Path(file).stem.removeprefix("test_")
@@ -61,8 +69,17 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     return Groups(config, log)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Let the longest groups begin."""
+    """Mark the cases beyond a sample as slow, before the slow ones are left out; let the longest groups begin."""
+    cases: Counter[object] = Counter()
+    for item in items:
+        if LONG_TO_MAKE.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker("slow")
+        if mark := item.get_closest_marker("sample"):
+            cases[item.function] += 1
+            if cases[item.function] > mark.args[0]:
+                item.add_marker("slow")
     if hasattr(config, "workerinput"):
         items.sort(
             key=lambda item: next(
@@ -76,6 +93,27 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for mark in item.iter_markers("needs"):
         for name in mark.args:
             program(name)
+
+
+def skip_reasons(config: pytest.Config) -> Counter[str]:
+    """Why tests were skipped, and how many for each reason."""
+    reports = config.pluginmanager.getplugin("terminalreporter").stats.get("skipped", [])
+    return Counter(report.longrepr[2].removeprefix("Skipped: ") for report in reports)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A run that has to have everything fails where a test was skipped."""
+    if ALL and not hasattr(session.config, "workerinput") and skip_reasons(session.config).keys() - {RECORDING_ABSENT}:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Give one line to each reason."""
+    for reason, count in sorted(skip_reasons(config).items()):
+        terminalreporter.write_line(
+            f"{'ERROR: ' if ALL and reason != RECORDING_ABSENT else ''}{count} skipped: {reason}"
+        )
 
 
 @pytest.fixture(scope="session")

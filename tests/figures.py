@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import pandas as pd
 from command_line import Finished
+from programs import library
 
 
 @dataclass(frozen=True)
@@ -16,5 +17,5 @@ class Figures:
     def page(self) -> str:
         return (self.folder / "experiment.md").read_text(encoding="utf-8")
 
-    def table(self, name: str) -> pd.DataFrame:
-        return pd.read_csv(self.folder / "figures" / f"{name}.csv")
+    def table(self, name: str) -> Any:
+        return library("pandas").read_csv(self.folder / "figures" / f"{name}.csv")

@@ -16,7 +16,7 @@ LEVELS = (
     {"timing"},
     {"processes"},
     {"problem_files"},
-    {"problems", "rig"},
+    {"problems", "stage"},
     {"store"},
     {"rendering"},
     {"report"},  # what all reports are made of

@@ -25,7 +25,11 @@ STRUCTURE = ModelStructure.equidistant(
 Steps = set[tuple[str, str]]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow) if page.stem == "tutorial-live" else page for page in PAGES],
+    ids=lambda page: page.stem,
+)
 def test_the_examples_of_a_page_run_and_print_what_it_shows(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piezobench: CommandLine
 ) -> None:

@@ -1,9 +1,13 @@
-"""What a machine lacks is skipped there with its reason, and fails where all programs are said to be installed."""
+"""Why tests are skipped is said once at the end, and a run that has to have everything fails then."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from test_library_alone import REFUSE
 
 ROOT = Path(__file__).parent.parent
 NEEDING = {
@@ -18,25 +22,47 @@ NEEDING = {
 def on_a_bare_machine(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Tests that need a program, on a machine that has nothing but Python."""
     return subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *NEEDING.values()],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "", *NEEDING.values()],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "PATH": str(folder), "PIEZOBENCH_ALL_PROGRAMS": "", **environment},
+        env={**os.environ, "PATH": str(folder), "PIEZOBENCH_ALL_TESTS": "", **environment},
     )
+
+
+def reasons(done: subprocess.CompletedProcess[str]) -> list[str]:
+    return [line for line in done.stdout.splitlines() if " skipped: " in line]
+
+
+def sentence(name: str) -> str:
+    return f"{name} is not installed: apt-get install {name} brings it on Debian"
 
 
 def test_what_needs_a_program_that_is_not_installed_is_skipped_with_one_line_that_names_it(tmp_path: Path) -> None:
     done = on_a_bare_machine(tmp_path)
     assert done.returncode == 0, done.stdout
-    lines = [line.partition(": ")[2] for line in done.stdout.splitlines() if line.startswith("SKIPPED")]
-    assert sorted(lines) == [f"{name} is not installed: apt-get install {name} brings it on Debian" for name in NEEDING]
+    assert reasons(done) == [f"1 skipped: {sentence(name)}" for name in NEEDING]
 
 
-def test_it_fails_where_all_programs_are_said_to_be_installed(tmp_path: Path) -> None:
-    done = on_a_bare_machine(tmp_path, PIEZOBENCH_ALL_PROGRAMS="1")
+def test_the_run_fails_where_nothing_may_be_skipped(tmp_path: Path) -> None:
+    done = on_a_bare_machine(tmp_path, PIEZOBENCH_ALL_TESTS="1")
     assert done.returncode == 1
-    assert "SKIPPED" not in done.stdout
-    for name in NEEDING:
-        assert f"{name} is not installed: apt-get install {name} brings it on Debian" in done.stdout
+    assert reasons(done) == [f"ERROR: 1 skipped: {sentence(name)}" for name in NEEDING]
+
+
+@pytest.mark.slow
+def test_the_tests_of_the_paper_need_the_library_and_pytest_alone() -> None:
+    absent = {"hypothesis", "pandas", "pyarrow", "quadprog", "selenium", "typer"}
+    program = "import pytest; sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', 'tests/paper']))"
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSE.format(absent=absent) + program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PIEZOBENCH_ALL_TESTS": ""},
+    )
+    assert done.returncode == 0, done.stdout
+    assert {line.split("'")[1] for line in reasons(done)} == {"pandas", "quadprog"}
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 40

@@ -12,6 +12,7 @@ from types import ModuleType
 
 import pytest
 from browser import WIDTHS, Browser
+from programs import library
 
 import piezo_model
 import solvers
@@ -37,6 +38,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of the site, built strictly."""
+    library("mkdocs")
     folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", folder],

@@ -26,6 +26,9 @@ def main() -> None:
     The verbs are imported in here: every child process of a race imports the script of its parent once more, and it
     needs nothing of theirs.
     """
+    if sys.platform != "linux":
+        print("piezobench: Linux only; on this system the library works from Python: piezo_model", file=sys.stderr)
+        sys.exit(REFUSED)
     signal.signal(signal.SIGINT, _end)
     status = 1  # of a traceback
 

@@ -105,8 +105,7 @@ def deploy_verb(
         str | None,
         typer.Option(
             help="Problem of the run whose model is taken, as set/name; by default "
-            "the model "
-            "of your recording, if the race was on one."
+            "the model of your recording, if the race was on one."
         ),
     ] = None,
     simulated: Annotated[bool, typer.Option("--simulated", help="Take the model of a simulated actuator.")] = False,

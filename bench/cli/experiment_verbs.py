@@ -9,7 +9,7 @@ import typer
 
 from bench.cli.solver_option import SolverName
 from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
-from bench.rig.rig import Rig
+from bench.stage.setup import StageSetup
 
 FOLDER = Path("results/experiment")
 
@@ -26,9 +26,9 @@ def experiment_verb(
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
-    rig = (Rig.quick if quick else Rig)(seed=seed, solver=solver)
+    setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
     with progress_bar() as progress:
-        found, written = run(out, rig, progress)
+        found, written = run(out, setup, progress)
     if as_json:
         print_json({"report": written, "page": written.with_suffix(".html"), **found.document})
         return

@@ -27,8 +27,7 @@ SolverChoice = Annotated[
     typer.Option(
         "--solver",
         help="Of the learning: a solver that works in "
-        "cycles, or "
-        "recursive_active_set: continuous, exact at every interval.",
+        "cycles, or recursive_active_set: continuous, exact at every interval.",
     ),
 ]
 PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Of signals, states and model.")]
@@ -158,8 +157,7 @@ def _print_figures(found: RealTimeFigures, settings: ExportSettings) -> None:
     )
     console.print(
         f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that "
-        "does nothing, "
-        f"{null.missed}."
+        f"does nothing, {null.missed}."
     )
     if settings.learning:
         late, dropped = (step.allowed[name] for name in ("late", "dropped"))
@@ -238,6 +236,5 @@ def _of_ours(deployed: Deployment, path: Path) -> LoopSolver:
             return "box_active_set" if solver == "recursive_active_set" else solver
     raise ExportError(
         f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives "
-        "the exact optimum, "
-        "--solver projected_difference spreads its work over the learning phase"
+        "the exact optimum, --solver projected_difference spreads its work over the learning phase"
     )

@@ -11,8 +11,8 @@ import typer
 from bench.cli.given_options import refuse
 from bench.cli.worker_options import SPREADING
 from bench.fleet.fleet import Work, done, draw, parts_of
-from bench.fleet.places import folder_here, matching
 from bench.fleet.report import DISTANT, report, table_of, write
+from bench.fleet.storage import folder_here, matching
 from bench.processes.engine import Workers
 from bench.report.console import errors, lines_of, print_json, print_report, progress_bar
 from piezo_model.recordings import RecordingError
@@ -22,9 +22,7 @@ OutDir = Annotated[
     typer.Option(
         "--out-dir",
         help="For many recordings: folder or URL for what is made of "
-        "each, with a table "
-        "and a page of all. What is there of the same content "
-        "and settings is kept.",
+        "each, with a table and a page of all. What is there of the same content and settings is kept.",
     ),
 ]
 PAGES = 12

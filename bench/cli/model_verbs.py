@@ -11,7 +11,7 @@ import typer
 from bench.cli.fleet import OutDir, only, out_dir_of, process
 from bench.cli.recording_options import STARTS, Input, Output, Reading, Start, Time, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
-from bench.fleet.places import absolute
+from bench.fleet.storage import absolute
 from bench.fleet.validating import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_json

@@ -115,9 +115,7 @@ def race_verb(
         typer.Option(
             "--set",
             help="Problem set, paper and measured by default; "
-            "may be given "
-            "again. A stream, a loop and a batch have "
-            "their own problems.",
+            "may be given again. A stream, a loop and a batch have their own problems.",
         ),
     ] = None,
     solver: Annotated[
@@ -128,28 +126,22 @@ def race_verb(
         list[Lane] | None,
         typer.Option(
             help="How solvers are called: compiled, by their own object, "
-            "through "
-            "qpsolvers or cvxpy, as generated C; may be given again. All "
-            "but "
-            "codegen by default."
+            "through qpsolvers or cvxpy, as generated C; may be given again. All but codegen by default."
         ),
     ] = None,
     tier: Annotated[
         list[Tier] | None,
         typer.Option(
             help="Of a stream or a loop, what answers must reach: a cost gap "
-            "of 1e-3 (low), 1e-6, "
-            "1e-9 or 1e-12 (exact), what the stage does not notice, or "
-            "what the library "
-            "does unasked; may be given again. high by default."
+            "of 1e-3 (low), 1e-6, 1e-9 or 1e-12 (exact), what the stage does not notice, or what the library "
+            "does by default; may be given again. high by default."
         ),
     ] = None,
     settings: Annotated[
         Path | None,
         typer.Option(
             help="Of a stream or a loop, the one-shot race whose settings "
-            "solvers get; those of the "
-            "reference run by default."
+            "solvers get; those of the reference run by default."
         ),
     ] = None,
     scaling: Annotated[

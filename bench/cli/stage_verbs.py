@@ -22,7 +22,7 @@ from bench.cli.solver_option import SolverName
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.compensating import FOLLOWED, Compensating
 from bench.fleet.identifying import Identifying
-from bench.fleet.places import absolute
+from bench.fleet.storage import absolute
 from bench.processes.engine import Backend, Workers
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar

@@ -128,7 +128,7 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
         smallest,
         times,
         field,
-        float(b.looks().level_ns.median() / a.looks().level_ns.median()),
+        float(b.sentinel_samples().level_ns.median() / a.sentinel_samples().level_ns.median()),
         lost_tiers(before, after, least),
         lost_tiers(after, before, least),
         (rows[0][~_is_in(*rows)], rows[1][~_is_in(*rows[::-1])]),

@@ -21,12 +21,12 @@ from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
 
 WORSE = 1.1
-"""How many times the error of the model that the run keeps another model may have."""
+"""Largest ratio of another model's error to that of the model that the run keeps."""
 SIMULATED = "simulated"
 
 
 @dataclass(frozen=True)
-class Found:
+class ChosenModel:
     """A model and where it comes from."""
 
     model: HysteresisCreepModel
@@ -43,8 +43,7 @@ class Found:
             if self.error_percent is None
             else (
                 f"On the last fifth of the recording, which was kept back, it errs by {self.error_percent:.3g} % of "
-                "the "
-                "range (RMS)."
+                "the range (RMS)."
             )
         )
 
@@ -63,24 +62,24 @@ def model_for(
     problem: str | None = None,
     simulated: bool = False,
     source: str = "the model file that was given",
-) -> Found:
+) -> ChosenModel:
     """The model that is given, that of the problem "set/name", or that which the run keeps of a recording;
     ``simulated`` says whether a simulated actuator will do, which is judged on no recording.
 
     RunError where there is none, or a worse one than the run keeps.
     """
     if model is not None:
-        return _judged(run, Found(model, source, dict(model.report.get("certificate", {}))))
+        return _judged(run, ChosenModel(model, source, dict(model.report.get("certificate", {}))))
     if run.settings.get("race", "oneshot") == STREAM_KIND:
         raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
         return _kept(run)
-    name, who = _named(run, problem, simulated)
-    found = _of_problem(run, name, who)
-    return found if problems.find(who[0]).origin == SIMULATED else _judged(run, found)
+    name, key = _named(run, problem, simulated)
+    found = _of_problem(run, name, key)
+    return found if problems.find(key[0]).origin == SIMULATED else _judged(run, found)
 
 
-def _kept(run: Run) -> Found:
+def _kept(run: Run) -> ChosenModel:
     """The model that the run keeps of its recording."""
     note = run.settings["models"][Recorded.name]
     if "error_percent" not in note:
@@ -90,7 +89,7 @@ def _kept(run: Run) -> Found:
             "give a model with --model, or name a problem with --problem"
         )
     model = HysteresisCreepModel.load(run.model_path(Recorded.name))
-    return Found(
+    return ChosenModel(
         model,
         "the first four fifths of the recording",
         dict(model.report.get("certificate", {})),
@@ -98,7 +97,7 @@ def _kept(run: Run) -> Found:
     )
 
 
-def _judged(run: Run, found: Found) -> Found:
+def _judged(run: Run, found: ChosenModel) -> ChosenModel:
     """A model with its error on what was kept back of the recording; RunError where that of the model which the run
     keeps is much smaller."""
     names = run.settings.get("problems", {}).get(Recorded.name, ())
@@ -112,7 +111,7 @@ def _judged(run: Run, found: Found) -> Found:
             "fifth of the recording, and "
             f"the one that the run keeps by {known:.3g} %; leave out --model and --problem to take that one"
         )
-    return Found(found.model, found.source, found.certificate, error)
+    return ChosenModel(found.model, found.source, found.certificate, error)
 
 
 def _named(run: Run, asked: str | None, simulated: bool) -> tuple[str, tuple[str, str]]:
@@ -121,15 +120,15 @@ def _named(run: Run, asked: str | None, simulated: bool) -> tuple[str, tuple[str
     names = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
     if asked is not None and asked not in names:
         raise RunError(f"{run.path} has no problem {asked!r}; there are {', '.join(names)}")
-    for name, who in names.items():
-        is_simulated = problems.find(who[0]).origin == SIMULATED
+    for name, key in names.items():
+        is_simulated = problems.find(key[0]).origin == SIMULATED
         if name == asked and is_simulated and not simulated:
             raise RunError(
                 f"{run.path}: {name} is a simulated actuator; give a model with --model, or --simulated to "
                 "take it all the same"
             )
         if name == asked or (asked is None and simulated and is_simulated):
-            return name, who
+            return name, key
     raise RunError(
         f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
         "with --model, as identify "
@@ -137,9 +136,9 @@ def _named(run: Run, asked: str | None, simulated: bool) -> tuple[str, tuple[str
     )
 
 
-def _of_problem(run: Run, name: str, who: tuple[str, str]) -> Found:
+def _of_problem(run: Run, name: str, key: tuple[str, str]) -> ChosenModel:
     """The proven optimum of a problem."""
-    problem = run.problem(*who)
+    problem = run.problem(*key)
     if problem.validation is None:
         raise RunError(
             f"{run.path}: the problem {name} is a program from a file and holds no model; give one with "
@@ -147,8 +146,8 @@ def _of_problem(run: Run, name: str, who: tuple[str, str]) -> Found:
         )
     form = problem.forms["scaled"]
     cost_gap, violation = relative_gap(form, np.array(form.certificate.x))
-    return Found(
+    return ChosenModel(
         HysteresisCreepModel.from_weights(problem.validation.structure, problem.optimal_weights),
-        f"the problem {name}, {problems.find(who[0]).origin}",
+        f"the problem {name}, {problems.find(key[0]).origin}",
         {"problem_of_run": name, "cost_gap": cost_gap, "violation": violation, **asdict(form.certificate)},
     )

@@ -52,16 +52,14 @@ class Decision:
             f"Rule: {self.rule.sentence}",
             f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, so right "
             f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of "
-            "them its own; "
-            f"{name} of an answer {number(it.time(self.by))} µs.",
+            f"them its own; {name} of an answer {number(it.time(self.by))} µs.",
         ]
         if self.by:
             least = next(each for each in (it, *self.runners_up) if each.tail[self.by - 1].value is None)
             finer = least.tail[self.by - 1]
             found.append(
                 f"Decided by the {name}, the finest percentile that all who qualify support: {finer.name} "
-                f"{finer.reason}, and {least.name} "
-                f"has {least.samples}."
+                f"{finer.reason}, and {least.name} has {least.samples}."
             )
         found += [f"Runner-up: {each.name}, {name} {number(each.time(self.by))} µs." for each in self.runners_up[:3]]
         count = len(self.refused)
@@ -135,6 +133,5 @@ def _require_judgement(run: Run, rule: Rule, missed: int, samples: int) -> None:
     if missed > samples / 2:
         raise RunError(
             f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "
-            f"{rule.deadline_us:g} µs, so "
-            "this run says nothing about them"
+            f"{rule.deadline_us:g} µs, so this run says nothing about them"
         )

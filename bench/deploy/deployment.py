@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.deploy.actuator_model import Found
+from bench.deploy.actuator_model import ChosenModel
 from bench.deploy.decision import Decision
 from bench.races.stream.race import KIND as STREAM_KIND
 from piezo_model.deployment import Deployment
@@ -13,7 +13,7 @@ CONTINUOUS = "recursive_active_set"
 """The solver that follows every sample."""
 
 
-def deployment(decision: Decision, found: Found) -> Deployment[HysteresisCreepModel]:
+def deployment(decision: Decision, found: ChosenModel) -> Deployment[HysteresisCreepModel]:
     """The file's content."""
     evidence = decision.evidence() | found.evidence()
     s, chosen = found.model.structure, decision.chosen

@@ -48,8 +48,7 @@ class Rule:
             f"cost gap and violation of at most {self.accuracy:g} on every problem, by first and timed answers, at "
             f"most {self.misses} "
             f"deadlines of {self.deadline_us:g} µs missed beyond those that the machine itself misses, then the "
-            "lowest p99.9; "
-            f"lanes {', '.join(self.lanes)}."
+            f"lowest p99.9; lanes {', '.join(self.lanes)}."
         )
 
 
@@ -104,7 +103,7 @@ class Candidate:
     @classmethod
     def of(
         cls,
-        who: tuple[str, str],
+        key: tuple[str, str],
         chosen: Choice,
         cheat: str,
         calls: Microseconds,
@@ -115,7 +114,7 @@ class Candidate:
     ) -> Candidate:
         """Deadlines are told from all calls, percentiles from ``tail``."""
         return cls(
-            *who,
+            *key,
             chosen,
             cheat,
             calls.size,

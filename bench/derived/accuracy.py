@@ -4,7 +4,7 @@
     error = max(stage excess / 0.01, violation / 1e-3)                           for the tier `stage`, by the first
     answer
 
-An answer is right at a margin m where m · error ≤ 1. What a library does unasked is judged like `low`.
+An answer is right at a margin m where m · error ≤ 1. A library's defaults are judged like `low`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def applies(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
 
 
 def error(rows: pd.DataFrame, tier: Tier) -> pd.Series[float]:
-    """How many times the tolerance of a tier each answer is from right, infinite where it is not ok."""
+    """Error of each answer in tolerances of the tier, infinite where it is not ok."""
     if tier is not Tier.STAGE:
         return distance(rows) / TOLERANCE[tier]
     return _worst(rows, (rows.stage_excess / UNNOTICED).clip(lower=0.0), rows.violation / TOLERANCE[Tier.LOW])

@@ -62,7 +62,7 @@ def drawn(table: pd.DataFrame) -> pd.DataFrame:
     """The lines of the picture, the paper's pace and then those that are exact first, with ``drawn``, the gap that is
     drawn."""
     places = {(line["name"], line["lane"]): i for i, line in enumerate(by_budget(table).to_dict("records"))}
-    place = pd.Series([places[who] for who in zip(table["name"], table.lane, strict=True)], index=table.index)
+    place = pd.Series([places[key] for key in zip(table["name"], table.lane, strict=True)], index=table.index)
     named = table["name"].where(table["name"] == PACE, table["name"] + " (" + table.lane + ")")
     known = table.assign(name=named, view="", drawn=np.maximum(table.median_gap, LEAST_GAP))[
         np.isfinite(table.median_gap)

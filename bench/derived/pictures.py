@@ -62,7 +62,7 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     """Worst cost gap against the time of an answer, one row a solver lane and setting that answers every problem that
     the lane was asked.
 
-    ``is_default`` marks what the library does unasked. The paper's method is there once more at its own pace, a step a
+    ``is_default`` marks the library's own settings. The paper's method is there once more at its own pace, a step a
     sampling period; it comes first, and then the others by their time to a gap of 1e-9.
     """
     rows = found.field[found.field.start == "cold"]
@@ -83,8 +83,8 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     pace = table[(table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))]
     table = pd.concat(
         [
-            table.assign(who=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),
-            pace.assign(total_us=pace.steps * PERIOD_US, who=ranking.PACE),
+            table.assign(label=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),
+            pace.assign(total_us=pace.steps * PERIOD_US, label=ranking.PACE),
         ],
         ignore_index=True,
     )
@@ -92,21 +92,21 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     name = table.solver.map(marked) + np.where(table.lane == Lane.DIRECT, "", " (" + table.lane + ")")
     groups = np.where(table.lane.isin([str(lane) for lane in FAMILIES]), "qpsolvers and cvxpy", "without wrappers")
     table = table.assign(
-        name=name.where(table.who != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups
+        name=name.where(table.label != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups
     )
     table = table.sort_values(
-        ["scaling", "view", "who", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True
+        ["scaling", "view", "label", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True
     )
     time = table.total_us.where(table.worst_cost_gap <= TOLERANCE[Tier.HIGH], 1e9 * (1.0 + table.worst_cost_gap))
     table = ranked(
         table.assign(drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP)),
-        time.where(table.who != ranking.PACE, 0.0),
+        time.where(table.label != ranking.PACE, 0.0),
     )
     return table[
         [
             "view",
             "scaling",
-            "who",
+            "label",
             "name",
             "solver",
             "lane",

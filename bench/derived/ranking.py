@@ -60,7 +60,7 @@ class Line:
     lane: str
     results: dict[Tier, Result]
     default_gap: float
-    """The worst of what it does unasked; NaN where it has no answer."""
+    """The worst of its defaults; NaN where it has no answer."""
 
     @property
     def place(self) -> tuple[float, ...]:
@@ -132,11 +132,9 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         rows,
         2,
         ("lane",),
-        f"{note} Times: µs of update and solve, then "
-        "sampling periods of "
+        f"{note} Times: µs of update and solve, then sampling periods of "
         f"{PERIOD_US:g} µs, at the loosest setting that is right on every problem. {missed}: there is none; "
-        "the best is right on 2 of 3. "
-        f"= is the same setting as to its left. {OURS_NOTE}",
+        f"the best is right on 2 of 3. = is the same setting as to its left. {OURS_NOTE}",
     )
 
 

@@ -40,9 +40,9 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     found = []
     for tier in TARGETS:
         part = cold[applies(cold, tier)]
-        for who, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
+        for key, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
             found.append(
-                {**dict(zip(LANE, cast(tuple[str, ...], who), strict=True)), "tier": str(tier), **_chosen(lane)}
+                {**dict(zip(LANE, cast(tuple[str, ...], key), strict=True)), "tier": str(tier), **_chosen(lane)}
             )
     return pd.DataFrame(
         found, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]

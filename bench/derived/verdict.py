@@ -125,12 +125,10 @@ def _stage(found: Measurements) -> Iterator[str]:
         return
     noticed, most = int((part.stage_excess > UNNOTICED).sum()), part.sort_values("stage_excess").iloc[-1]
     steps, best = apart(most.model_error_um, most.optimum_error_um)
-    says = f"would notice on {noticed}" if noticed else "would not notice on any"
-    more = f", {number(most.stage_excess)} times the sensor's noise more" if most.stage_excess > 0.0 else ""
     yield (
-        f"The stage {says} of {len(part)} problems that the optimum was not reached: on {most.problem} the paper's "
-        f"model errs by {steps} µm "
-        f"RMS on unseen data and the optimum's by {best} µm{more} (up to {UNNOTICED:g} times goes unnoticed)."
+        f"On {noticed or 'none'} of {len(part)} problems the stage is measurably worse with the paper's method than at "
+        f"the optimum: on {most.problem} {steps} against {best} µm RMS on unseen data (sensor noise "
+        f"{number(most.noise_um)} µm, of which {percent(UNNOTICED)} counts as a difference)."
     )
 
 
@@ -168,8 +166,7 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
             f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} "
             f"({best.lane}) is the fastest "
             f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times "
-            "as long as a cold one "
-            f"(median over {solver_lanes(len(part))})."
+            f"as long as a cold one (median over {solver_lanes(len(part))})."
         )
 
 
@@ -180,13 +177,12 @@ def _turns(found: Measurements) -> Iterator[str]:
     if len(ratio):
         yield (
             f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as "
-            "long as hot (median "
-            f"over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
+            f"long as hot (median over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
         )
 
 
 def _lanes(found: Measurements) -> Iterator[str]:
-    """Lanes in which a library does otherwise unasked than by its own object."""
+    """Lanes in which the defaults of a library differ from those of its own object."""
     rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(
         ["solver", "lane"]
     )

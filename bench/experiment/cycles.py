@@ -15,8 +15,8 @@ import pandas as pd
 from bench.experiment.runs import HINDSIGHT, LEARNED, ONCE, STRAIGHT, lines
 from bench.report.plot import Axis
 from bench.report.report import Figure
-from bench.rig.rig import AXES
-from bench.rig.trial import Trial, learned, learned_once
+from bench.stage.setup import AXES
+from bench.stage.trial import Trial, learned, learned_once
 from solvers.arrays import Vector
 
 DRIFT_PER_CYCLE = 5e-3
@@ -28,14 +28,16 @@ STEADY, DRIFTING = "steady", "drifting"
 
 def per_cycle(trial: Trial) -> Vector:
     """RMS error of every cycle in percent of range, both axes taken together, shape (cycles,)."""
-    return np.array([np.sqrt(np.mean(trial.rms_percent(c) ** 2)) for c in range(trial.rig.cycles)])
+    return np.array([np.sqrt(np.mean(trial.rms_percent(c) ** 2)) for c in range(trial.setup.cycles)])
 
 
 def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
     """Errors by stage, name and cycle: of the runs, and of two on a drifting stage."""
-    rig = runs[LEARNED].rig
+    setup = runs[LEARNED].setup
     drifting = replace(
-        rig, gain_drift_per_s=DRIFT_PER_CYCLE / (rig.cycle * rig.sample_time), cycles=max(rig.cycles, FIXED_AFTER + 2)
+        setup,
+        gain_drift_per_s=DRIFT_PER_CYCLE / (setup.cycle * setup.sample_time),
+        cycles=max(setup.cycles, FIXED_AFTER + 2),
     )
     trials = {
         **{(STEADY, name): run for name, run in runs.items()},
@@ -80,8 +82,7 @@ def sentences(table: pd.DataFrame) -> tuple[str, str]:
     settled = int(np.argmax(steady <= 2.0 * steady.min())) + 1
     return (
         f"Both axes together: from {steady[0]:.2f} % in cycle 1, in which nothing is known, to {steady[-1]:.3f} % "
-        f"in cycle {steady.size}; "
-        f"cycle {settled} is the first within twice the best.",
+        f"in cycle {steady.size}; cycle {settled} is the first within twice the best.",
         f"Where the gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle, a compensator that stopped learning after "
         f"{FIXED_AFTER} cycles is at "
         f"{once[-1]:.2f} % in cycle {once.size} and the one that learns on at {drifting[-1]:.2f} %.",

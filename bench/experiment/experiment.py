@@ -13,12 +13,12 @@ from bench.experiment.runs import HINDSIGHT, LEARNED, STRAIGHT
 from bench.messages.progress import Progress, silent
 from bench.report.report import Report, Table
 from bench.report.writing import write_report
-from bench.rig import trial
-from bench.rig.rig import AXES, LEVELS, RANGE_UM, Rig
-from bench.rig.trial import Trial
+from bench.stage import trial
+from bench.stage.setup import AXES, LEVELS, RANGE_UM, StageSetup
+from bench.stage.trial import Trial
 
 
-def run(folder: Path, rig: Rig, progress: Progress = silent) -> tuple[Report, Path]:
+def run(folder: Path, setup: StageSetup, progress: Progress = silent) -> tuple[Report, Path]:
     """Make the experiment and write its report and figures into a folder, which is made if it is not there; OSError
     where it cannot be."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -27,14 +27,14 @@ def run(folder: Path, rig: Rig, progress: Progress = silent) -> tuple[Report, Pa
         {STRAIGHT: trial.straight, HINDSIGHT: trial.best_straight, LEARNED: trial.learned}.items()
     ):
         progress(name, done, 5)
-        runs[name] = made(rig)
+        runs[name] = made(setup)
     progress("a drifting stage", 3, 5)
-    found = report(rig, runs, cycles.errors(runs))
+    found = report(setup, runs, cycles.errors(runs))
     progress("figures", 4, 5)
     return found, write_report(found, folder, "experiment", pictures=len(found.figures))
 
 
-def report(rig: Rig, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Report:
+def report(setup: StageSetup, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Report:
     """What the runs say and show."""
     indices = range(len(AXES))
     rows = [
@@ -47,10 +47,9 @@ def report(rig: Rig, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Repor
         notes=[*(staircases.sentence(i, runs) for i in indices), *loops.sentences(runs), *cycles.sentences(by_cycle)],
         definitions=[
             "A straight line is the one through the corners of the ranges. Errors are those of the measured "
-            "platform in percent of the "
-            "reference's range."
+            "platform in percent of the reference's range."
         ],
-        environment=settings(rig),
+        environment=settings(setup),
         title="Self-learning compensation of a two-axis stage",
     )
 
@@ -65,33 +64,30 @@ def verdict(runs: Mapping[str, Trial]) -> str:
         return f"{first}: a straight line with hindsight would have done as well ({best:.2f} %)."
     return (
         f"{first}, {before / after:.0f} times nearer to the reference than a straight line and {best / after:.0f} "
-        "times nearer "
-        f"than the best straight line that hindsight can give ({best:.2f} %)."
+        f"times nearer than the best straight line that hindsight can give ({best:.2f} %)."
     )
 
 
-def settings(rig: Rig) -> list[tuple[str, str]]:
+def settings(setup: StageSetup) -> list[tuple[str, str]]:
     """What the experiment was made with."""
-    kinds = ", ".join(f"{axis}: {actuators.plant}" for axis, actuators in zip(AXES, rig.actuators, strict=True))
+    kinds = ", ".join(f"{axis}: {actuators.plant}" for axis, actuators in zip(AXES, setup.actuators, strict=True))
     return [
         (
             "stage",
-            f"two axes, {'two actuators in push-pull' if rig.push_pull else 'one actuator'} each ({kinds}), "
+            f"two axes, {'two actuators in push-pull' if setup.push_pull else 'one actuator'} each ({kinds}), "
             "cross-coupled, with structural "
-            f"dynamics, noise of {1e3 * rig.noise_um:g} nm and steps of {1e3 * rig.quantum_um:g} nm in the "
-            "sensors",
+            f"dynamics, noise of {1e3 * setup.noise_um:g} nm and steps of {1e3 * setup.quantum_um:g} nm in the sensors",
         ),
         (
             "reference",
-            f"staircase of {LEVELS} levels over {RANGE_UM:g} µm, each held {rig.hold_s:g} s, a step "
-            f"taking {1e3 * rig.step_s:g} ms; "
-            "axis y a quarter of a period ahead",
+            f"staircase of {LEVELS} levels over {RANGE_UM:g} µm, each held {setup.hold_s:g} s, a step "
+            f"taking {1e3 * setup.step_s:g} ms; axis y a quarter of a period ahead",
         ),
-        ("model", f"n = {rig.n}, m = {rig.m}"),
+        ("model", f"n = {setup.n}, m = {setup.m}"),
         (
             "learning",
-            f"{rig.cycles} cycles of {rig.reset_s:g} s reset, {rig.build_s:g} s building and "
-            f"{rig.learn_s:g} s learning; solver "
-            f"{rig.solver}; a sample every {1e6 * rig.sample_time:g} µs; seed {rig.seed}",
+            f"{setup.cycles} cycles of {setup.reset_s:g} s reset, {setup.build_s:g} s building and "
+            f"{setup.learn_s:g} s learning; solver "
+            f"{setup.solver}; a sample every {1e6 * setup.sample_time:g} µs; seed {setup.seed}",
         ),
     ]

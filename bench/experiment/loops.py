@@ -10,16 +10,16 @@ import pandas as pd
 from bench.experiment.runs import LEARNED, STRAIGHT, THINNING, lines
 from bench.report.plot import Axis
 from bench.report.report import Figure
-from bench.rig.rig import AMPLITUDE_UM, AXES, RANGE_UM, Rig
-from bench.rig.trial import Trial
+from bench.stage.setup import AMPLITUDE_UM, AXES, RANGE_UM, StageSetup
+from bench.stage.trial import Trial
 from solvers.arrays import Vector
 
 BINS = 64
 
 
-def arrived(rig: Rig) -> int:
+def arrived(setup: StageSetup) -> int:
     """Sample from which on a loop counts: before it the stage comes from the staircase."""
-    return round(rig.step_s / rig.sample_time)
+    return round(setup.step_s / setup.sample_time)
 
 
 def opening_percent(reference: Vector, y: Vector) -> float:
@@ -33,8 +33,8 @@ def opening_percent(reference: Vector, y: Vector) -> float:
 
 def figure(runs: Mapping[str, Trial]) -> Figure:
     """The loops of both axes, and what is left of them on a finer scale."""
-    rig = runs[LEARNED].rig
-    at = np.arange(arrived(rig), len(rig.loop_ref), THINNING)
+    setup = runs[LEARNED].setup
+    at = np.arange(arrived(setup), len(setup.loop_ref), THINNING)
     table = pd.concat(
         [
             pd.DataFrame(
@@ -42,7 +42,7 @@ def figure(runs: Mapping[str, Trial]) -> Figure:
                     "axis": axis,
                     "name": name,
                     "sample": at,
-                    "reference_um": (reference := rig.loop_ref[at, i]),
+                    "reference_um": (reference := setup.loop_ref[at, i]),
                     "position_um": (y := runs[name].loop[at, i]),
                     "error_um": y - reference,
                 }
@@ -63,8 +63,7 @@ def figure(runs: Mapping[str, Trial]) -> Figure:
         "loops",
         "Hysteresis loops before and after",
         "Measured position over reference for triangles of "
-        "falling amplitude, on signals "
-        "that were never learned from; below each, what compensation leaves.",
+        "falling amplitude, on signals that were never learned from; below each, what compensation leaves.",
         table,
         plots,
     )
@@ -72,11 +71,11 @@ def figure(runs: Mapping[str, Trial]) -> Figure:
 
 def sentences(runs: Mapping[str, Trial]) -> Iterator[str]:
     """How far the loops open."""
-    rig = runs[LEARNED].rig
-    part = slice(arrived(rig), None)
+    setup = runs[LEARNED].setup
+    part = slice(arrived(setup), None)
     for i, axis in enumerate(AXES):
         wide, narrow = (
-            opening_percent(rig.loop_ref[part, i], runs[name].loop[part, i]) for name in (STRAIGHT, LEARNED)
+            opening_percent(setup.loop_ref[part, i], runs[name].loop[part, i]) for name in (STRAIGHT, LEARNED)
         )
         yield (
             f"Axis {axis}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "

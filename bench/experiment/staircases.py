@@ -11,16 +11,16 @@ import pandas as pd
 from bench.experiment.runs import HINDSIGHT, LEARNED, REFERENCE, STRAIGHT, THINNING, lines
 from bench.report.plot import Axis
 from bench.report.report import Figure
-from bench.rig.rig import AXES, RANGE_UM, percent
-from bench.rig.trial import Trial
+from bench.stage.setup import AXES, RANGE_UM, percent
+from bench.stage.trial import Trial
 
 
 def figure(i: int, runs: Mapping[str, Trial]) -> Figure:
     """One period of the staircase in the last cycle of one axis."""
-    rig = runs[LEARNED].rig
-    end = len(rig.y_ref)
-    window = np.arange(max(0, end - rig.period), end, THINNING)
-    t, reference = (window - window[0]) * rig.sample_time, rig.y_ref[window, i]
+    setup = runs[LEARNED].setup
+    end = len(setup.y_ref)
+    window = np.arange(max(0, end - setup.period), end, THINNING)
+    t, reference = (window - window[0]) * setup.sample_time, setup.y_ref[window, i]
     positions = {REFERENCE: reference, **{name: run.y[window, i] for name, run in runs.items()}}
     table = pd.concat(
         [
@@ -52,9 +52,7 @@ def sentence(i: int, runs: Mapping[str, Trial]) -> str:
     ]
     return (
         f"Axis {AXES[i]}, last cycle: RMS error {before:.2f} % of range ({before / 100 * RANGE_UM:.2f} µm) along a "
-        "straight "
-        f"line, {best:.2f} % along the best straight line with hindsight, {after:.3f} % "
-        f"({after / 100 * RANGE_UM * 1e3:.0f} nm) with self-learning compensation, {before / after:.0f} times "
-        "less; "
+        f"straight line, {best:.2f} % along the best straight line with hindsight, {after:.3f} % "
+        f"({after / 100 * RANGE_UM * 1e3:.0f} nm) with self-learning compensation, {before / after:.0f} times less; "
         f"largest error {worst[0]:.1f} %, {worst[1]:.1f} % and {worst[2]:.2f} %."
     )

@@ -27,7 +27,7 @@ sums."""
 FAST = ("-O3", "-march=native", "-ffp-contract=fast")
 COUNTABLE = ("-O3", "-march=x86-64-v3", "-ffp-contract=fast")
 """What valgrind understands: no AVX-512."""
-PROGRAMS = {"replay.c": "replay.c.jinja", "realtime.c": "realtime.c.jinja"}
+PROGRAMS = {"replay.c": "replay.c.jinja"}
 
 
 def tool(*names: str, package: str = "") -> str:
@@ -61,7 +61,7 @@ def compiled(compiler: str, words: Sequence[str], folder: Path, what: str) -> No
 
 
 def build(folder: Path, program: str, compiler: str, flags: Sequence[str]) -> Path:
-    """Build ``program`` (replay or realtime) in a folder of :func:`write_sources`; ExportError where that fails."""
+    """Build ``program`` (replay or loop) in a folder of :func:`write_sources`; ExportError where that fails."""
     target = folder / f"{program}-{Path(compiler).name}{''.join(flags).replace('/', '_').replace('=', '_')}"[:200]
     posix = ("-D_POSIX_C_SOURCE=200809L",) if program == "replay" else ("-pthread",)
     compiled(

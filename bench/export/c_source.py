@@ -26,6 +26,7 @@ from solvers.core.compile_core import folders as core_folders
 FILES = {
     "piezo_parameters.h": "parameters.h.jinja",
     "main.c": "main.c.jinja",
+    "loop.c": "loop.c.jinja",
     "Makefile": "Makefile.jinja",
     "CMakeLists.txt": "CMakeLists.txt.jinja",
     "README.md": "README.md.jinja",
@@ -85,7 +86,8 @@ def render(
 def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
     """Text of the files that are the same for every model: the interface with ``more`` of its folder, and the core in a
     folder of its own."""
-    interface = ("piezo.h", "piezo.c", *(("piezo_learner.h", "piezo_learner.c") if settings.learning else ()), *more)
+    learner = ("piezo_learner.h", "piezo_learner.c") if settings.learning else ()
+    interface = ("piezo.h", "piezo.c", *learner, *more)
     core = (*SHARED, *(LEARNER if settings.learning else ()))
     folders = core_folders(Path(piezo_model.core.__file__).parents[1])
     return {
@@ -114,15 +116,17 @@ def export(
     ...                                        sample_time=1e-3)
     >>> files = export(HysteresisCreepModel.from_weights(structure, [1.0, 2.0]), ExportSettings(name="axis"))
     >>> sorted(name for name in files if not name.startswith("core"))
-    ['CMakeLists.txt', 'Makefile', 'README.md', 'axis.c', 'axis.h', 'axis_parameters.h', 'main.c']
+    ['CMakeLists.txt', 'Makefile', 'README.md', 'axis.c', 'axis.h', 'axis_parameters.h', 'axis_stage.c', 'axis_stage.h',
+     'loop.c', 'main.c']
     >>> "axis_step(axis_axis *axis" in files["axis.h"]
     True
     """
     settings = settings or ExportSettings()
-    same, rendered = sources(settings), render(model, settings, title)
+    same, rendered = sources(settings, "piezo_stage.h", "piezo_stage.c"), render(model, settings, title)
     files = {**same, **rendered}
     if len({name.lower() for name in files}) < len(same) + len(rendered) or settings.name.lower() in (
         "main",
+        "loop",
         "makefile",
     ):
         raise ExportError(

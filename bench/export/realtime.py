@@ -71,7 +71,7 @@ class RealTime:
         self._folder = tempfile.TemporaryDirectory(prefix="piezobench-realtime-")
         try:
             write_sources(Path(self._folder.name), model, settings)
-            self._program = build(Path(self._folder.name), "realtime", compiler, FAST)
+            self._program = build(Path(self._folder.name), "loop", compiler, FAST)
         except BaseException:
             self._folder.cleanup()
             raise

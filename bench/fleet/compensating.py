@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.fleet.places import model_of
+from bench.fleet.storage import model_of
 from piezo_model import Compensator, HysteresisCreepModel
 from piezo_model.model import StartChoice
 from piezo_model.recordings import RecordingError, read_reference, write_table

@@ -21,7 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol, TypedDict, runtime_checkable
 
-from bench.fleet.places import absolute, file_here, filesystem, folder_here, names_of
+from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.messages.progress import Progress
 from bench.processes.engine import Workers, each
 from piezo_model.atomic_file import write_text

@@ -21,7 +21,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from bench.fleet.fleet import Row
-from bench.fleet.places import folder_here
+from bench.fleet.storage import folder_here
 from bench.report.plot import PALETTE, ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
 from bench.report.words import number

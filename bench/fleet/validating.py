@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.fleet.places import model_of
+from bench.fleet.storage import model_of
 from piezo_model import HysteresisCreepModel, Recording
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import check_direction

@@ -101,6 +101,6 @@ def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> 
             found.append(float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude))
         except (pint.errors.PintError, ValueError, TypeError, AttributeError, AssertionError):
             raise ReferenceError(
-                f"{option} {text}: {part!r} is no number{f' in {shown(unit)}' if unit else ''}"
+                f"{option} {text}: {part!r} is not a number{f' in {shown(unit)}' if unit else ''}"
             ) from None
     return found

@@ -27,7 +27,7 @@ Row = dict[str, Any]
 """What is kept of a task; every kind of race adds its own columns to those that say who did what."""
 Start = Literal["cold", "warm"]
 """Whether a solve begins from nothing or from the optimum of the problem before."""
-UNASKED = -1
+NO_RUNG = -1
 """In the place of a rung: a setting that is not in the ladder."""
 
 
@@ -36,10 +36,10 @@ class Setting:
     """What a solver is asked for, by what its ladder has for a problem whose constant is 1."""
 
     text: str
-    rung: int = UNASKED
+    rung: int = NO_RUNG
     """Its place in the ladder, from loose to tight."""
     is_default: bool = True
-    """Whether it is what the solver does unasked."""
+    """Whether it is the solver's defaults."""
     rung_text: str = ""
     """Of a limit of iterations, the setting that it is put on; the limit itself is in `Task.more`."""
 
@@ -117,11 +117,11 @@ class Task:
 
 
 def settings_of(solver: Described) -> Sequence[Setting]:
-    """The settings of a solver's ladder from loose to tight; the first is what it does unasked, unless a rung is the
+    """The settings of a solver's ladder from loose to tight; the first is its defaults, unless a rung is the
     same."""
-    unasked = setting_text(solver.unasked)
-    rungs = [Setting(setting_text(rung), i, setting_text(rung) == unasked) for i, rung in enumerate(solver.ladder)]
-    return rungs if any(rung.is_default for rung in rungs) else [Setting(unasked), *rungs]
+    default = setting_text(solver.defaults)
+    rungs = [Setting(setting_text(rung), i, setting_text(rung) == default) for i, rung in enumerate(solver.ladder)]
+    return rungs if any(rung.is_default for rung in rungs) else [Setting(default), *rungs]
 
 
 def limited(solver: Described, limit: int) -> Setting:
@@ -146,7 +146,7 @@ class Outcome:
     message: str = ""
     """The sentence that goes with a failure."""
     found: bool = False
-    """What the solver itself says."""
+    """Whether the solver reports success."""
     x: Vector | None = None
     y: Vector | None = None
     z: Vector | None = None

@@ -130,8 +130,7 @@ def _field(path: Path, arrays: Any, name: str) -> Any:
         partner = dict(zip("GA", "hb", strict=True)).get(name, "")
         if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # and not None, then
             raise ProblemFileError(
-                f"{path}: {name} is stored as a Python object, which is not read; store sparse "
-                "matrices "
+                f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
                 f"as {', '.join(f'{name}/{part}' for part in PARTS)}"
             ) from None
         return None

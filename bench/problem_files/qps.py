@@ -245,5 +245,5 @@ def _number(text: str) -> float:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         value = np.nan
-    require(not np.isnan(value) and "_" not in text, f"{text!r} is no number")
+    require(not np.isnan(value) and "_" not in text, f"{text!r} is not a number")
     return value

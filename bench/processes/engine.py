@@ -158,8 +158,7 @@ def _check_cores(client: Any) -> None:
     for host, count in dict(there.values()).items():
         if threads[host] > count:
             raise RaceError(
-                f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start "
-                "fewer, each "
+                f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start fewer, each "
                 f"with one thread"
             )
 

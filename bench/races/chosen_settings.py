@@ -51,7 +51,7 @@ ACCURACY = columns.schema((*NAMES, *FIGURES))
 DEFAULT, EACH, REFERENCE = "default", "each", "reference"
 UNTESTED, NOT_REACHED = "untested", "not reached"
 """On what grounds a setting stands for a tier, where it is not the name of a run that says so: ``default`` is what the
-solver does unasked, ``untested`` and ``not reached`` its tightest setting, ``each`` one of several that all race."""
+solver does by default, ``untested`` and ``not reached`` its tightest setting, ``each`` one of several that all race."""
 Choices = Mapping[Setting, Mapping[Tier, str]]
 """Settings with the tiers that each stands for, and on what grounds."""
 
@@ -98,7 +98,7 @@ def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name:
     for tier in tiers:
         text = of_tier.get(str(tier))
         if tier is Tier.DEFAULT:
-            setting, basis = unasked(solver), DEFAULT
+            setting, basis = default_setting(solver), DEFAULT
         elif text in known:
             setting, basis = known[text], name
         else:
@@ -107,8 +107,8 @@ def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name:
     return found
 
 
-def unasked(solver: Described) -> Setting:
-    """What a solver does unasked."""
+def default_setting(solver: Described) -> Setting:
+    """A solver's defaults."""
     return next(setting for setting in settings_of(solver) if setting.is_default)
 
 
@@ -129,8 +129,7 @@ def definition(run: str) -> str:
         f"The setting of a solver is the one that stands for the tier in {run or 'the reference run'}, evaluated "
         "at the constant of these "
         "data. Untested: it does not know this solver, or not with these settings, so the tightest is taken; not "
-        "reached: no setting that "
-        "was measured there reaches the tier, and again the tightest is taken."
+        "reached: no setting that was measured there reaches the tier, and again the tightest is taken."
     )
 
 

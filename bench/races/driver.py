@@ -56,11 +56,11 @@ class Part(ABC):
         if pool.core is None:
             self.work(run, pool, tell)
             return
-        pool.sentinel.look()
+        pool.sentinel.sample()
         before = machine.counters()
         rows = self.work(run, pool, tell)
         between = machine.between(before, machine.counters())
-        pool.sentinel.look()
+        pool.sentinel.sample()
         run.save_notes(
             self.name,
             {
@@ -212,13 +212,13 @@ def drive(race: Race[Any], workers: Workers) -> None:
 def note_conditions(race: Race[Any], workers: Workers) -> None:
     """Keep how the machine fared while it timed, and say what makes the times less certain."""
     run, notes = race.run, race.run.all_notes()
-    looks = sentinel.table(notes)
+    samples = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:
-        looks.to_parquet(temporary, index=False)
+        samples.to_parquet(temporary, index=False)
     run.note(
         conditions={
-            "sentinel_drift": sentinel.drift(looks),
+            "sentinel_drift": sentinel.drift(samples),
             "parts": [{name: value for name, value in note.items() if name != "sentinel"} for note in notes],
-            "warnings": [*sentinel.sentences(looks), *machine.disturbances(notes, workers.count), *race.warnings],
+            "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes, workers.count), *race.warnings],
         }
     )

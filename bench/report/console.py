@@ -18,11 +18,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from bench.messages.progress import Progress as Report
+from bench.messages import progress
 from bench.rendering import terminal
 
 if TYPE_CHECKING:
-    from bench.report.report import Report as Written
+    from bench.report.report import Report
 
 
 class PlainConsole(Console):
@@ -47,7 +47,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard out
 
 
 @contextmanager
-def progress_bar() -> Iterator[Report]:
+def progress_bar() -> Iterator[progress.Progress]:
     """Yield a function that is told (what, done, total); silent when standard error is not a terminal."""
     columns = (
         BarColumn(bar_width=24),
@@ -90,7 +90,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
-def print_report(report: Written, below: Sequence[str] = ()) -> None:
+def print_report(report: Report, below: Sequence[str] = ()) -> None:
     """The first screen of a report: verdict, as many rows of the short table as there is room for, how many more there
     are, and lines below."""
     above, shown = lines_of(report.verdict), report.terminal or report.table

@@ -106,7 +106,7 @@ def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, alo
 
 
 def first_view(table: pd.DataFrame) -> str:
-    """The view that is shown unasked, "" of an empty table or one without views."""
+    """The view that is shown by default, "" of an empty table or one without views."""
     if "view" not in table:
         return ""
     names = dict.fromkeys(map(str, table["view"]))  # min takes the first of equals

@@ -231,7 +231,7 @@ def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict
 
 
 def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
-    """The plots under each other in dark ink on white, in the view that is shown unasked."""
+    """The plots under each other in dark ink on white, in the view that is shown by default."""
     parts = [specification(table, plot) for plot in plots]
     params: dict[
         str, dict[str, Any]

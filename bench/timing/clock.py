@@ -21,7 +21,7 @@ from msgspec import Meta
 from solvers.protocol import Matrix, Nanoseconds, Solver, Vector
 
 LONG_NS = 100_000_000
-"""After which a call is not timed again, however few times there are."""
+"""A longer call is timed once."""
 
 
 @dataclass(frozen=True)

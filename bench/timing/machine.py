@@ -88,7 +88,7 @@ class Counters:
     switches: int
     """Context switches."""
     throttled: int
-    """How often a core was slowed down since it was hot."""
+    """How often the processor throttled a core."""
 
 
 def counters() -> Counters:
@@ -140,7 +140,7 @@ def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[s
     if steal > TOLERATED_STEAL:
         found.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
     if throttled := sum(part["throttled"] for part in parts):
-        found.append(f"Cores were slowed down {throttled:.0f} times since they were hot.")
+        found.append(f"The processor throttled {throttled:.0f} times.")
     neighbours = sum(part["busy_cores"] * part["seconds"] for part in parts) / seconds - workers
     if neighbours > TOLERATED_NEIGHBOURS:
         found.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")

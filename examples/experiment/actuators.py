@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from hindsight import ROUNDS, SOLVER, floor
-from outputs import arguments, rig_of, show
+from outputs import arguments, setup_of, show
 
 from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
-from bench.rig.rig import CREEP_RATES, LEVELS, Rig, at_low_end
+from bench.stage.setup import CREEP_RATES, LEVELS, StageSetup, at_low_end
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
 from piezo_model.signals import staircase
@@ -42,30 +42,30 @@ class Case:
     def __str__(self) -> str:
         return f"{self.plant}, {self.mode}, n = {self.n}, m = {self.m}"
 
-    def row(self, rig: Rig) -> dict[str, Any]:
+    def row(self, setup: StageSetup) -> dict[str, Any]:
         """Errors in percent of the actuator's range: per cycle, with hindsight, and of straight lines."""
-        sensor = sensor_of(self.plant, rig)
+        sensor = sensor_of(self.plant, setup)
         structure = ModelStructure.equidistant(
-            self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, rig.sample_time
+            self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, setup.sample_time
         )
         learner = SelfLearningCompensator(
             structure,
-            rig.reset_s,
-            rig.build_s,
-            rig.learn_s,
+            setup.reset_s,
+            setup.build_s,
+            setup.learn_s,
             SOLVER,
             sensor.x_range,
             self.mode,
             state=at_low_end(structure),
             samples_to_solve=1,
         )
-        y_ref, errors = steps(sensor, rig), []
-        for cycle in np.split(y_ref, rig.cycles):
+        y_ref, errors = steps(sensor, setup), []
+        for cycle in np.split(y_ref, setup.cycles):
             state, before = learner.compensator.state.copy(), sensor.state()
             x, y = learner.run(cycle, sensor.run)
             errors.append(rms_percent(y - cycle, sensor))
         hindsight = floor(learner.model, state, sensor, before, x, y, cycle) * 100.0 / float(np.ptp(sensor.y_range))
-        straight, best = straight_lines(sensor_of(self.plant, rig), y_ref[-rig.cycle :])
+        straight, best = straight_lines(sensor_of(self.plant, setup), y_ref[-setup.cycle :])
         return {
             **asdict(self),
             "straight_percent": straight,
@@ -80,23 +80,23 @@ LEARNERS: tuple[tuple[int, int, Mode], ...] = ((5, 3, "cyclic"), (5, 3, "continu
 CASES = tuple(Case(plant, *learner) for plant in plants.names() for learner in LEARNERS)
 
 
-def sensor_of(plant: str, rig: Rig) -> plants.Sensor:
+def sensor_of(plant: str, setup: StageSetup) -> plants.Sensor:
     """The actuator with a noisy sensor, at the low end of its drive."""
-    actuator = plants.get(plant, sample_time=rig.sample_time)
-    return plants.Sensor(actuator, noise_um=NOISE * float(np.ptp(actuator.y_range)), seed=rig.seed)
+    actuator = plants.get(plant, sample_time=setup.sample_time)
+    return plants.Sensor(actuator, noise_um=NOISE * float(np.ptp(actuator.y_range)), seed=setup.seed)
 
 
-def steps(sensor: plants.Sensor, rig: Rig) -> Vector:
+def steps(sensor: plants.Sensor, setup: StageSetup) -> Vector:
     """The staircase for all cycles, µm."""
     low, high = sensor.y_range
     margin = MARGIN * (high - low)
     return staircase(
-        duration_s=rig.cycles * rig.cycle * rig.sample_time,
-        sample_time=rig.sample_time,
+        duration_s=setup.cycles * setup.cycle * setup.sample_time,
+        sample_time=setup.sample_time,
         low=low + margin,
         high=high - margin,
         levels=LEVELS,
-        hold_s=rig.hold_s,
+        hold_s=setup.hold_s,
     )
 
 
@@ -187,7 +187,7 @@ def cycles_of(table: pd.DataFrame) -> list[str]:
 def main() -> None:
     """Let every learner learn on every actuator."""
     given = arguments(quick=False, seed=0)
-    table = pd.DataFrame([case.row(rig_of(given, seed=given.seed)) for case in CASES])
+    table = pd.DataFrame([case.row(setup_of(given, seed=given.seed)) for case in CASES])
     show(figure(table), sentences(table), given.out)
 
 

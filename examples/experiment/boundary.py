@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from outputs import arguments, rig_of, show
+from outputs import arguments, setup_of, show
 from qpsolvers import Problem
 
 import solvers
 from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
-from bench.rig.rig import at_low_end
-from bench.rig.trial import Trial, learned
+from bench.stage.setup import at_low_end
+from bench.stage.trial import Trial, learned
 from piezo_model import DataBasis, IdentificationProblem
 from solvers.arrays import Matrix, Vector
 
@@ -51,10 +51,10 @@ class Slice:
 
 def problem_of(trial: Trial, axis: int = 0) -> IdentificationProblem:
     """The program (6) of one axis over the last cycle of a trial."""
-    rig = trial.rig
-    basis = DataBasis(rig.structures[axis], at_low_end(rig.structures[axis]))
-    q = trial.y @ rig.decoupling[axis]
-    before = len(q) - rig.cycle
+    setup = trial.setup
+    basis = DataBasis(setup.structures[axis], at_low_end(setup.structures[axis]))
+    q = trial.y @ setup.decoupling[axis]
+    before = len(q) - setup.cycle
     basis.update(trial.x[:before, axis], q[:before], count=False)
     basis.update(trial.x[before:, axis], q[before:])
     return basis.problem()
@@ -193,7 +193,7 @@ def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:
 def main() -> None:
     """Let a stage learn, and draw a trajectory of its last problem."""
     given = arguments(quick=False, seed=0)
-    drawn, sentence = figure(slice_of(problem_of(learned(rig_of(given, seed=given.seed, solver="box_active_set")))))
+    drawn, sentence = figure(slice_of(problem_of(learned(setup_of(given, seed=given.seed, solver="box_active_set")))))
     show(drawn, [sentence], given.out)
 
 

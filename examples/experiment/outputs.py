@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.report.report import Figure, Report
 from bench.report.writing import write_report
-from bench.rig.rig import Rig
+from bench.stage.setup import StageSetup
 
 
 def arguments(**options: Any) -> argparse.Namespace:
@@ -22,9 +22,9 @@ def arguments(**options: Any) -> argparse.Namespace:
     return parser.parse_args()
 
 
-def rig_of(given: argparse.Namespace, **options: Any) -> Rig:
-    """The paper's rig, or the one of ``--quick``."""
-    return (Rig.quick if given.quick else Rig)(**options)
+def setup_of(given: argparse.Namespace, **options: Any) -> StageSetup:
+    """The paper's setup, or the one of ``--quick``."""
+    return (StageSetup.quick if given.quick else StageSetup)(**options)
 
 
 def show(figure: Figure, sentences: Iterable[str], folder: Path) -> None:

@@ -13,13 +13,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import pandas as pd
-from outputs import arguments, rig_of, show
+from outputs import arguments, setup_of, show
 
 from bench.experiment.cycles import per_cycle
 from bench.report.plot import PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
-from bench.rig.rig import Actuators, Rig
-from bench.rig.trial import learned
+from bench.stage.setup import Actuators, StageSetup
+from bench.stage.trial import learned
 
 KINDS = {
     "curved": Actuators("dense_prandtl_ishlinskii", (("saturation", 0.0), ("asymmetry", -0.1))),
@@ -46,12 +46,12 @@ class Case:
     def __str__(self) -> str:
         return f"{self.kind} actuators, {'push-pull' if self.push_pull else 'single'}, n = {self.n}, m = {self.m}"
 
-    def row(self, rig: Rig) -> dict[str, Any]:
+    def row(self, setup: StageSetup) -> dict[str, Any]:
         """Run the case with an exact learner, so that only the model counts."""
         actuators = KINDS[self.kind]
         trial = learned(
             replace(
-                rig,
+                setup,
                 actuators=(actuators, actuators),
                 n=self.n,
                 m=self.m,
@@ -115,7 +115,7 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 def main() -> None:
     """Let a stage learn in every case."""
     given = arguments(quick=False, seed=0)
-    table = pd.DataFrame([case.row(rig_of(given, seed=given.seed)) for case in CASES])
+    table = pd.DataFrame([case.row(setup_of(given, seed=given.seed)) for case in CASES])
     show(figure(table), sentences(table), given.out)
 
 

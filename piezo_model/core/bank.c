@@ -78,9 +78,12 @@ Learner tile_learner(const Bank *b, int64_t tile, void *thread_room)
 
 Bank bank_setup(void *memory, Shape s, int64_t tiles, int block)
 {
-    const BankHead head = {{BANK_KIND, unknowns(s), bank_bytes(s, tiles, block), s}, tiles, block};
-    memset(memory, 0, (size_t)head.shaped.bytes);
-    memcpy(memory, &head, sizeof head);
+    const int64_t bytes = bank_bytes(s, tiles, block);
+    BankHead *const head = memory;
+    memset(memory, 0, (size_t)bytes);
+    head->shaped = (ShapedHead){BANK_KIND, unknowns(s), bytes, s};
+    head->tiles = tiles;
+    head->block = block;
     return bank_at(memory);
 }
 

@@ -199,11 +199,14 @@ Learner learner_at(void *memory)
 
 Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
 {
-    const LearnerHead head = {
-        {LEARNER_KIND, unknowns(shape), learner_bytes(shape, block, blocks, way), shape}, block, blocks, way};
+    const int64_t bytes = learner_bytes(shape, block, blocks, way);
+    LearnerHead *const head = memory;
     Learner l;
-    memset(memory, 0, (size_t)head.shaped.bytes);
-    memcpy(memory, &head, sizeof head);
+    memset(memory, 0, (size_t)bytes); /* the bytes between the fields, too, since states are compared by their heads */
+    head->shaped = (ShapedHead){LEARNER_KIND, unknowns(shape), bytes, shape};
+    head->block = block;
+    head->blocks = blocks;
+    head->way = way;
     l = learner_at(memory);
     if (way == CYCLIC) {
         descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);

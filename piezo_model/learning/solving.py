@@ -62,8 +62,8 @@ def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
         cls = solvers.find(solver, lane).load()
     except ImportError:
         return
-    unasked, *ladder = (setting_text({**cls.always, **rung}) for rung in ({}, *cls.ladder(1.0)))
-    if setting not in (unasked, *ladder):
+    default, *ladder = (setting_text({**cls.always, **rung}) for rung in ({}, *cls.ladder(1.0)))
+    if setting not in (default, *ladder):
         raise ValueError(f"{solver} has no setting {setting!r}; its ladder goes from {ladder[0]} to {ladder[-1]}")
 
 

@@ -36,8 +36,7 @@ def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:
     c, e = saturation, asymmetry
     if not (c >= 0.0 and 1.0 - 2.0 * abs(e) - 3.0 * c > 0.0):
         raise ValueError(
-            "saturation must be at least 0 and 1 - 2 |asymmetry| - 3 saturation above 0, not with "
-            f"saturation {c} and "
+            f"saturation must be at least 0 and 1 - 2 |asymmetry| - 3 saturation above 0, not with saturation {c} and "
             f"asymmetry {e}"
         )
     # Products and not powers: numpy rounds a power of one number and of an array in different ways.

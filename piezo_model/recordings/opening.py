@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from piezo_model.recordings import apart
 from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.tables import HEAD_BYTES, Reading, Table
 
@@ -36,6 +36,13 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
             if getattr(reading, name) is not None and name not in getattr(known, "READS", ()):
                 raise RecordingError(f"{path}: is {known.NAME}, for which no {name.replace('_', ' ')} can be given")
         if getattr(known, "APART", False):
+            if sys.platform != "linux":
+                raise RecordingError(
+                    f"{path}: is {known.NAME}, which is read in a process of its own, Linux only; text and Parquet are "
+                    "read everywhere"
+                )
+            from piezo_model.recordings import apart
+
             return apart.open_table(known, path, reading)
         table: Table = known.open_table(path, reading)
         return table

@@ -28,7 +28,7 @@ def sample_time_in(lines: Iterable[str]) -> float | None:
 
     >>> heads = ["Operator: K", "# Sampling rate (kHz) = 20"], ["dt: 5 ms"], ["t;u;y"]
     >>> [sample_time_in(head) for head in heads]
-    (5e-05, 0.005, None)
+    [5e-05, 0.005, None]
     """
     return only(_period(match) for line in lines for match in _STATED.finditer(line))
 

@@ -64,7 +64,7 @@ class Clarabel(LibrarySolver):
         a = self._answer
         return self.program.solution(
             np.array(a.x),
-            self._rows.spread(np.array(a.z)),
+            self._rows.distribute(np.array(a.z)),
             self._found,
             status=str(a.status),
             reported_us=1e6 * a.solve_time,

@@ -50,7 +50,7 @@ class Cvxopt(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
         x, y, z = (np.array(r[key]).ravel() for key in "xyz")
-        w = self._rows.spread(np.concatenate([y, z])) if self._found else y
+        w = self._rows.distribute(np.concatenate([y, z])) if self._found else y
         return self.program.solution(
             x, w, self._found, status=r["status"], reported_us=None, iterations=r.get("iterations")
         )

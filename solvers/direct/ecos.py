@@ -64,7 +64,7 @@ class Ecos(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         r, info = self._result, self._result["info"]
-        w = self._rows.spread(np.concatenate([r["y"], r["z"][: self._rows.unequal]]))
+        w = self._rows.distribute(np.concatenate([r["y"], r["z"][: self._rows.unequal]]))
         return self.program.solution(
             r["x"][:-1],
             w,

@@ -82,7 +82,7 @@ class Osqp(LibrarySolver):
         r = self._result
         return self.program.solution(
             r.x,
-            self._rows.spread(r.y),
+            self._rows.distribute(r.y),
             self._found,
             status=r.info.status,
             reported_us=1e6 * r.info.solve_time,

@@ -79,7 +79,7 @@ class Proxsuite(LibrarySolver):
         w[self._equal], w[~self._equal] = results.y, results.z
         return self.program.solution(
             results.x,
-            self._rows.spread(w),
+            self._rows.distribute(w),
             self._found,
             status=info.status.name,
             reported_us=info.solve_time,

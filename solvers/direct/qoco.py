@@ -91,7 +91,7 @@ class Qoco(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
-        w = self._rows.spread(self._unit * np.concatenate([r.y, r.z]))
+        w = self._rows.distribute(self._unit * np.concatenate([r.y, r.z]))
         return self.program.solution(
             r.x, w, r.status == "QOCO_SOLVED", status=r.status, reported_us=1e6 * r.solve_time_sec, iterations=r.iters
         )

@@ -67,7 +67,7 @@ class Qpalm(LibrarySolver):
         s, info = self._solver.solution, self._solver.info
         return self.program.solution(
             s.x,
-            self._rows.spread(s.y),
+            self._rows.distribute(s.y),
             self._found,
             status=info.status,
             reported_us=1e6 * info.solve_time,

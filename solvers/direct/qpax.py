@@ -48,7 +48,7 @@ class Qpax(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         x, _, z, y = (np.asarray(part) for part in self._result[:4])
-        w = self._rows.spread(np.concatenate([y, z]))
+        w = self._rows.distribute(np.concatenate([y, z]))
         return self.program.solution(
             x,
             w,

@@ -50,5 +50,10 @@ class Qtqp(LibrarySolver):
     def solution(self) -> Solution:  # noqa: D102
         r = self._result
         return self.program.solution(
-            r.x, self._rows.spread(r.y), self._found, status=r.status.value, reported_us=None, iterations=r.iterations
+            r.x,
+            self._rows.distribute(r.y),
+            self._found,
+            status=r.status.value,
+            reported_us=None,
+            iterations=r.iterations,
         )

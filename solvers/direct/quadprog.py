@@ -61,5 +61,5 @@ class Quadprog(LibrarySolver):
             return p.solution(
                 p.no_answer(), np.zeros(p.l.size), False, status=self._status, reported_us=None, iterations=None
             )
-        w = self._rows.spread(self._lagrangian if self._rows.r.size else np.zeros(0))
+        w = self._rows.distribute(self._lagrangian if self._rows.r.size else np.zeros(0))
         return p.solution(self._x, w, True, status=self._status, reported_us=None, iterations=self._iterations)

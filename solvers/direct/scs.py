@@ -76,7 +76,7 @@ class Scs(LibrarySolver):
 
     def solution(self) -> Solution:  # noqa: D102
         r, info = self._result, self._result["info"]
-        w = self._rows.spread(r["y"][: self._rows.r.size])
+        w = self._rows.distribute(r["y"][: self._rows.r.size])
         return self.program.solution(
             r["x"], w, self._found, status=info["status"], reported_us=1e3 * info["solve_time"], iterations=info["iter"]
         )

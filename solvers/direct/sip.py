@@ -79,7 +79,7 @@ class Sip(LibrarySolver):
         return np.array(self._point.x) if self._found else self.program.no_answer()
 
     def solution(self) -> Solution:  # noqa: D102
-        w = self._rows.spread(np.concatenate([self._point.y, self._point.z]))
+        w = self._rows.distribute(np.concatenate([self._point.y, self._point.z]))
         return self.program.solution(
             np.array(self._point.x),
             w,

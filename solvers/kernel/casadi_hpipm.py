@@ -57,7 +57,7 @@ SETTINGS = {
     "t_min": "t_min",
 }
 """The names of the direct lane, and the library's own."""
-SAID = (
+MESSAGES = (
     "success",
     "maximum iterations reached",
     "minimum step length reached",
@@ -129,7 +129,7 @@ class CasadiHpipm(CompiledLibrary):
         numbers = np.zeros(2, dtype=np.intc)
         HPIPM.d_dense_qp_ipm_get_status(address(self._workspace), address(numbers))
         HPIPM.d_dense_qp_ipm_get_iter(address(self._workspace), address(numbers[1:]))
-        self._status, self._iterations = SAID[numbers[0]], int(numbers[1])
+        self._status, self._iterations = MESSAGES[numbers[0]], int(numbers[1])
 
     def solution(self) -> Solution:  # noqa: D102
         p, w = self.program, np.zeros(self.program.u.size)

@@ -29,7 +29,7 @@ PIQP = opened(
     ("piqp_set_default_settings_dense", "piqp_setup_dense", "piqp_cleanup", *IN_LOOP),
 )
 MAX_ITER_REACHED = -1
-SAID = {
+MESSAGES = {
     1: "PIQP_SOLVED",
     MAX_ITER_REACHED: "PIQP_MAX_ITER_REACHED",
     -2: "PIQP_PRIMAL_INFEASIBLE",
@@ -108,4 +108,4 @@ class Piqp(CompiledLibrary):
         w = np.concatenate(
             [upper - lower, vector(r.y, len(p.R[p.equalities])), vector(r.z_u, len(p.R[p.inequalities]))]
         )
-        return p.solution(self.x, w, self.found, status=SAID[r.status], reported_us=None, iterations=r.iter)
+        return p.solution(self.x, w, self.found, status=MESSAGES[r.status], reported_us=None, iterations=r.iter)

@@ -14,7 +14,7 @@ from solvers.direct import quadprog as direct
 from solvers.kernel._library import CompiledLibrary, opened
 
 QUADPROG = opened("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
-SAID = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")
+MESSAGES = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")
 
 
 class Quadprog(CompiledLibrary, direct.Quadprog):
@@ -43,7 +43,7 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
     def read(self) -> None:  # noqa: D102
         self._found, self._status, self._iterations, self._x = (
             self.found,
-            SAID[self.state[-1]],
+            MESSAGES[self.state[-1]],
             int(self._counts[0]),
             self.x,
         )

@@ -106,8 +106,8 @@ def solve(self, warm_start=None):
 def solve(self, warm_start=None):
     self.calls += 1
     if self.calls == 1:
-            return self.right(self.P, self.q)
-        return np.random.default_rng(self.calls).uniform(1.0, 2.0, self.q.size)
+        return self.right(self.P, self.q)
+    return np.random.default_rng(self.calls).uniform(1.0, 2.0, self.q.size)
 """,
     "mends_later": """
 def solve(self, warm_start=None):
@@ -185,7 +185,7 @@ def setup(self, problem):
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.take(problem.P, problem.q)
     connections = [one for one in gc.get_objects() if isinstance(one, Connection)]
-        (connection, *_) = [one for one in connections if not one.closed and one.writable]
+    (connection, *_) = [one for one in connections if not one.closed and one.writable]
     connection.send(Outcome(found=True, x=self.right(self.P, self.q)))
 """,
     "rewrites_times": """

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine, Finished
+from programs import library
 
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
@@ -55,7 +56,7 @@ SMALL = (
 )
 THIRD = ("--solver", "clarabel")
 TASKS = 25
-"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and what each does unasked and the floor on
+"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and the defaults of each and the floor on
 raw data."""
 
 
@@ -137,7 +138,7 @@ def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory)
 @pytest.fixture(scope="session")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A cluster as a user starts it: a scheduler and two workers under their nannies, one thread each."""
-    pytest.importorskip("distributed", reason="the optional extra dask is not installed")
+    library("distributed")
     folder = tmp_path_factory.mktemp("cluster")
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
     with (folder / "log").open("w") as log:

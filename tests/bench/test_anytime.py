@@ -207,6 +207,7 @@ def test_points_of_the_projected_steps_are_exact_gaps_of_its_iterates(raced: Rac
         assert gap == pytest.approx(exact_cost_gap(qp, form.certificate, w, form.c).relative, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_report_begins_with_the_picture_and_a_one_shot_race_has_it_too(raced: Raced, browser: Browser) -> None:
     assert raced.said.startswith("Within one sampling period")
     page = raced.run.path / "report.html"

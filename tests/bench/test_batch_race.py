@@ -300,6 +300,7 @@ MOUNT = "mount -t tmpfs -o size=64m tmpfs /dev/shm"
 may_mount = subprocess.run([*SMALL_MEMORY, MOUNT], capture_output=True, check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not may_mount, reason="this user may not mount a file system, not even one of its own")
 def test_where_shared_memory_is_small_the_programs_lie_in_an_ordinary_folder_and_the_report_says_so(
     tmp_path: Path,

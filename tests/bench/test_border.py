@@ -174,7 +174,11 @@ def test_every_verb_that_opens_a_run_says_which_field_is_wrong(
 
 @pytest.mark.parametrize(
     ("file", "read"),
-    [("rows.parquet", lambda run: run.rows(ONESHOT)), ("times.parquet", Run.times), ("sentinel.parquet", Run.looks)],
+    [
+        ("rows.parquet", lambda run: run.rows(ONESHOT)),
+        ("times.parquet", Run.times),
+        ("sentinel.parquet", Run.sentinel_samples),
+    ],
 )
 def test_a_table_that_does_not_fit_is_refused_by_file_and_column(
     run: Run, file: str, read: Callable[[Run], Any]

@@ -30,7 +30,7 @@ RUNGS = ({"eps": 1e-4}, {"eps": 1e-8}, {"eps": 1e-12})
 
 
 def solver(**known: object) -> Described:
-    """A solver of three settings, from loose to tight, that does something else unasked."""
+    """A solver of three settings, from loose to tight, whose defaults are something else."""
     return replace(Described("daqp", Lane.DIRECT, "", "", "", True, RUNGS), **known)  # type: ignore[arg-type]
 
 
@@ -60,7 +60,7 @@ def test_each_tier_has_the_setting_that_stands_for_it_and_what_is_not_reached_th
 
 
 def test_a_setting_that_stands_for_several_tiers_is_raced_once_and_each_keeps_its_grounds() -> None:
-    found = choices(solver(unasked=RUNGS[2]), TIERS, measured([1e-2, 1e-2, 5e-11]), "run")
+    found = choices(solver(defaults=RUNGS[2]), TIERS, measured([1e-2, 1e-2, 5e-11]), "run")
     assert [(setting.rung, basis) for setting, basis in found.items()] == [
         (2, {Tier.DEFAULT: "default", Tier.LOW: "run", Tier.HIGH: "run", Tier.EXACT: "not reached"})
     ]
@@ -99,7 +99,7 @@ def test_a_file_of_ones_own_has_its_tightest_setting_untested(tmp_path: Path) ->
     mine = describe(from_file(tmp_path / "mine.py"))
     ((setting, basis),) = choices(mine, (Tier.LOW, Tier.HIGH), table_of("")[0], "reference").items()
     assert (setting, set(basis.values())) == (tightest(mine), {"untested"})
-    assert setting.text == setting_text({**mine.unasked, **find("osqp", "direct").load().ladder(1.0)[-1]})
+    assert setting.text == setting_text({**mine.defaults, **find("osqp", "direct").load().ladder(1.0)[-1]})
 
 
 # By a run.
@@ -160,6 +160,7 @@ def test_a_run_without_scaled_data_is_refused(clean_race: Race, tmp_path: Path) 
         table_of(str(tmp_path / "raw"))
 
 
+@pytest.mark.slow
 def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:

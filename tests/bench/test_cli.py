@@ -134,6 +134,7 @@ def test_wrong_usage_is_one_sentence_that_names_the_verb(
     assert said in refused(piezobench, desk, *words)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "words", [("problems",), ("problems", "--json"), ("solvers", "--json"), ("--help",)], ids=" ".join
 )
@@ -161,6 +162,7 @@ def test_an_output_that_takes_nothing_is_one_sentence(
     assert re.fullmatch(rf"piezobench( \w+)?: {re.escape(said)}\n", done.stderr)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("closed", ["2>&-", "<&-", "<&- 2>&-"])
 def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_path: Path, closed: str) -> None:
     def call(words: str, closed: str = "") -> tuple[int, str]:
@@ -400,6 +402,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     assert Path("/dev/null").is_char_device()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("verb", ["identify", "compensate"])
 def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
     piezobench: CommandLine, desk: Path, identified: str, tmp_path: Path, verb: str

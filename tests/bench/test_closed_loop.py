@@ -117,17 +117,17 @@ def test_errors_in_percent_and_micrometres_agree(rows: pd.DataFrame) -> None:
 
 
 def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
-    def rig(settings: dict[str, Any]) -> Any:
-        return SETTINGS.rig(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, NO_SETTING, more=settings))
+    def setup(settings: dict[str, Any]) -> Any:
+        return SETTINGS.setup(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, NO_SETTING, more=settings))
 
-    np.testing.assert_array_equal(rig({"steps": 1}).y_ref, rig({"steps": 15200}).y_ref)
-    assert rig({"steps": 1}).stage().seed == rig({"steps": 15200}).stage().seed
+    np.testing.assert_array_equal(setup({"steps": 1}).y_ref, setup({"steps": 15200}).y_ref)
+    assert setup({"steps": 1}).stage().seed == setup({"steps": 15200}).stage().seed
 
 
 def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
-    rig = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set", samples_to_solve=1)
-    driven = drive(rig)
-    block = rig.learner(rig.structures[0])._learning.block
+    setup = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set", samples_to_solve=1)
+    driven = drive(setup)
+    block = setup.learner(setup.structures[0])._learning.block
     for decisions in driven.decisions:
         decision = decisions[0]
         assert decision.taken

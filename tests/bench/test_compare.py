@@ -216,6 +216,7 @@ def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_pa
     assert (found.differences, found.cannot_tell) == (0, True)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("change", [less_accurate, crashed])
 def test_what_answers_wrong_or_not_at_all_loses_its_tiers_and_that_is_a_regression(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path, change: Change
@@ -245,6 +246,7 @@ def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: R
     assert none.empty
 
 
+@pytest.mark.slow
 def test_what_only_one_run_has_is_one_line_and_no_difference(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:

@@ -36,7 +36,7 @@ def quiet(**change: float) -> dict[str, float]:
     ("change", "said"),
     [
         ({"steal_percent": 3.0}, "A hypervisor gave 3.0 %"),
-        ({"throttled": 2}, "slowed down 2 times"),
+        ({"throttled": 2}, "The processor throttled 2 times"),
         ({"busy_cores": 2.5}, "kept 1.5 cores busy"),
         ({"preemptions": 100}, "taken off their core 100 times in 10000"),
     ],
@@ -63,7 +63,7 @@ def test_counters_of_this_machine_only_grow() -> None:
     assert 0.0 <= between["steal_percent"] <= 100.0
 
 
-def looks(*levels: float) -> pd.DataFrame:
+def samples(*levels: float) -> pd.DataFrame:
     return sentinel.table(
         [
             {
@@ -76,8 +76,8 @@ def looks(*levels: float) -> pd.DataFrame:
 
 
 def test_a_drift_of_more_than_a_tenth_is_a_warning_and_less_is_none() -> None:
-    assert sentinel.sentences(looks(1.0, 1.0, 1.0, 1.05, 0.96)) == []
-    drifted, slow = sentinel.sentences(looks(1.0, 1.0, 1.0, 1.25, 0.95))
+    assert sentinel.sentences(samples(1.0, 1.0, 1.0, 1.05, 0.96)) == []
+    drifted, slow = sentinel.sentences(samples(1.0, 1.0, 1.0, 1.25, 0.95))
     assert drifted.startswith("The machine drifted: a fixed piece of work was timed 5 times")
     assert "by -5 % to +25 % from that of all" in drifted
     assert "in 20 % of 5 trials" in slow
@@ -85,13 +85,13 @@ def test_a_drift_of_more_than_a_tenth_is_a_warning_and_less_is_none() -> None:
 
 def test_a_core_that_becomes_slower_halfway_has_drifted() -> None:
     levels = [1.0] * 25 + [1.3] * 24
-    assert sentinel.drift(looks(*levels)) == pytest.approx(0.3)
+    assert sentinel.drift(samples(*levels)) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("share", [0.04, 0.2])
 def test_moments_in_which_a_core_is_slow_are_no_drift_but_counted_where_they_are_many(share: float) -> None:
     every = round(1.0 / share)
-    seen = looks(*(1.9 if i % every == every // 2 else 1.0 for i in range(100)))
+    seen = samples(*(1.9 if i % every == every // 2 else 1.0 for i in range(100)))
     assert sentinel.drift(seen) == 0.0
     said = sentinel.sentences(seen)
     assert len(said) == (share > sentinel.TOLERATED_SLOW)
@@ -102,7 +102,7 @@ def test_moments_in_which_a_core_is_slow_are_no_drift_but_counted_where_they_are
 
 
 def test_where_the_core_is_slow_half_of_the_time_that_is_both() -> None:
-    drifted, slow = sentinel.sentences(looks(*[1.0] * 20, *[1.6] * 21, *[1.0] * 10))
+    drifted, slow = sentinel.sentences(samples(*[1.0] * 20, *[1.6] * 21, *[1.0] * 10))
     assert "from that of all" in drifted
     assert "in 41 % of 51 trials, at most 60 % longer" in slow
 
@@ -114,7 +114,7 @@ def test_cores_of_different_speed_are_no_drift() -> None:
 
 
 def test_a_machine_at_which_nobody_looked_has_not_drifted() -> None:
-    assert (sentinel.drift(looks()), sentinel.sentences(looks())) == (0.0, [])
+    assert (sentinel.drift(samples()), sentinel.sentences(samples())) == (0.0, [])
 
 
 def test_a_run_holds_the_sentinels_looks_from_first_to_last_and_what_disturbed_it(clean_race: Race) -> None:

@@ -419,6 +419,7 @@ def test_the_reference_run_gives_a_compensator_that_runs(piezobench: CommandLine
     assert any(event.what in ("hand-over", "refused") for event in learner.log)
 
 
+@pytest.mark.slow
 def test_a_rule_that_nobody_of_the_reference_run_meets_writes_nothing(piezobench: CommandLine, tmp_path: Path) -> None:
     before = sorted(REFERENCE.rglob("*"))
     for words in (("--deadline", 1), ("--accuracy", 0), ("--lane", "cvxpy")):
@@ -459,6 +460,7 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
     assert model.weights == pytest.approx(problem.optimal_weights, rel=1e-12, abs=1e-15)
 
 
+@pytest.mark.slow
 def test_a_solver_of_a_file_of_ones_own_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
     words = (
         "race",
@@ -531,6 +533,7 @@ def test_a_simulated_actuator_is_refused_unless_it_is_asked_for(
     assert not (tmp_path / "c.json").exists()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

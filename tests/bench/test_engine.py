@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, THIRD, TWO_CORES, Race
+from programs import library
 from test_store import without_times
 
 from bench.derived.table import ONESHOT
@@ -38,6 +39,7 @@ def raced_by_two(piezobench: CommandLine, folder: Path, *words: object) -> Run:
     return run
 
 
+@pytest.mark.slow
 @TWO_CORES
 def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race
@@ -48,6 +50,7 @@ def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(
     assert not (run.path / "tasks").exists()
 
 
+@pytest.mark.slow
 @TWO_CORES
 def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race
@@ -78,6 +81,7 @@ list(engine.distribute([Part(), Part()], [], ChildSettings(), engine.Workers(2))
 """
 
 
+@pytest.mark.slow
 @TWO_CORES
 def test_a_worker_with_a_long_result_ends_with_the_race_that_was_killed(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
@@ -121,7 +125,8 @@ def test_a_dask_cluster_gives_the_rows_of_a_local_race_time_after_time(
         assert len(places(run)) == 2
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
-    pytest.importorskip("distributed", reason="the optional extra dask is not installed")
+    library("distributed")
     call = piezobench("race", *SMALL, "--out", tmp_path, "--backend", "dask", "--scheduler", "tcp://127.0.0.1:9")
     assert "there is no Dask scheduler at tcp://127.0.0.1:9" in call.refusal

@@ -6,8 +6,8 @@ import numpy as np
 from command_line import CommandLine
 from figures import Figures
 
-from bench.rig import trial
-from bench.rig.rig import Rig
+from bench.stage import trial
+from bench.stage.setup import StageSetup
 
 FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles")
 
@@ -36,7 +36,9 @@ def test_the_verdict_is_said_on_the_terminal_and_in_the_report(figures: Figures)
 
 def test_the_seed_makes_the_experiment_and_nothing_else_does() -> None:
     def errors(seed: int) -> np.ndarray:
-        return trial.learned(Rig.quick(cycles=1, seed=seed, solver="box_active_set", samples_to_solve=1)).error_um
+        return trial.learned(
+            StageSetup.quick(cycles=1, seed=seed, solver="box_active_set", samples_to_solve=1)
+        ).error_um
 
     np.testing.assert_array_equal(errors(3), errors(3))
     assert not np.array_equal(errors(3), errors(4))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 import qpsolvers
 from command_line import CommandLine
 from program_files import draw, write_mat
+from programs import library
 
 from bench.problems import RaceProblem
 
@@ -118,9 +118,7 @@ def test_a_file_without_certificate_and_a_damaged_one_are_said(
 def test_qpbenchmark_finds_every_problem_in_each_scaling(
     exported: Path, module: str, count: int, sparse: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if importlib.util.find_spec("qpbenchmark") is None:
-        pytest.skip("qpbenchmark is not installed, and the test set is one of its classes")
-    from qpbenchmark.benchmark import load_test_set
+    load_test_set = library("qpbenchmark.benchmark").load_test_set
 
     monkeypatch.syspath_prepend(str(exported))
     test_set = load_test_set(str(exported / f"{module}.py"))

@@ -73,6 +73,7 @@ def compare(folder: Path, said: Told, compiler: str, flags: tuple[str, ...]) -> 
     return found
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "way"), [*zip(KINDS, cycle(product(COMPILERS, LEVELS)), strict=False)], ids=str)
 def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_and_level(
     tmp_path: Path, kind: str, way: tuple[str, str]
@@ -86,6 +87,7 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
         assert found.events[3] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY) for kind in KINDS]
 )
@@ -101,6 +103,7 @@ def test_it_does_so_over_a_million_samples(tmp_path: Path, kind: str, compiler: 
     compare(tmp_path, told(kind, MILLION), compiler, (level, "-march=native"))
 
 
+@pytest.mark.slow
 def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path) -> None:
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, highest_Hz=10.0)
     y = plants.get("relay_preisach", sample_time=1e-3).run(x)
@@ -119,6 +122,7 @@ def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(t
     np.testing.assert_array_equal(drives[1], drives[0])
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("kind", "bound"),
     [
@@ -147,6 +151,7 @@ SHAPES: tuple[tuple[dict[str, object], dict[str, object]], ...] = (
 PARTS = tuple(product((None, *SOLVERS), ("double", "float")))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("shape", "settings", "solver", "precision"),
     [
@@ -181,6 +186,7 @@ int main(void)
 """
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("blocks", [None, 3, 20])
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("solver", ["projected_difference", "recursive_active_set"])
@@ -283,6 +289,7 @@ def test_models_states_and_limits_can_be_set_and_two_axes_do_not_meet(tmp_path: 
     np.testing.assert_array_equal(second[600:], first[600:])
 
 
+@pytest.mark.slow
 def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the_readme_says(tmp_path: Path) -> None:
     for solver in SOLVERS:
         write_sources(tmp_path, a_model(), ExportSettings(part="learning", solver=solver))
@@ -394,6 +401,7 @@ def test_one_line_leads_from_a_recording_to_a_program_that_runs(
     assert "8000 samples" in done.stderr
 
 
+@pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(
     "words",

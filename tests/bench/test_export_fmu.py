@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from exported_loops import LIMITS, SAMPLE_TIME, a_model
-from programs import program
+from programs import library, program
 
 from bench.export.fmu import variables, write_fmu
 from bench.export.settings import ExportError, ExportSettings
@@ -20,7 +20,7 @@ from piezo_model import Compensator
 from piezo_model.compensator import CORRECTION
 from piezo_model.deployment import Deployment
 
-fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed; it is part of the extra dev")
+fmpy = library("fmpy")
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.fmi3 import FMU3Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
@@ -110,6 +110,7 @@ def test_fmpys_validation_has_nothing_to_say(fmus: dict[int, Path], fmi: int) ->
     assert validate_fmu(str(fmus[fmi])) == []
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: int) -> None:
     y_ref, limits = reference(), (0.5 * LIMITS[1], LIMITS[1] - 1.0)
@@ -123,6 +124,7 @@ def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: in
         assert x.max() == (limits if start else LIMITS)[1]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, fmi: int) -> None:
@@ -142,6 +144,7 @@ def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, f
     it.freeInstance()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path, fmi: int) -> None:
@@ -209,6 +212,7 @@ def test_a_noted_state_brings_the_same_drives_again(fmus: dict[int, Path], fmi: 
     it.freeInstance()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_its_sources_build_the_same_library_again(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
     with zipfile.ZipFile(fmus[fmi]) as archive:

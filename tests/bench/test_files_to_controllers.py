@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
+from programs import library
 
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
@@ -49,7 +50,7 @@ def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_fil
 def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed; it is part of the extra dev")
+    fmpy = library("fmpy")
     t = np.arange(8000) * SAMPLE_TIME
     x = 75.0 + 70.0 * np.sin(2 * np.pi * 0.7 * t) * (0.4 + 0.6 * t / t[-1])
     y = plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(x)

@@ -89,6 +89,7 @@ def test_a_bad_file_costs_only_its_own_row(
     assert [row[name] for name in model.structure.weight_names] == list(model.weights)
 
 
+@pytest.mark.slow
 def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list[Path], tmp_path: Path) -> None:
     chosen = [tmp_path / path.name for path in recordings[:2]]
     for source, path in zip(recordings, chosen, strict=False):
@@ -114,6 +115,7 @@ def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list
     assert written(Identifying(n=2, m=1, creep_rates=())) == [0, 1]
 
 
+@pytest.mark.slow
 def test_what_is_made_and_then_cut_short_or_changed_is_made_again(recordings: list[Path], tmp_path: Path) -> None:
     """A model, a drive and a validation, whose row is all that is made."""
     recording, out = str(recordings[0]), tmp_path / "out"
@@ -135,6 +137,7 @@ def test_what_is_made_and_then_cut_short_or_changed_is_made_again(recordings: li
             assert made.read_bytes() == whole
 
 
+@pytest.mark.slow
 @TWO_CORES
 def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(
     piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
@@ -256,6 +259,7 @@ def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(
     browser.wait_until(lambda: browser.run("return document.title") == f"Recording {NOISY}.parquet")
 
 
+@pytest.mark.slow
 def test_recordings_and_models_may_lie_where_a_url_points(
     recordings: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -278,6 +282,7 @@ def test_recordings_and_models_may_lie_where_a_url_points(
     }
 
 
+@pytest.mark.slow
 def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fail(
     recordings: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from command_line import CommandLine
 from measured_rows import is_right
 from program_files import dense, draw, same, write_mat, write_qps
+from programs import library
 from qpsolvers import Problem
 
 from bench.messages import user_cache
@@ -247,7 +248,7 @@ def test_a_race_lists_all_that_it_leaves_out_with_the_reason(
 def test_test_sets_of_qpbenchmark_are_read_from_their_class(
     piezobench: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
-    pytest.importorskip("qpbenchmark", reason="qpbenchmark is not installed, and it is its test sets that are read")
+    library("qpbenchmark")
     call = piezobench("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path)
     assert call.status == 0, call.stderr
     made = make("test_set", options={"test_set": str(tmp_path / "piezobench_foreign.py")})
@@ -270,7 +271,7 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(
 
 
 def test_the_command_in_an_exported_set_saves_its_results(piezobench: CommandLine, tmp_path: Path) -> None:
-    pytest.importorskip("qpbenchmark", reason="qpbenchmark is not installed, and it is what runs an exported set")
+    library("qpbenchmark")
     call = piezobench("problems", "--set", "measured", "--limit", 1, "--export", tmp_path)
     assert call.status == 0, call.stderr
     command = next(

@@ -83,11 +83,11 @@ def test_a_warm_start_has_the_setting_whose_first_answers_reach_a_billionth_else
     first = tier_settings(drift_race.rows.assign(timed_gap=np.nan))
     reached = first[first.setting != ""].set_index(["solver", "lane", "tier"]).setting
     warm = drift_race.rows[drift_race.rows.start == "warm"]
-    for who, part in warm.groupby(["solver", "lane"]):
-        unasked = found.rows[
-            found.rows.is_default & (found.rows.solver == who[0]) & (found.rows.lane == who[1])
+    for key, part in warm.groupby(["solver", "lane"]):
+        default = found.rows[
+            found.rows.is_default & (found.rows.solver == key[0]) & (found.rows.lane == key[1])
         ].setting.iloc[0]
-        assert set(part.setting) == {reached.get((*who, "high"), reached.get((*who, "mid"), unasked))}
+        assert set(part.setting) == {reached.get((*key, "high"), reached.get((*key, "mid"), default))}
         assert len(part) == 2 * 2  # repeats, problems
 
 
@@ -213,8 +213,8 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
 )
 def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(name: str, lane: str) -> None:
     entry = find(name, lane)
-    unasked = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
-    task = Task("none", "none", "scaled", entry.name, entry.lane, unasked, start="warm")
+    default = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
+    task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
     form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
         outcome, tally = timed(

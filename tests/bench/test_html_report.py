@@ -69,6 +69,7 @@ def page(wide_race: Race) -> Path:
     return wide_race.run.path / "report.html"
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every_plot(
@@ -183,6 +184,7 @@ def test_markdown_and_page_say_the_same_verdict_and_hold_the_same_rows(page: Pat
     assert text.count("<tr>") - text.count("<thead>") >= len(summary(wide_race.found))
 
 
+@pytest.mark.slow
 def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
     folder = tmp_path / "<img src=x onerror=document.title='run'>"
     shutil.copytree(wide_race.run.path, folder)
@@ -208,6 +210,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     )
 
 
+@pytest.mark.slow
 def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
     folder = tmp_path / "lost"
     shutil.copytree(wide_race.run.path, folder)

@@ -80,6 +80,7 @@ def test_an_interrupted_race_says_how_to_carry_on(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: Path) -> None:
     temporary = tmp_path / ("t" * 90)
     temporary.mkdir()
@@ -142,6 +143,7 @@ def hears_its_terminal() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+@pytest.mark.sample(1)
 @TWO_CORES
 @pytest.mark.parametrize(
     ("kind", "ending"),
@@ -223,6 +225,7 @@ def test_an_interrupt_that_a_library_swallows_comes_again_and_does_not_cut_the_t
     assert (done.stdout.split(), done.stderr) == (["lost", "tidied", "arrived"], "")
 
 
+@pytest.mark.slow
 @pytest.mark.needs("cc")
 def test_a_call_that_was_started_with_nohup_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
     a_model().save(tmp_path / "model.json")

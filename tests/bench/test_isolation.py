@@ -3,13 +3,12 @@
 Every faulty solver is right on raw data, so its second row shows that the next task got a working process.
 """
 
-import time
 from pathlib import Path
 
 import faulty_solvers
 import numpy as np
 import pytest
-from command_line import CommandLine, command_lines, wait_until_gone
+from command_line import CommandLine, command_lines
 from conftest import Race
 
 from bench.messages.race_error import RaceError
@@ -125,7 +124,7 @@ def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race:
         "repeatable",
     ]
     others = faulty_race.rows[faulty_race.rows.solver.isin(["daqp", "osqp"])]
-    assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and what they do unasked on raw
+    assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and their defaults on raw
     clean = clean_race.rows[clean_race.rows.task.isin(others.task)]
     assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
 
@@ -173,12 +172,9 @@ def test_a_solver_that_hangs_does_not_outlive_a_killed_race(piezobench: CommandL
         "--out",
         tmp_path,
     )
-    while not (tmp_path / "sleeper.py.asleep").exists():
-        assert call.running(), call.stderr.read_text()
-        time.sleep(0.02)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
+    asleep = tmp_path / "sleeper.py.asleep"
+    ended = call.kill_once(asleep.exists)
+    assert asleep.exists(), ended.stderr
 
 
 def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
@@ -212,12 +208,8 @@ def test_processes_that_a_solver_started_do_not_outlive_a_killed_race(piezobench
         tmp_path,
     )
     pid = tmp_path / "sleeper.py.pid"
-    while not (pid.exists() and pid.read_text()):
-        assert call.running(), call.stderr.read_text()
-        time.sleep(0.02)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)  # the started one among them
+    ended = call.kill_once(lambda: pid.exists() and pid.read_text() != "")  # the started one is gone, too
+    assert pid.read_text(), ended.stderr
 
 
 LOADED = {

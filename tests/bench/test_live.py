@@ -238,6 +238,7 @@ SAID = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("how", ENDS)
 def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
     how: str, stage: Stage, tmp_path: Path
@@ -249,6 +250,7 @@ def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
     complete(stage, tmp_path / "run.parquet")
 
 
+@pytest.mark.slow
 @pytest.mark.needs("unshare")
 def test_a_disk_that_fills_ends_the_run_at_rest_and_leaves_what_was_recorded(stage: Stage, tmp_path: Path) -> None:
     if subprocess.run(["unshare", "-rm", "true"], check=False, capture_output=True).returncode:
@@ -292,6 +294,7 @@ def test_a_stage_that_cannot_be_opened_again_is_left_and_that_is_said(piezobench
     assert "cannot be opened by another process" in said or run.returncode == 2
 
 
+@pytest.mark.slow
 def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_recording(
     tmp_path: Path, piezobench: CommandLine
 ) -> None:
@@ -349,7 +352,7 @@ def test_a_simulated_stage_goes_on_by_the_clock_where_the_loop_is_late() -> None
         ((), "say either a simulated actuator or a stage's file"),
         (("--simulate", "magic"), "there is no simulated actuator 'magic'"),
         (("--simulate", "duhem", "--sine", "fast"), "--sine fast: 2 parts between colons are needed"),
-        (("--simulate", "duhem", "--sine", "5Hz:10V"), "'10V' is no number in µm"),
+        (("--simulate", "duhem", "--sine", "5Hz:10V"), "'10V' is not a number in µm"),
         (("--simulate", "duhem", "--sine", "5Hz:1um", "--set-point", 3), "two references"),
         (("--simulate", "duhem", "--rate", 1e6), "the rate must be from 1 to 20000 Hz"),
         (("--simulate", "duhem", "--record", "run.csv"), "must end in .parquet"),

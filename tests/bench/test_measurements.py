@@ -191,7 +191,7 @@ def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselve
     assert high.right.to_dict() == {"cold": True, "warm": False}
 
 
-def test_a_cheat_at_one_setting_is_right_at_no_other_not_even_unasked_or_elsewhere_caught() -> None:
+def test_a_cheat_at_one_setting_is_right_at_no_other_not_even_by_default_or_elsewhere_caught() -> None:
     rows = [
         *ladder({"p1": [1e-14, 1e-14], "p2": [1e-14, 1e-14]}),
         row(setting="d", rung=-1, is_default=True),

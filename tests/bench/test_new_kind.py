@@ -96,6 +96,7 @@ def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> No
     assert "--tosses: is for the race toss; the race loop does not use it" in refused.stderr
 
 
+@pytest.mark.slow
 def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed_like_any_other(root: Path) -> None:
     run = Run(root / "jumped")
     words = (
@@ -142,4 +143,4 @@ def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed
     assert (rows.first_us_p50 > 0.0).all()
     assert all(np.array_equal(times[task], ns) for task, ns in kept.items())
     assert len(run.settings["conditions"]["parts"]) == 2 * 2
-    assert not run.looks().empty
+    assert not run.sentinel_samples().empty

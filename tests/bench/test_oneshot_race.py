@@ -15,7 +15,7 @@ from qpsolvers import Problem
 from bench.derived.table import ONESHOT
 from bench.messages.task import settings_of
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.races.oneshot.settings import EXPONENT, MOST_OF_CVXPY, OneshotSettings, measured, spread, tasks_of
+from bench.races.oneshot.settings import EXPONENT, MOST_OF_CVXPY, OneshotSettings, evenly, measured, tasks_of
 from bench.store import Run
 from solvers import Lane, find
 from solvers.certificate import certify
@@ -96,7 +96,7 @@ def names(race: Race) -> list[tuple[str, str, str, str, str]]:
     return [*race.rows[["scaling", "solver", "lane", "setting", "start"]].itertuples(index=False, name=None)]
 
 
-def test_every_setting_is_measured_on_scaled_data_and_only_what_a_library_does_unasked_on_raw(clean_race: Race) -> None:
+def test_every_setting_is_measured_on_scaled_data_and_only_the_defaults_of_a_library_on_raw(clean_race: Race) -> None:
     expected = {("scaled", "null", "direct", "{}", "cold"), ("raw", "null", "direct", "{}", "cold")}
     for name in ("daqp", "osqp", "clarabel"):
         for setting in settings_of(describe(find(name, "direct"))):
@@ -175,7 +175,7 @@ def test_a_race_killed_in_the_middle_of_a_ladder_that_ended_learns_so_from_its_r
         assert old == new
 
 
-def test_wrappers_are_measured_at_what_they_do_unasked_and_at_the_setting_nearest_to_1e_8(wide_race: Race) -> None:
+def test_wrappers_are_measured_at_their_defaults_and_at_the_setting_nearest_to_1e_8(wide_race: Race) -> None:
     rows = wide_race.rows[wide_race.rows.lane == "qpsolvers"]
     assert set(rows.solver) >= {"daqp", "osqp"}
     for (name, scaling), part in rows.groupby(["solver", "scaling"]):
@@ -213,7 +213,7 @@ def test_cvxpy_is_measured_on_at_most_five_problems_evenly_spread_and_all_others
     tasks = [task for i in range(count) for task in tasks_of(OneshotSettings(), field, problems, i, "scaled")]
     by_lane = {lane: [task.problem for task in tasks if task.lane == lane and task.setting.is_default] for lane in Lane}
     assert len(by_lane[Lane.CVXPY]) == len(set(by_lane[Lane.CVXPY])) == min(count, MOST_OF_CVXPY)
-    assert by_lane[Lane.CVXPY] == [f"p{i}" for i in sorted(spread(count, MOST_OF_CVXPY))]
+    assert by_lane[Lane.CVXPY] == [f"p{i}" for i in sorted(evenly(count, MOST_OF_CVXPY))]
     assert by_lane[Lane.QPSOLVERS] == by_lane[Lane.DIRECT] == [problem.name for problem in problems]
     raw = list(tasks_of(OneshotSettings(), field, problems, 0, "raw"))
     assert all(task.setting.is_default for task in raw)

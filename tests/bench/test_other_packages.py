@@ -40,6 +40,7 @@ def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]
     )
 
 
+@pytest.mark.slow
 def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
     call = piezobench(

@@ -86,7 +86,7 @@ def test_the_papers_method_is_there_twice_at_the_pace_of_its_samples_and_of_the_
     assert table[table.name == PACE].total_us.tolist() == [12_500.0, 1.9e6]
     assert table[table.name == PACE].front.all()
     assert table[table.name == f"{PAPER}† (kernel)"].total_us.tolist() == [2.0, 300.0]
-    assert set(table.who) == {PACE, pictures.OUR_LINES, pictures.OTHER_LINES}
+    assert set(table.label) == {PACE, pictures.OUR_LINES, pictures.OTHER_LINES}
 
 
 def test_the_best_lines_of_each_view_come_first_and_are_marked() -> None:

@@ -162,6 +162,7 @@ def test_the_last_fifth_of_a_recording_is_what_the_model_is_judged_with(
     assert best.validation.error_percent(best.optimal_weights) < 2.0
 
 
+@pytest.mark.slow
 def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, piezobench: CommandLine) -> None:
     """Semicolons, decimal commas, no header, no times, and the output before the input."""
     x = SIGNALS["multi_sine"](duration_s=3.0, sample_time=1e-3, low=0.0, high=150.0, seed=3)

@@ -86,14 +86,14 @@ def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_re
 
 
 def test_the_default_has_its_worst_gap_and_none_where_it_has_no_answer_on_a_problem() -> None:
-    def unasked(gap: float) -> list[Row]:
+    def at_default(gap: float) -> list[Row]:
         return [
             row(setting="d", rung=-1, is_default=True, cost_gap=3e-4),
             row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=gap),
         ]
 
-    assert ranking(measured(unasked(5e-2)))[0].default_gap == 5e-2
-    assert np.isnan(ranking(measured(unasked(NAN)))[0].default_gap)
+    assert ranking(measured(at_default(5e-2)))[0].default_gap == 5e-2
+    assert np.isnan(ranking(measured(at_default(NAN)))[0].default_gap)
 
 
 def test_a_terminal_shows_the_lanes_with_a_ladder_and_all_where_there_is_none() -> None:

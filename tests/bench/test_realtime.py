@@ -56,6 +56,7 @@ def test_a_run_is_told_in_tables_and_in_json(piezobench: CommandLine, model_file
             assert tail["p99.99"] is None  # 600 samples cannot support it
 
 
+@pytest.mark.slow
 @pytest.mark.needs("cc")
 def test_a_paced_run_has_a_response_no_shorter_than_its_service() -> None:
     with RealTime(a_model(), LOOP, priority=0) as machine:
@@ -69,6 +70,7 @@ def test_a_paced_run_has_a_response_no_shorter_than_its_service() -> None:
     assert sum(histogram(paced.response_ns).values()) == 100
 
 
+@pytest.mark.slow
 @pytest.mark.needs("cc")
 def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
     with RealTime(a_model(20, 9), LOOP) as machine:
@@ -79,7 +81,7 @@ def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
 
 def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
     write_sources(tmp_path, a_model(), ExportSettings())
-    built = building.build(tmp_path, "realtime", program("gcc"), ("-O2",))
+    built = building.build(tmp_path, "loop", program("gcc"), ("-O2",))
 
     def without_rights() -> None:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
@@ -213,6 +215,7 @@ def test_a_controller_computes_the_drives_of_python(tmp_path: Path, core: cortex
     np.testing.assert_array_equal(x, said.x)
 
 
+@pytest.mark.slow
 @needs_arm
 @pytest.mark.parametrize("solver", ["projected_difference", "recursive_active_set"])
 def test_a_controller_learns_to_the_last_bit_what_this_machine_learns(tmp_path: Path, solver: str) -> None:
@@ -226,6 +229,7 @@ def test_a_controller_learns_to_the_last_bit_what_this_machine_learns(tmp_path: 
     np.testing.assert_array_equal(emulate(cross_build(tmp_path, model, settings, CORES[1]), samples), here.x)
 
 
+@pytest.mark.slow
 @needs_arm
 def test_single_precision_costs_a_controller_without_double_arithmetic_less(tmp_path: Path) -> None:
     model, found = a_model(), {}

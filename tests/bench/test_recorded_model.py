@@ -108,6 +108,7 @@ def test_deploy_takes_that_model_and_prints_its_error(
     assert deployed.evidence["unseen_error_percent"] == error
 
 
+@pytest.mark.slow
 def test_its_error_on_what_the_actuator_does_later_is_that_of_an_identification_of_the_whole(
     recorded: tuple[Stage, Run],
 ) -> None:
@@ -147,6 +148,7 @@ def test_a_model_that_errs_more_than_a_tenth_more_is_refused_with_both_figures(
     assert not (tmp_path / "c.json").exists()
 
 
+@pytest.mark.slow
 def test_a_model_of_a_file_or_of_a_problem_that_is_as_good_is_taken_with_its_error(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
@@ -163,6 +165,7 @@ def test_a_model_of_a_file_or_of_a_problem_that_is_as_good_is_taken_with_its_err
         assert 0.0 < said["unseen_error_percent"] <= WORSE * run.settings["models"]["recorded"]["error_percent"]
 
 
+@pytest.mark.slow
 def test_a_race_that_was_killed_and_resumed_has_the_same_model(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
@@ -174,6 +177,7 @@ def test_a_race_that_was_killed_and_resumed_has_the_same_model(
     assert again.settings["models"] == run.settings["models"]
 
 
+@pytest.mark.slow
 def test_a_recording_that_gives_no_model_is_raced_on_and_deploy_says_why(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:

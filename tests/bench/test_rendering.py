@@ -35,6 +35,7 @@ UNITS = (
 are."""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(("unit", "output_unit"), UNITS)
 def test_a_unit_that_is_a_program_is_written_and_never_run(
@@ -101,6 +102,7 @@ def test_hostile_text_stays_text_in_markdown_wherever_a_template_names_it() -> N
     assert not set("<>`*|\x1b\x9b") & set(text.replace(" | ", ""))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
     piezobench: CommandLine, tmp_path: Path, encoding: str

@@ -20,7 +20,7 @@ def settings(rows: list[Row]) -> dict[str, str]:
     ("gaps", "setting"),
     [([1e-5, 1e-8, 1e-11], "s2"), ([1e-5, 1e-8, 1e-8], "s1"), ([1e-5, 1e-5, 1e-5], "d"), ([NAN, NAN, NAN], "d")],
 )
-def test_turns_are_at_the_setting_of_1e_9_else_of_1e_6_else_of_what_the_solver_does_unasked(
+def test_turns_are_at_the_setting_of_1e_9_else_of_1e_6_else_of_the_solvers_defaults(
     gaps: list[float], setting: str
 ) -> None:
     assert settings([*ladder({"p1": gaps}), UNASKED]) == {"daqp": setting}

@@ -62,6 +62,7 @@ def temporary(piezobench: CommandLine) -> set[str]:
     return {path.name for path in piezobench.folder.rglob("*piezobench*")}
 
 
+@pytest.mark.slow
 def test_a_race_killed_at_random_moments_leaves_nothing_behind_and_ends_as_an_unbroken_one(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race
 ) -> None:
@@ -85,6 +86,7 @@ def test_a_race_killed_at_random_moments_leaves_nothing_behind_and_ends_as_an_un
         assert (run.path / name).is_file()
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_any_step_on_disk_is_carried_on_with_nothing_lost_or_twice(tmp_path: Path) -> None:
     script = Path(__file__).with_name("killed_run.py")
     done = subprocess.run([sys.executable, str(script), str(tmp_path)], capture_output=True, text=True, check=False)
@@ -113,6 +115,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(disk)], check=True)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_sentence_and_the_race_carries_on_when_there_is_room(
     piezobench: CommandLine, small_disk: Path, clean_race: Race
 ) -> None:

@@ -451,6 +451,7 @@ def test_writing_the_report_again_writes_the_same(streamed: Streamed) -> None:
 # The command line.
 
 
+@pytest.mark.slow
 def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
     piezobench: CommandLine, browser: Browser, tmp_path: Path
 ) -> None:

@@ -114,9 +114,9 @@ def test_a_setting_is_judged_by_all_its_repeats_on_all_hosts(other: dict[str, ob
 
 
 def test_the_default_that_is_not_in_the_ladder_stands_for_no_tier_and_one_that_is_does() -> None:
-    unasked = row(setting="d", rung=-1, is_default=True)
-    assert settings([unasked, *ladder({"p1": [0.5, 1e-8]})]).setting[Tier.MID] == "s1"
-    assert tier_settings(table([unasked])).empty
+    default = row(setting="d", rung=-1, is_default=True)
+    assert settings([default, *ladder({"p1": [0.5, 1e-8]})]).setting[Tier.MID] == "s1"
+    assert tier_settings(table([default])).empty
     assert settings(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False])).setting[Tier.MID] == "s0"
 
 

@@ -25,6 +25,7 @@ def run(script: str, *words: object) -> str:
     ).stdout
 
 
+@pytest.mark.slow
 def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> None:
     said = run("kernels.py", 1)
     assert len(said.partition("data basis, d = 18, 3 creep rates, a sample")[2].splitlines()[0].split()) == 3, (
@@ -33,6 +34,7 @@ def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> 
     assert "whole loop, box_active_set, continuous: learn" in said
 
 
+@pytest.mark.slow
 def test_the_recursive_solver_stands_beside_a_null_step() -> None:
     said = run("worst_case.py", 5000)
     assert "recursive solver, d = 60" in said

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from example_scripts import run_example
 
-from bench.rig.rig import Rig
+from bench.stage.setup import StageSetup
 
 
 def made(folder: Path, script: str, name: str, *words: object) -> tuple[pd.DataFrame, str]:
@@ -24,6 +24,7 @@ def test_creep_comes_to_rest_at_its_threshold(tmp_path: Path) -> None:
     assert "creep ends at r = 0.4" in said
 
 
+@pytest.mark.slow
 def test_in_situations_drawn_at_random_learning_ends_nearer_than_a_straight_line(tmp_path: Path) -> None:
     t, said = made(tmp_path, "robustness", "robustness", "--situations", 1, "--first", 5001)
     assert t["way"].nunique() == 3
@@ -32,6 +33,7 @@ def test_in_situations_drawn_at_random_learning_ends_nearer_than_a_straight_line
     assert said.count(" of 1 situations end within 1.5 times the floor") == 3
 
 
+@pytest.mark.slow
 def test_integral_action_beside_the_compensation_is_better_than_either_alone(tmp_path: Path) -> None:
     t, said = made(tmp_path, "feedback", "feedback", "--situations", 1)
     errors = t.pivot(index=["seed", "disturbance"], columns="way", values="rms_percent")
@@ -41,6 +43,7 @@ def test_integral_action_beside_the_compensation_is_better_than_either_alone(tmp
     assert said.count("Disturbance ") == 3
 
 
+@pytest.mark.slow
 def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_the_class_can_do(tmp_path: Path) -> None:
     t, said = made(tmp_path, "actuators", "actuators", "--quick", "--seed", 1)
     last = t[t.cycle == t.cycle.max()].pivot(index="plant", columns="name", values="percent")
@@ -53,7 +56,7 @@ def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_t
 
 @pytest.mark.parametrize("plant", sorted({case.plant for case in actuators.CASES}))
 def test_the_best_straight_line_is_no_worse_than_the_one_through_the_corners_of_the_ranges(plant: str) -> None:
-    rig = Rig.quick(seed=1)
-    sensor = actuators.sensor_of(plant, rig)
-    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, rig)[-rig.cycle :])
+    setup = StageSetup.quick(seed=1)
+    sensor = actuators.sensor_of(plant, setup)
+    straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, setup)[-setup.cycle :])
     assert best <= straight

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-import quadprog
 from allocations import left_by
 from box_programs import INF, seeds, spectrum_matrix
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from programs import library
+from properties import given, settings, st
 from qpsolvers import Problem
 
 from solvers import Unsupported, get
@@ -157,7 +156,7 @@ def projection(v, G, h, lb):
     """The point of {x : G x ≤ h, x ≥ lb} nearest to v, by quadprog."""
     bounded = lb > -INF
     rows, limits = np.vstack([-G, np.eye(v.size)[bounded]]), np.r_[-h, lb[bounded]]
-    return quadprog.solve_qp(np.eye(v.size), v, np.ascontiguousarray(rows.T), limits)[0]
+    return library("quadprog").solve_qp(np.eye(v.size), v, np.ascontiguousarray(rows.T), limits)[0]
 
 
 @quick

@@ -4,11 +4,14 @@ do not."""
 import re
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from example_scripts import run_example
+from programs import library
+
+pd = library("pandas")
 
 
+@pytest.mark.slow
 def test_one_curved_actuator_needs_s_and_two_in_push_pull_do_not(tmp_path: Path) -> None:
     output = run_example("experiment/push_pull.py", "--quick", "--seed", 1, "--out", tmp_path)
     t = pd.read_csv(tmp_path / "figures" / "push_pull.csv").set_index(["kind", "n", "push_pull", "m"]).rms_percent

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from figures import Figures
+from programs import library
 
-from bench.rig import trial
-from bench.rig.rig import AMPLITUDE_UM, Rig
+library("pandas")
+from bench.stage import trial  # noqa: E402
+from bench.stage.setup import AMPLITUDE_UM, StageSetup  # noqa: E402
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
@@ -18,12 +20,12 @@ def test_learning_follows_the_staircase_far_better_than_any_straight_line(figure
 
 
 def test_the_line_of_hindsight_is_the_best_of_its_neighbours() -> None:
-    rig = Rig.quick(cycles=2)
-    slope, offset_V = trial.lines(rig)
-    best = trial.best_straight(rig)
-    assert (best.rms_percent() <= trial.straight(rig).rms_percent() * 1.02).all()
+    setup = StageSetup.quick(cycles=2)
+    slope, offset_V = trial.lines(setup)
+    best = trial.best_straight(setup)
+    assert (best.rms_percent() <= trial.straight(setup).rms_percent() * 1.02).all()
     for shift in (0.97, 1.03):
-        assert (best.rms_percent() <= trial.straight(rig, shift * slope, offset_V).rms_percent() * 1.02).all()
+        assert (best.rms_percent() <= trial.straight(setup, shift * slope, offset_V).rms_percent() * 1.02).all()
 
 
 def test_the_error_falls_with_the_cycles_and_drift_calls_for_learning_on(figures: Figures) -> None:

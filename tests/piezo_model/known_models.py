@@ -21,9 +21,10 @@ def structure(**changes: object) -> ModelStructure:
     )
 
 
-def true_model(s: ModelStructure) -> HysteresisCreepModel:
+def true_model(s: ModelStructure, bend: float = 0.2) -> HysteresisCreepModel:
+    """Slopes of S⁻¹ rise over its range by ``bend`` to both sides of 1."""
     v = np.full(s.d, 0.1)
-    v[s.slices[1]] = np.linspace(0.8, 1.2, s.dead_zones)
+    v[s.slices[1]] = np.linspace(1.0 - bend, 1.0 + bend, s.dead_zones)
     return HysteresisCreepModel.from_weights(s, s.slope_map @ v)
 
 

@@ -5,7 +5,7 @@ import pytest
 from faulty_sensor import rms_percent, steps
 from learning_loops import learner_for, sensor
 
-from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, plants
+from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, SelfLearningCompensator, plants
 from piezo_model.identification.fitting import optimum
 from piezo_model.learning.events import Phase
 from piezo_model.learning.layout import MEMORY
@@ -14,6 +14,14 @@ from piezo_model.plants.protocol import Memory
 
 def error(y: np.ndarray, y_ref: np.ndarray, plant: object) -> float:
     return rms_percent(y, y_ref, plant)  # type: ignore[arg-type]
+
+
+def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator, np.ndarray, float]:
+    """A plant, a learner that has followed a reference on it, the reference, and the error that was left."""
+    plant = sensor()
+    learner, y_ref = learner_for(plant, "continuous"), share * steps(plant, 20.0)
+    y = learner.run(y_ref, plant.run)[1]
+    return plant, learner, y_ref, error(y[-5000:], y_ref[-5000:], plant)
 
 
 def test_it_follows_a_drift_of_the_gain_as_a_model_refitted_with_hindsight_does_and_better_than_cycles() -> None:
@@ -70,11 +78,9 @@ def test_without_a_constant_in_the_structure_one_is_learned_and_pays() -> None:
     assert errors[None] < 0.1 * errors[False]
 
 
+@pytest.mark.slow
 def test_hours_at_rest_do_not_wind_it_up() -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 20.0)
-    y = learner.run(y_ref, plant.run)[1]
-    before = error(y[-5000:], y_ref[-5000:], plant)
+    plant, learner, y_ref, before = learned()
     rest = np.full(600_000, 5.0)
     y = learner.run(rest, plant.run)[1]
     assert error(y[-5000:], rest[-5000:], plant) < before
@@ -87,6 +93,7 @@ def test_hours_at_rest_do_not_wind_it_up() -> None:
     assert error(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
+@pytest.mark.slow
 def test_ten_minutes_of_the_same_staircase_change_nothing() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant, "continuous"), steps(plant, 60.0)
@@ -108,10 +115,7 @@ def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
 
 @pytest.mark.parametrize("seconds", [0.001, 0.05, 3.0])
 def test_after_a_drop_out_it_goes_on_with_what_it_had_learned(seconds: float) -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 20.0)
-    y = learner.run(y_ref, plant.run)[1]
-    before = error(y[-5000:], y_ref[-5000:], plant)
+    plant, learner, y_ref, before = learned()
 
     def dropped(x: np.ndarray) -> np.ndarray:
         return np.full_like(plant.run(x), 17.3)
@@ -126,10 +130,7 @@ def test_after_a_drop_out_it_goes_on_with_what_it_had_learned(seconds: float) ->
 
 
 def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), 0.7 * steps(plant, 20.0)
-    y = learner.run(y_ref, plant.run)[1]
-    before = error(y[-5000:], y_ref[-5000:], plant)
+    plant, learner, y_ref, before = learned(share=0.7)
 
     def shifted(x: np.ndarray) -> np.ndarray:
         return plant.run(x) + 6.0
@@ -142,10 +143,7 @@ def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
 
 
 def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 20.0)
-    y = learner.run(y_ref, plant.run)[1]
-    before = error(y[-5000:], y_ref[-5000:], plant)
+    plant, learner, y_ref, before = learned()
     model = learner.model
     structure, w = model.structure, model.weights
     v = structure.inverse_slope_map @ w

@@ -1,19 +1,17 @@
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from known_models import a_drive, structure, true_model
 from plain_model import simulate_file
+from programs import real_recording
 
 from piezo_model.identification.identify import choose_creep_rates, identify
 from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-
-REPOSITORY = Path(__file__).parents[2]
 
 
 def sentences(model: HysteresisCreepModel, words: str) -> list[str]:
@@ -136,15 +134,6 @@ def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(
 # The real recording.
 
 
-def real_recording() -> Recording:
-    folders = [Path(os.environ["PIEZOBENCH_DATA"])] if "PIEZOBENCH_DATA" in os.environ else []
-    for folder in (*folders, REPOSITORY.parent / "shared" / "data"):
-        for path in (folder / "dbo_identification.csv", folder / "dbo" / "dbo_identification.csv"):
-            if path.is_file():
-                return Recording.open(path)
-    pytest.skip("the real recording dbo_identification.csv is absent; PIEZOBENCH_DATA may name its folder")
-
-
 def errors_percent(y: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
     error = y - expected
     return 100 * float(np.sqrt(np.mean(error**2))) / np.ptp(expected), 100 * float(np.max(np.abs(error))) / np.ptp(
@@ -153,7 +142,7 @@ def errors_percent(y: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
 
 
 def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named(tmp_path: Path) -> None:
-    recording = real_recording()
+    recording = Recording.open(real_recording())
     model = identify(recording, n=5, m=3, creep_rates=(10.0, 1.0, 0.1))
     fit = model.report["fit"]
     assert fit["rms_percent"] <= 0.289
@@ -175,7 +164,7 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
 
 
 def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -> None:
-    whole = real_recording()
+    whole = Recording.open(real_recording())
     x, y = whole.arrays()
     half = whole.length // 2
     model = identify(Recording.from_arrays(x[:half], y[:half], whole.sample_time, name="first half"), n=5, m=3)

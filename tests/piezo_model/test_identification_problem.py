@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import known_models
 import numpy as np
 import pytest
 
@@ -25,24 +26,11 @@ SOLVERS = [
 
 
 def structure(**changes: object) -> ModelStructure:
-    return ModelStructure.equidistant(
-        **{
-            "n": 4,
-            "m": 2,
-            "x_range": (0, 100),
-            "y_range": (-20, 20),
-            "creep_rates": (10.0, 1.0),
-            "sample_time": 1e-2,
-            "offset": True,
-            **changes,
-        }
-    )
+    return known_models.structure(**{"n": 4, "m": 2, "sample_time": 1e-2, **changes})
 
 
 def true_model(s: ModelStructure) -> HysteresisCreepModel:
-    v = np.full(s.d, 0.1)
-    v[s.slices[1]] = np.linspace(0.7, 1.3, s.dead_zones)
-    return HysteresisCreepModel.from_weights(s, s.slope_map @ v)
+    return known_models.true_model(s, bend=0.3)
 
 
 def problem_of(

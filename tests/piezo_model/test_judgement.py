@@ -19,6 +19,7 @@ from piezo_model.units import quantity
 SEED, SEEDS = 11, st.integers(0, 10_000)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("kind", UNDESCRIBABLE)
 def test_data_that_the_model_class_does_not_describe_are_refused_with_the_reason(kind: str) -> None:
     made, reason = UNDESCRIBABLE[kind]

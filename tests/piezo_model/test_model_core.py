@@ -76,6 +76,7 @@ def a_model() -> HysteresisCreepModel:
     return HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.slope_map @ rng.uniform(0.1, 1.0, STRUCTURE.d))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compiler", "options"),
     [
@@ -101,6 +102,7 @@ def test_the_sources_compile_without_a_warning(compiler: str, options: list[str]
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_and_sqrt(tmp_path: Path) -> None:
     subprocess.run(
         [program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True
@@ -121,6 +123,7 @@ def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_and_sqrt
     assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_gives(
     compiler: str, tmp_path: Path

@@ -1,29 +1,16 @@
 """Laws that each simulated hysteresis keeps or breaks, and that its truth is not in the class of the model."""
 
 import numpy as np
-import pytest
+from driven_plants import NAMES, TS, every_plant, ramp, volts, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_model import plants
 from piezo_model.operators import creep, dead_zone, play
-from piezo_model.signals import decaying_triangle, multi_sine, random_walk
+from piezo_model.signals import decaying_triangle, multi_sine
 
-TS = 1e-3
-NAMES = plants.names()
-every_plant = pytest.mark.parametrize("name", NAMES)
-volts = st.floats(0.0, 150.0)
 histories = st.lists(volts, max_size=5)
 shares = st.lists(st.floats(0.0, 1.0), max_size=5)
-
-
-def ramp(*turns, per_ramp=200):
-    """Drive that visits the turning points, V."""
-    return np.interp(np.arange((len(turns) - 1) * per_ramp + 1) / per_ramp, np.arange(len(turns)), turns)
-
-
-def walk(seconds):
-    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=0, spread_per_root_s=3.0)
 
 
 # Laws of the relay Preisach plane

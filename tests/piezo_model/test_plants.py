@@ -2,25 +2,11 @@
 
 import numpy as np
 import pytest
+from driven_plants import NAMES, TS, bare, every_plant, ramp, volts, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_model import plants
-from piezo_model.signals import random_walk
-
-TS = 1e-3
-NAMES = plants.names()
-every_plant = pytest.mark.parametrize("name", NAMES)
-volts = st.floats(0.0, 150.0)
-
-
-def ramp(*turns, per_ramp=200):
-    """Drive that visits the turning points, V."""
-    return np.interp(np.arange((len(turns) - 1) * per_ramp + 1) / per_ramp, np.arange(len(turns)), turns)
-
-
-def walk(seconds=2.0, seed=0):
-    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=seed, spread_per_root_s=3.0)
 
 
 def measured(name):
@@ -38,10 +24,6 @@ def measured(name):
         gap_period_samples=90,
         seed=5,
     )
-
-
-def bare(name):
-    return plants.get(name, sample_time=TS)
 
 
 contract = pytest.mark.parametrize(("make", "name"), [(make, name) for make in (bare, measured) for name in NAMES])
@@ -128,26 +110,21 @@ def test_a_bad_drive_is_refused_in_one_sentence_and_changes_nothing(make, name, 
     assert all(np.array_equal(before[key], after[key]) for key in before)
 
 
-@every_plant
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("x_range", (1.0, 1.0)),
-        ("y_range", (0.0, np.nan)),
-        ("sample_time", 0.0),
-        ("creep_share", 1.0),
-        ("creep_rates_per_s", ()),
-        ("creep_rates_per_s", (1.0, -1.0)),
-    ],
-)
-def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
-    with pytest.raises(ValueError, match=option):
-        plants.get(name, **{option: value})
+COMMON = [
+    ("x_range", (1.0, 1.0)),
+    ("y_range", (0.0, np.nan)),
+    ("sample_time", 0.0),
+    ("creep_share", 1.0),
+    ("creep_rates_per_s", ()),
+    ("creep_rates_per_s", (1.0, -1.0)),
+]
+"""Options of all, and values that none of them takes."""
 
 
 @pytest.mark.parametrize(
     ("name", "option", "value"),
     [
+        *((name, option, value) for name in NAMES for option, value in COMMON),
         ("relay_preisach", "lines", 0),
         ("relay_preisach", "reversible_share", 1.0),
         ("relay_preisach", "hill_breadth", 0.0),
@@ -170,7 +147,7 @@ def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
         ("duhem", "asymmetry", 0.6),
     ],
 )
-def test_an_actuator_refuses_its_own_wrong_option_by_its_name(name, option, value):
+def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
     with pytest.raises(ValueError, match=option):
         plants.get(name, **{option: value})
 

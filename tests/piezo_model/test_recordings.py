@@ -1,4 +1,3 @@
-import os
 import pickle
 import tracemalloc
 from collections.abc import Iterator
@@ -8,11 +7,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from programs import real_recording
 from recording_files import ROWS, signals, text_file, with_times
 
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
-
-REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.fixture(params=[".csv", ".parquet"])
@@ -124,17 +122,7 @@ def test_memory_does_not_grow_with_the_length_of_the_file(
 
 
 def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:
-    folders = [Path(os.environ["PIEZOBENCH_DATA"])] if "PIEZOBENCH_DATA" in os.environ else []
-    folders.append(REPOSITORY.parent / "shared" / "data")
-    found = [
-        path
-        for folder in folders
-        for path in (folder / "dbo_identification.csv", folder / "dbo" / "dbo_identification.csv")
-        if path.is_file()
-    ]
-    if not found:
-        pytest.skip("the real recording dbo_identification.csv is absent; PIEZOBENCH_DATA may name its folder")
-    recording = Recording.open(found[0])
+    recording = Recording.open(real_recording())
     assert (recording.sample_time, recording.length, recording.x_range) == (0.005, 8027, (0.0, 3.6))
     assert (recording.input_unit, recording.output_unit) == ("V", "um")
     assert recording.y_range == (-123.059139, -73.635739)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 import re
 import time
 from itertools import pairwise
@@ -71,6 +72,18 @@ def test_a_replay_in_any_chunks_equals_single_steps_bit_for_bit(mode: str, solve
         np.testing.assert_array_equal(np.concatenate(parts), x)
         assert replayed.counts == stepped.counts
         assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
+
+
+def test_learners_made_alike_are_the_same_bytes_whatever_was_computed_before() -> None:
+    plant = sensor("bouc_wen")
+    states = set()
+    for size in range(1, 40, 3):
+        rng = np.random.default_rng(size)  # leaves other numbers on the stack each time
+        np.linalg.svd(rng.normal(size=(size, size)))
+        learner = SelfLearningCompensator(structure_for(plant, n=3, m=1), build_s=0.5, learn_s=0.1)
+        states.add(pickle.dumps(learner.memory()))
+        plant.run(rng.normal(size=size))
+    assert len(states) == 1
 
 
 @pytest.mark.parametrize(("mode", "solver"), WAYS)

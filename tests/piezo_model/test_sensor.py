@@ -2,19 +2,9 @@
 
 import numpy as np
 import pytest
+from driven_plants import TS, bare, walk
 
 from piezo_model import plants
-from piezo_model.signals import random_walk
-
-TS = 1e-3
-
-
-def bare(name):
-    return plants.get(name, sample_time=TS)
-
-
-def walk(seconds=2.0):
-    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=0, spread_per_root_s=3.0)
 
 
 class StillPlant(plants.Plant):

@@ -76,13 +76,35 @@ def arrays(problem: Problem) -> dict[str, Any]:
     return {key: value for key, value in vars(problem).items() if value is not None}
 
 
-def apart_and_locked(array: Matrix | Vector) -> Any:
-    """The same numbers as every second entry of a larger array of junk, not to be written to."""
+def apart(array: Matrix | Vector) -> Any:
+    """The same numbers as every second entry of a larger array whose other entries are junk."""
     large = np.full(tuple(2 * n for n in array.shape), 1e3)
     view = large[tuple(slice(None, None, 2) for _ in array.shape)]
     view[...] = array
+    return view
+
+
+def apart_and_locked(array: Matrix | Vector) -> Any:
+    """The same, not to be written to."""
+    view = apart(array)
     view.flags.writeable = False
     return view
+
+
+def opposed_rows() -> Problem:
+    """A program whose rows contradict each other: no x is at most −1 and at least 1."""
+    eye = np.eye(3)
+    return Problem(eye, np.ones(3), G=np.vstack([eye[:1], -eye[:1]]), h=np.array([-1.0, -1.0]), lb=np.full(3, -5.0))
+
+
+def check_nothing_found(solver: Solver) -> None:
+    """A solver that is ready finds nothing, says so, and gives no number."""
+    x = solver.solve()
+    solution = solver.solution()
+    assert solution.found is False
+    assert solution.x is None
+    assert solution.extras["status"]
+    assert np.isnan(x).all()
 
 
 FINER = {

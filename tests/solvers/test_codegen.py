@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answered_pairs import asking, pair
-from programs import program
+from programs import program, solver_class
 from qpsolvers import Problem
 
 import solvers
@@ -43,9 +43,7 @@ PAIR = pair("mixed", 8, seed=16)
 
 def make(name: str, **settings: Any) -> Solver:
     program("gcc")
-    if absent := describe(ENTRIES[name]).absent:
-        pytest.skip(f"{name} is absent: {absent}")
-    cls = ENTRIES[name].load()
+    cls = solver_class(ENTRIES[name])
     return cls(**{**asking(cls, TOLERANCES.get(name, 1e-9)), **settings})
 
 
@@ -80,6 +78,7 @@ def test_a_solver_that_a_family_does_not_have_is_absent_with_a_sentence() -> Non
     assert describe(unknown).absent == "CVXPYgen has no solver 'fly' here"
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_answers_and_duals_are_those_the_pair_was_made_from(name: str) -> None:
     solver = ready(name)
@@ -169,6 +168,7 @@ def test_the_solution_after_the_loop_inside_c_is_that_of_its_last_solve(name: st
     assert (solution.extras or {})["status"] not in ("", "solved")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("rank", [4, 17])
 def test_our_c_finds_a_minimiser_where_P_is_singular(rank: int) -> None:
     rng = np.random.default_rng(rank)
@@ -204,6 +204,7 @@ def test_our_c_takes_the_steps_of_our_kernel() -> None:
     assert (ready("projected_difference", steps=20).solve() == kernel.solve()).all()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.needs("gcc")
 @pytest.mark.parametrize("name", OURS)
 def test_our_c_is_plain_c99_without_a_warning(name: str, tmp_path: Path) -> None:
@@ -291,6 +292,7 @@ def test_no_library_is_loaded_from_a_folder_that_others_can_write_to(
         ready("box_active_set")
 
 
+@pytest.mark.slow
 def test_without_a_compiler_the_lane_is_absent_with_a_reason() -> None:
     program = (
         "from solvers import entries\nfrom solvers.registry import describe\n"

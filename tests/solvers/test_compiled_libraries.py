@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from programs import library, solver_class
 from qpsolvers import Problem
 
 import solvers
@@ -42,10 +43,7 @@ LIMITED: dict[str, dict[str, Any]] = {
 def both(name: str, **settings: Any) -> tuple[Solver, Solver]:
     """The solver in the compiled lane and in the direct one."""
     entries = [solvers.find(name, lane) for lane in (Lane.KERNEL, Lane.DIRECT)]
-    for entry in entries:
-        if absent := describe(entry).absent:
-            pytest.skip(f"{name} is absent: {absent}")
-    compiled, direct = (entry.load()(**settings) for entry in entries)
+    compiled, direct = (solver_class(entry)(**settings) for entry in entries)
     return compiled, direct
 
 
@@ -105,6 +103,7 @@ def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str,
             assert compiled_says.extras[part] == direct_says.extras[part]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
 def test_on_the_problems_of_the_paper_every_rung_answers_as_in_the_direct_lane(name: str) -> None:
     for problem in find("paper")().problems():
@@ -161,7 +160,7 @@ def structure(name: str, function: str) -> dict[str, Any]:
 
 
 def test_the_settings_of_each_library_stand_where_it_has_them() -> None:
-    daqp, osqp, piqp = (pytest.importorskip(name) for name in ("daqp", "osqp", "piqp"))
+    daqp, osqp, piqp = map(library, ("daqp", "osqp", "piqp"))
     assert structure("daqp", "daqp_default_settings") == daqp.Model().settings
     defaults = osqp.ext_builtin.OSQPSettings()
     osqp.ext_builtin.osqp_set_default_settings(defaults)
@@ -237,6 +236,7 @@ def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
         assert not compiled.solution().found
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_what_a_library_allocates_is_let_go_with_its_solver(name: str) -> None:
     problem, *_ = programs("boxes", 100, 1)
@@ -279,7 +279,7 @@ def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(
 def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_sentence(tmp_path: Path) -> None:
     from solvers.kernel._library import folder, opened
 
-    daqp = pytest.importorskip("daqp")
+    daqp = library("daqp")
     version = importlib.metadata.version("daqp")
     with pytest.raises(
         ImportError,

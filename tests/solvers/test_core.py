@@ -76,6 +76,7 @@ def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compiler", "options"),
     [
@@ -88,6 +89,7 @@ def test_plain_numbers_and_single_precision_compile_without_a_warning(compiler, 
     subprocess.run([program(compiler), *WARNINGS, "-c", *options, *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
 
 
+@pytest.mark.slow
 def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and_fabs(tmp_path):
     subprocess.run([program("gcc"), "-O2", "-fno-math-errno", "-c", *map(str, ALGORITHMS)], cwd=tmp_path, check=True)
     said = subprocess.run(
@@ -220,6 +222,7 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [1, 2, 7, 16, 18, 33, 60])
 def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(variants, d):
     data = random_data(d)

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from answered_pairs import asking
+from answered_pairs import apart, arrays, asking, check_nothing_found
+from programs import solver_class
 from qpsolvers import Problem
 
 import solvers
 from solvers import Lane, Solver, Unsupported
-from solvers.protocol import Matrix, Vector
+from solvers.protocol import Vector
 from solvers.registry import Entry
 
 # By name and not all that are there: some solver libraries cannot be loaded into one process.
@@ -95,9 +96,7 @@ def twins(d: int, kind: str, rows: bool = False, decades: float = 0.0, seed: int
 
 def make(name: str, tolerance: float | None = 1e-9, **settings: Any) -> Solver:
     entry = Entry(name, Lane.DIRECT, f"solvers.direct.{name}")
-    if absent := solvers.describe(entry).absent:
-        pytest.skip(f"{name} is not installed: {absent}")
-    cls = entry.load()
+    cls = solver_class(entry)
     return cls(**{**asking(cls, tolerance), **settings})
 
 
@@ -105,18 +104,6 @@ def ready(name: str, problem: Problem, tolerance: float | None = 1e-9) -> Solver
     solver = make(name, tolerance)
     solver.setup(problem)
     return solver
-
-
-def arrays(problem: Problem) -> dict[str, Any]:
-    return {key: value for key, value in vars(problem).items() if value is not None}
-
-
-def apart(array: Matrix | Vector) -> Any:
-    """The same numbers as every second entry of a larger array whose other entries are junk."""
-    large = np.full(tuple(2 * n for n in array.shape), 1e3)
-    view = large[tuple(slice(None, None, 2) for _ in array.shape)]
-    view[...] = array
-    return view
 
 
 def test_every_adapter_is_registered_by_its_file() -> None:
@@ -350,12 +337,7 @@ def test_infeasible_rows_are_reported_and_give_no_number(name: str) -> None:
     problem = Problem(
         M.T @ M, rng.normal(size=d), np.ones((1, d)), np.array([-1.0]), lb=np.zeros(d), ub=np.full(d, np.inf)
     )
-    solver = ready(name, problem)
-    assert np.all(np.isnan(solver.solve()))
-    solution = solver.solution()
-    assert solution.found is False
-    assert solution.x is None
-    assert solution.extras["status"]
+    check_nothing_found(ready(name, problem))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answered_pairs import FORMS, apart_and_locked, arrays, asking, pair
+from answered_pairs import FORMS, apart_and_locked, arrays, asking, check_nothing_found, opposed_rows, pair
+from programs import solver_class
 from qpsolvers import Problem
 
 from solvers import Lane, Solver, Unsupported
@@ -70,8 +71,7 @@ def sizes(name: str, form: str) -> tuple[int, ...]:
 
 
 def make(name: str, tolerance: float = 1e-6, **settings: Any) -> Solver:
-    pytest.importorskip(FIELD[name].library, reason=f"{name} needs the optional library {FIELD[name].library}")
-    cls = Entry(name, Lane.DIRECT, f"solvers.direct.{name}").load()
+    cls = solver_class(Entry(name, Lane.DIRECT, f"solvers.direct.{name}"))
     return cls(**{**asking(cls, tolerance), **settings})
 
 
@@ -168,23 +168,13 @@ def test_arrays_handed_in_are_read_at_any_stride_and_never_written(name: str) ->
 @pytest.mark.filterwarnings("ignore:Singular Jacobian:UserWarning")  # of trust-constr, and true
 @pytest.mark.parametrize(("name", "of"), INFEASIBLE)
 def test_an_infeasible_problem_is_never_called_found(name: str, of: str) -> None:
-    eye = np.eye(3)
-    problem = (
-        Problem(eye, np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0]))
-        if of == "boxes"
-        else Problem(eye, np.ones(3), G=np.vstack([eye[:1], -eye[:1]]), h=np.array([-1.0, -1.0]), lb=np.full(3, -5.0))
-    )
+    crossing = Problem(np.eye(3), np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0]))
+    problem = crossing if of == "boxes" else opposed_rows()
     if of == "boxes" and name in REFUSE_CROSSING:
         with pytest.raises(Unsupported, match=f"{name} refuses bounds that cross"):
             ready(name, problem)
         return
-    solver = ready(name, problem)
-    x = solver.solve()
-    solution = solver.solution()
-    assert solution.found is False
-    assert solution.x is None
-    assert solution.extras["status"]
-    assert np.isnan(x).all()
+    check_nothing_found(ready(name, problem))
 
 
 @pytest.mark.parametrize("name", FIELD)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from answered_pairs import pair
+from programs import solver_class
 from qpsolvers import Problem
 
 import solvers
@@ -47,13 +48,6 @@ def named(entries: list[Entry]) -> list[object]:
     return [pytest.param(entry, id=f"{entry.lane}-{entry.name}") for entry in entries]
 
 
-def loaded(entry: Entry) -> type[Solver]:
-    try:
-        return entry.load()
-    except ImportError as error:
-        pytest.skip(f"{entry.name} is not installed: {error}")
-
-
 @cache
 def two_problems() -> tuple[CertifiedForm, ...]:
     """Two problems of the set paper, scaled: the largest and a common ratio of |V*| to V* + c."""
@@ -75,7 +69,7 @@ def accuracy(solver: Solver, form: CertifiedForm) -> float:
 
 @pytest.mark.parametrize("entry", named(LIBRARIES))
 def test_a_ladder_has_at_most_eight_rungs_each_tighter_than_the_one_below_it(entry: Entry) -> None:
-    cls = loaded(entry)
+    cls = solver_class(entry)
     assert issubclass(cls, LibrarySolver)
     tolerances = cls.library.tolerances
     for c in (1e-4, 0.2, 1e6):
@@ -88,13 +82,13 @@ def test_a_ladder_has_at_most_eight_rungs_each_tighter_than_the_one_below_it(ent
 
 @pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
 def test_every_setting_of_a_ladder_has_a_name_of_its_own_and_is_found_by_it_for_any_constant(entry: Entry) -> None:
-    cls = loaded(entry)
+    cls = solver_class(entry)
     names = [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
     assert len(set(names)) == len(names)
     for c in (1e-4, 1.0, 2.5e6):
         assert [cls.at(name, c) for name in names] == [dict(rung) for rung in cls.ladder(c)]
-        unasked = cls.at(setting_text(cls.always), c)
-        assert unasked == {} or setting_text(cls.always) in names
+        default = cls.at(setting_text(cls.always), c)
+        assert default == {} or setting_text(cls.always) in names
     with pytest.raises(ValueError, match=r"has no setting \{\"no\": 1\} in its ladder"):
         cls.at(setting_text({"no": 1}), 1.0)
 
@@ -103,7 +97,7 @@ def test_every_setting_of_a_ladder_has_a_name_of_its_own_and_is_found_by_it_for_
 def test_a_ladder_that_names_exponents_has_one_for_each_rung_from_loose_to_tight_and_those_of_wrappers_do(
     entry: Entry,
 ) -> None:
-    cls = loaded(entry)
+    cls = solver_class(entry)
     assert len(cls.exponents) in (0, len(cls.ladder(1.0)))
     assert list(cls.exponents) == sorted(cls.exponents)
     assert cls.exponents or entry.lane not in (Lane.QPSOLVERS, Lane.CVXPY) or len(cls.ladder(1.0)) == 1
@@ -112,7 +106,7 @@ def test_a_ladder_that_names_exponents_has_one_for_each_rung_from_loose_to_tight
 @pytest.mark.filterwarnings("ignore::UserWarning")  # qpsolvers and cvxpy say in one, too, that a rung is too high
 @pytest.mark.parametrize("entry", named(LIBRARIES))
 def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -> None:
-    cls = loaded(entry)
+    cls = solver_class(entry)
     problem = pair("rows", 6)
     try:
         cls().setup(problem.problems[0])
@@ -131,7 +125,7 @@ def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -
 
 @pytest.mark.parametrize("entry", named([entry for entry in LIBRARIES if entry.lane in (Lane.DIRECT, Lane.KERNEL)]))
 def test_some_rung_reaches_a_billionth_on_two_problems(entry: Entry) -> None:
-    cls = loaded(entry)
+    cls = solver_class(entry)
     missed, why = MISSES.get(entry.name, (0.0, ""))
     forms = two_problems()
     best = float("inf")

@@ -69,7 +69,7 @@ def test_spread_multipliers_push_as_the_rows_of_the_form_do(form: type[Intervals
     program = Program(problem())
     rows = form(program)
     w = np.random.default_rng(2).uniform(0.5, 1.0, size=rows.R.shape[0])
-    np.testing.assert_allclose(program.R.T @ rows.spread(w), rows.R.T @ w)
+    np.testing.assert_allclose(program.R.T @ rows.distribute(w), rows.R.T @ w)
 
 
 def test_solution_sorts_the_multipliers_into_their_kinds() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from programs import solver_class
 from qpsolvers import Problem
 
 import solvers
@@ -37,9 +38,7 @@ def optimum(P: Matrix, q: Vector) -> Vector:
 
 
 def ready(entry: Entry, **settings: Any) -> Solver:
-    if absent := solvers.describe(entry).absent:
-        pytest.skip(f"{entry.name} is absent: {absent}")
-    cls = entry.load()
+    cls = solver_class(entry)
     solver = cls(**{**cls.ladder(1.0)[-1], **SETTINGS.get(entry.name, {}), **settings})
     (P,), (q,) = data(1, seed=99)
     solver.setup(Problem(P, q, lb=np.full(D, -0.1), ub=np.full(D, 0.2)))

@@ -57,8 +57,7 @@ def reserved(sizes: Sequence[int], count: int) -> Iterator[Path]:
             return
     megabytes = sum(8 * count * d * (d + 3) for d in sizes) / 1e6
     raise RaceError(
-        f"the programs need {megabytes:.0f} MB in {SHARED_MEMORY} or in {elsewhere}, and neither has the "
-        "room; "
+        f"the programs need {megabytes:.0f} MB in {SHARED_MEMORY} or in {elsewhere}, and neither has the room; "
         "enlarge one of them, or make the batches smaller with --largest"
     )
 

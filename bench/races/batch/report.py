@@ -45,11 +45,11 @@ def report(run: Run) -> Report:
     """Everything from the rows of a finished run."""
     settings = settings_of(run, BatchSettings)
     table = figures.summary(run.rows(BATCH))
-    first = table.drop_duplicates([*figures.WHO, "status", "message"])
+    first = table.drop_duplicates([*figures.ID_COLUMNS, "status", "message"])
     wrong = [
         [
             str(line.d),
-            line.who,
+            line.label,
             line.lane,
             str(line.threads),
             str(line.batch),
@@ -61,7 +61,7 @@ def report(run: Run) -> Report:
     return Report(
         figures.verdict(table),
         ranking(table, settings),
-        table.drop(columns="who"),
+        table.drop(columns="label"),
         definitions=definitions(settings),
         tables=[
             *(_by_batch(part, settings) for _, part in table.groupby("d")),
@@ -92,7 +92,7 @@ def ranking(table: pd.DataFrame, settings: BatchSettings) -> Table:
     """Each contestant with one thread at the batch size that suits it best, one column a size of program."""
     lines = figures.best(table[table.threads == 1])
     by_who = {
-        key: {line.d: line for _, line in part.iterrows()} for key, part in lines.groupby(["who", "lane"], sort=False)
+        key: {line.d: line for _, line in part.iterrows()} for key, part in lines.groupby(["label", "lane"], sort=False)
     }
     rows = [
         [*map(str, key), *(cell for d in settings.sizes for cell in _at(found.get(d)))] for key, found in by_who.items()
@@ -127,9 +127,14 @@ def _by_batch(part: pd.DataFrame, settings: BatchSettings) -> Table:
     """Core rates of one size of program by batch size, the fastest first."""
     rows = []
     for _, line in figures.best(part).iterrows():
-        rates = part[(part[figures.WHO] == line[figures.WHO]).all(axis=1)].set_index("batch").core_rate
+        rates = part[(part[figures.ID_COLUMNS] == line[figures.ID_COLUMNS]).all(axis=1)].set_index("batch").core_rate
         rows.append(
-            [line.who, line.lane, str(line.threads), *(number(float(rates[batch]) / 1e3) for batch in settings.batches)]
+            [
+                line.label,
+                line.lane,
+                str(line.threads),
+                *(number(float(rates[batch]) / 1e3) for batch in settings.batches),
+            ]
         )
     return Table(
         f"Thousands of programs a second and core, by batch size, d = {part.d.iloc[0]}",
@@ -145,7 +150,7 @@ def _at_best(table: pd.DataFrame) -> Table:
     rows = [
         [
             str(line.d),
-            line.who,
+            line.label,
             line.lane,
             str(line.threads),
             str(line.batch),

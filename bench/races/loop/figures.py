@@ -15,7 +15,7 @@ import pandas as pd
 from bench.derived.accuracy import least_good, worst
 from bench.races.chosen_settings import tier_label
 from bench.report.words import apart, gap, joined, marked, number, settings_label
-from bench.rig.rig import RANGE_UM
+from bench.stage.setup import RANGE_UM
 
 NOTICED = 1.1
 """The stage notices where its error is more than 10 % above the least."""
@@ -52,7 +52,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     )
     table["rms_um"] = table.rms_percent / 100.0 * RANGE_UM
     table["max_um"] = table.max_percent / 100.0 * RANGE_UM
-    table["who"] = [
+    table["label"] = [
         f"{marked(line.solver)}, {settings_label(line.settings) or tier_label(line.tier, line.basis)}"
         for line in table.itertuples()
     ]
@@ -70,8 +70,8 @@ def by_learner(table: pd.DataFrame) -> list[tuple[str, str, dict[str, pd.Series]
         paper=table.settings == PAPERS_STEPS,
     )
     found = [
-        (str(part.who.iloc[0]), str(part.lane.iloc[0]), {str(line.problem): line for _, line in part.iterrows()})
-        for _, part in table.groupby(["who", "lane"])
+        (str(part.label.iloc[0]), str(part.lane.iloc[0]), {str(line.problem): line for _, line in part.iterrows()})
+        for _, part in table.groupby(["label", "lane"])
     ]
 
     def place(learner: tuple[str, str, dict[str, pd.Series]]) -> tuple[bool, float]:
@@ -94,13 +94,11 @@ def verdict(table: pd.DataFrame) -> list[str]:
             f"on the {problem} stage {inside.sum()} of {len(part)} learners are within "
             f"{100 * (NOTICED - 1):.0f} % of the least error, "
             f"{_nm(part.rms_um[0])} nm RMS, with cost gaps up to {gap(part[inside].cost_gap.max())} (a "
-            "straight line in place of a model "
-            f"leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)"
+            f"straight line in place of a model leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)"
         )
         paper += [
             f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
-            "times the least, at "
-            f"a cost gap of {gap(line.cost_gap)}"
+            f"times the least, at a cost gap of {gap(line.cost_gap)}"
             for _, line in part[part.settings == PAPERS_STEPS].iterrows()
         ]
         if not inside.all():
@@ -142,7 +140,7 @@ def closed_loop(rows: pd.DataFrame) -> pd.DataFrame:
     table = table[table.cost_gap.notna()]
     return (
         table.assign(front=table.settings == PAPERS_STEPS)
-        .rename(columns={"who": "name"})[
+        .rename(columns={"label": "name"})[
             [
                 "problem",
                 "name",

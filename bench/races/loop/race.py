@@ -1,7 +1,7 @@
 """The closed-loop race: does the accuracy of the solver matter to the stage?
 
-Every solver learns in the same loop (`bench.rig`): two axes behind a decoupling matrix, a staircase, the paper's cycle
-of reset, building, learning. All else is equal, noise included. A row holds the tracking error of one axis in one
+Every solver learns in the same loop (`bench.stage`): two axes behind a decoupling matrix, a staircase, the paper's
+cycle of reset, building, learning. All else is equal, noise included. A row holds the tracking error of one axis in one
 window of the paper's cycle length, the time to learn, and how exact and how old the weights are that were in use at its
 end.
 
@@ -28,12 +28,12 @@ from bench.messages.columns import COUNT, TEXT
 from bench.messages.race_error import RaceError
 from bench.messages.task import Request, Task
 from bench.processes.worker import ChildSettings
-from bench.races.chosen_settings import EACH, choices, table_of, unasked
+from bench.races.chosen_settings import EACH, choices, default_setting, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Decision, Driven, LoopRequest
 from bench.races.settings import TierSettings, fixed
-from bench.rig.rig import AXES, RANGE_UM, Rig
-from bench.rig.trial import straight
+from bench.stage.setup import AXES, RANGE_UM, StageSetup
+from bench.stage.trial import straight
 from bench.store import Schema
 from bench.timing.clock import Effort
 from piezo_model import IdentificationProblem
@@ -105,21 +105,21 @@ class LoopSettings(TierSettings):
         if self.windows < 1 or not self.learn_steps or min(self.learn_steps) < 1:
             raise RaceError("the loop needs at least one window and learning phases of at least one sample")
 
-    def stage(self, problem: str, repeat: int = 0) -> Rig:
-        """The rig of a problem with the paper's learner; all learners get its stage, reference and noise."""
-        return (Rig.quick if self.quick else Rig)(
+    def stage(self, problem: str, repeat: int = 0) -> StageSetup:
+        """The setup of a problem with the paper's learner; all learners get its stage, reference and noise."""
+        return (StageSetup.quick if self.quick else StageSetup)(
             cycles=self.windows,
             seed=self.seed + repeat,
             gain_drift_per_s=self.drift_per_s if problem == DRIFTING else 0.0,
         )
 
-    def rig(self, task: Task) -> Rig:
-        """The rig of a task."""
-        rig = replace(
+    def setup(self, task: Task) -> StageSetup:
+        """The setup of a task."""
+        setup = replace(
             self.stage(task.problem, task.repeat), solver=task.solver, lane=str(task.lane), setting=task.setting.text
         )
         steps = task.more.get("steps")
-        return rig if steps is None else replace(rig, learn_s=steps * rig.sample_time, samples=len(rig.y_ref))
+        return setup if steps is None else replace(setup, learn_s=steps * setup.sample_time, samples=len(setup.y_ref))
 
 
 class LoopRace(TaskRace[LoopSettings]):
@@ -158,7 +158,7 @@ class LoopRace(TaskRace[LoopSettings]):
                     its, phases = choices(solver, settings.tiers, table, run), [dict[str, int]()]
                     if solver.name == PAPER:
                         its, phases = (
-                            {unasked(solver): {settings.tiers[0]: EACH}},
+                            {default_setting(solver): {settings.tiers[0]: EACH}},
                             [{"steps": steps} for steps in settings.learn_steps],
                         )
                     for setting, basis in its.items():
@@ -178,12 +178,12 @@ class LoopRace(TaskRace[LoopSettings]):
 
     def request(self, task: Task) -> Request:
         """The whole reference."""
-        return LoopRequest(task, self.settings.rig(task), self.entrants[task.solver, task.lane].path)
+        return LoopRequest(task, self.settings.setup(task), self.entrants[task.solver, task.lane].path)
 
     def judged(self, task: Task, outcome: Driven) -> Sequence[Mapping[str, Any]]:
         """One row an axis and window."""
-        settings, rig = self.settings, self.settings.rig(task)
-        error_um, length = outcome.platform - rig.y_ref, len(rig.y_ref) // settings.windows
+        settings, setup = self.settings, self.settings.setup(task)
+        error_um, length = outcome.platform - setup.y_ref, len(setup.y_ref) // settings.windows
         straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
         rows = []
         for i, axis in enumerate(AXES):
@@ -223,10 +223,10 @@ def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
 
 
 @lru_cache(maxsize=8)
-def straight_rms_percent(rig: Rig) -> Matrix:
+def straight_rms_percent(setup: StageSetup) -> Matrix:
     """RMS error (windows, 2) along the straight line on the same stage."""
-    run = straight(rig)
-    return np.array([run.rms_percent(window) for window in range(rig.cycles)])
+    run = straight(setup)
+    return np.array([run.rms_percent(window) for window in range(setup.cycles)])
 
 
 def of_decision(decision: Decision) -> dict[str, float]:

@@ -18,7 +18,7 @@ from bench.report.words import OURS_NOTE, gap, number
 from bench.store import Run
 
 _POINTS = (Mark("point", colour=GREY, size=30.0, opacity=0.5), Mark("point", "name", where="datum.front", size=80.0))
-WHO = ("stage", "solver", "lane", "tier")
+ID_COLUMNS = ("stage", "solver", "lane", "tier")
 DEFINITIONS = (
     "Every solver learns in the same loop on the same stage, with the same reference and noise, in a process of its "
     "own. The drifting stage has actuators whose gain changes.",
@@ -54,7 +54,7 @@ def report(run: Run) -> Report:
     every = [
         [
             line.problem,
-            line.who,
+            line.label,
             line.lane,
             gap(line.cost_gap),
             f"{line.rms_percent:.4f}",
@@ -78,7 +78,7 @@ def report(run: Run) -> Report:
         tables=[
             Table("Every learner on each stage, last window", headings, every, 3, ("stage", "lane", "status")),
             _by_window(rows, table),
-            what_went_wrong(rows.rename(columns={"problem": "stage"}), (*WHO, "status", "message"), WHO),
+            what_went_wrong(rows.rename(columns={"problem": "stage"}), (*ID_COLUMNS, "status", "message"), ID_COLUMNS),
         ],
         figures=[
             _against(
@@ -129,12 +129,12 @@ def ranking(table: pd.DataFrame) -> Table:
     stages = list(dict.fromkeys(table.problem))
     rows = [
         [
-            who,
+            label,
             lane,
             *(text for stage in stages for text in (_on(lines[stage]) if stage in lines else ("–",) * 2)),
             _samples(max(float(line.learn_samples) for line in lines.values())),
         ]
-        for who, lane, lines in figures.by_learner(table)
+        for label, lane, lines in figures.by_learner(table)
     ]
     headings = ("solver", "lane", *(f"{what} {stage}" for stage in stages for what in ("nm", "gap")), "samples")
     return Table(
@@ -157,7 +157,7 @@ def _by_window(rows: pd.DataFrame, table: pd.DataFrame) -> Table:
     """RMS errors of both axes together in each window, in the order of the summary."""
     errors = figures.by_window(rows)
     lines = [
-        [line.problem, line.who, *(f"{value:.4f}" for value in errors.loc[tuple(line[figures.GROUP])])]
+        [line.problem, line.label, *(f"{value:.4f}" for value in errors.loc[tuple(line[figures.GROUP])])]
         for _, line in table.iterrows()
     ]
     return Table(

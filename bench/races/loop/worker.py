@@ -13,7 +13,7 @@ import numpy as np
 from qpsolvers import Problem
 
 from bench.messages.task import Outcome, Request, Task
-from bench.rig.rig import Rig
+from bench.stage.setup import StageSetup
 from piezo_model import IdentificationProblem
 from piezo_model.stage.learning import SelfLearningStage
 from solvers.arrays import Matrix, Vector
@@ -56,13 +56,13 @@ class Driven(Outcome):
 
 @dataclass(frozen=True)
 class LoopRequest(Request):
-    """Close the loop over the rig's stage, whose learners ask for the solver of the task by name, lane and setting.
+    """Close the loop over the setup's stage, whose learners ask for the solver of the task by name, lane and setting.
 
     ``file`` is that of a user's own solver, which is made known first.
     """
 
     task: Task
-    rig: Rig
+    setup: StageSetup
     file: Path | None = None
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
@@ -73,17 +73,17 @@ class LoopRequest(Request):
             solver = cls(**self.task.asked(cls, 1.0))
             solver.setup(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.full(2, np.inf)))
             solver.solve()
-        return drive(self.rig)
+        return drive(self.setup)
 
 
-def drive(rig: Rig) -> Driven:
+def drive(setup: StageSetup) -> Driven:
     """Follow the whole reference."""
-    stage = rig.stage()
-    loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
+    stage = setup.stage()
+    loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
     found = Driven(found=True, decisions=tuple([] for _ in loop.learners))
-    look, parts = max(1, round(LOOK_EVERY_S / rig.sample_time)), []
-    for done in range(0, len(rig.y_ref), look):
-        parts.append(loop.run(rig.y_ref[done : done + look], stage.run))
+    look, parts = max(1, round(LOOK_EVERY_S / setup.sample_time)), []
+    for done in range(0, len(setup.y_ref), look):
+        parts.append(loop.run(setup.y_ref[done : done + look], stage.run))
         for learner, decisions in zip(loop.learners, found.decisions, strict=True):
             while learner.log:
                 event = learner.log.popleft()

@@ -30,13 +30,13 @@ LEAST_NS = 40
 ASIDE_NS, ASIDE_EACH_NS = 1_000_000, 8_000
 """Processor time of a block for its messages, and for each call, that is nothing to look into."""
 IDLE = 2.0
-"""How many times what a solver that does nothing takes for the same block a block may take beside its calls."""
+"""Largest ratio of the time beside its calls to that of a solver that does nothing."""
 FEW = 3.0
-"""How many times as long as in the median its calls may take in the mean, by the processor time of the process."""
+"""Largest ratio of mean CPU time to median reported time of its calls."""
 LEAST_CALLS, FEWEST_CALLS = 30, 8
 """Calls of a block that is to show it, at least, and if they take long."""
 FAR = 100.0
-"""How many times as far from the optimum is far."""
+"""Smallest ratio of two cost gaps that counts as a difference."""
 AGAIN, ENOUGH = 5, 4
 """Blocks more, and how many of them must look wrong before a solver is said to do it, since a machine may, now and
 then."""

@@ -107,5 +107,5 @@ def measure(
     outcome, timings = timed(pool.child(task), idle, task, problem, fresh, effort, look_closer)
     row = row_of(problem, task, outcome, max(timings.gaps.values(), default=NAN), timings.fault)
     run.save(task, [row], times_of(outcome))
-    pool.sentinel.look(unless_within_s=EVERY_S)
+    pool.sentinel.sample(unless_within_s=EVERY_S)
     return row

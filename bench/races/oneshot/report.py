@@ -58,7 +58,7 @@ DEFINITIONS = (
     "(exact), in exact arithmetic, and constraints violated by no more than that, relative to the largest number of "
     "the optimum. stage: a model that errs on unseen data by at most 1 % of the sensor's noise more than the "
     "optimum's. 1e-9 is numerics, stage is engineering.",
-    "default: what the library does unasked, judged like low. In the lanes qpsolvers and cvxpy these are the defaults "
+    "default: the library's own settings, judged like low. In the lanes qpsolvers and cvxpy these are the defaults "
     "of that package, which are not always the library's: cvxpy asks OSQP for 1e-5.",
     "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, "
     "else once; those of the first problem are shown, since tolerances are multiples of a constant of each. A tier "
@@ -118,8 +118,7 @@ def report(run: Run) -> Report:
                 2,
                 ("lane", "timed", "unknowns"),
                 "Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
-                "first; "
-                "a ratio below 1 is in our favour.",
+                "first; a ratio below 1 is in our favour.",
             ),
             Table(
                 "Time by size",

@@ -1,7 +1,7 @@
 """The second pass, after all settings were measured on all problems: starts from the optimum before, more calls of the
 fastest, and turns.
 
-Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else what it does unasked, by first
+Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else its defaults, by first
 answers alone. Timed answers are to data that each race draws anew, and with them two races of the same problems would
 take turns at different settings, which cannot be compared. The run notes the settings when the pass begins, since it
 measures some of the rows again from which they follow, and a resumed race has to go on as it began.
@@ -45,7 +45,7 @@ LONGEST_US = 1000.0
 """Whatever takes longer hot has no turn: caches do not matter there, and time does."""
 PREFERRED = (Tier.HIGH, Tier.MID)
 NEAR = 2.0
-"""How many times as long as the fastest of its lane a solver may take to be among the candidates for a decision."""
+"""Largest ratio of a candidate's time to that of the fastest of its lane."""
 ENOUGH = 3_000
 """Calls of a candidate over all problems, enough for p99.9."""
 WARM_UP = 1

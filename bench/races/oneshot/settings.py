@@ -1,7 +1,7 @@
 """Settings of a one-shot race, and what is measured by them in its first pass.
 
-That is every setting of every solver on every problem in the first scaling, and what it does unasked in the others. A
-wrapper is measured at what it does unasked and at one setting more, that which asks for a cost gap nearest to 1e-8,
+That is every setting of every solver on every problem in the first scaling, and its defaults in the others. A
+wrapper is measured at its defaults and at one setting more, that which asks for a cost gap nearest to 1e-8,
 since it shows what calling a library in another way costs; cvxpy on some problems only.
 """
 
@@ -54,7 +54,7 @@ def tasks_of(
     loose to tight, then by growing limit of iterations."""
     problem = problems[number]
     for solver in field:
-        if solver.lane is not Lane.CVXPY or number in spread(len(problems), MOST_OF_CVXPY):
+        if solver.lane is not Lane.CVXPY or number in evenly(len(problems), MOST_OF_CVXPY):
             for setting in measured(solver) if scaling == settings.scalings[0] else settings_of(solver):
                 if setting.is_default or scaling == settings.scalings[0]:
                     yield Task(
@@ -94,12 +94,12 @@ def measured(solver: Described) -> Sequence[Setting]:
     return [setting for setting in every if setting.is_default or setting.rung == nearest]
 
 
-def spread(count: int, most: int) -> set[int]:
+def evenly(count: int, most: int) -> set[int]:
     """At most so many of ``count`` numbers, evenly spread.
 
     Examples
     --------
-    >>> sorted(spread(18, 5))
+    >>> sorted(evenly(18, 5))
     [0, 3, 7, 10, 14]
     """
     return {i * count // min(count, most) for i in range(min(count, most))} if count else set()

@@ -86,7 +86,7 @@ def floor_bound(floor: pd.DataFrame) -> float:
     return min(1.0, rate_bound(stalls, samples) * max(1.0, missed / max(stalls, 1))) if samples else 1.0
 
 
-def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound: float) -> dict[str, Any]:
+def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound: float) -> dict[str, Any]:
     failed = part[part.status.isin(FAILURES)]
     ran = part.drop(failed.index)
     paced = bool(part.paced.iloc[0])
@@ -96,7 +96,7 @@ def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         str(failed.status.iloc[0])
         if len(failed)
         else FLOOR
-        if who["solver"] == FLOOR
+        if key["solver"] == FLOOR
         else str(Status.MISSED)
         if (ran.status != Status.OK).any()
         else str(Status.LATE if beyond else Status.OK)
@@ -117,7 +117,7 @@ def _line(who: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         )
     }
     return {
-        **who,
+        **key,
         "setting": part.setting.iloc[0],
         "basis": part.basis.iloc[0],
         "paced": paced,
@@ -158,8 +158,7 @@ def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     elif len(paced):
         kept = paced[paced.keeps_up & (paced.status == Status.OK)]
         sentences.append(
-            f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they "
-            "miss no "
+            f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
             "more deadlines than the machine itself does and answer as exactly as asked"
             + (
                 f"; the quickest is {_name(kept.iloc[0])}, with a response time of {_tail(kept.iloc[0], 'response')}."
@@ -176,22 +175,19 @@ def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     for _, line in table[table.is_floor].iterrows():
         found.append(
             f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed} of "
-            f"{line.samples} "
-            f"deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
+            f"{line.samples} deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
             f"{number(line.response_max_us)} µs."
         )
     stopped = paced[paced.stopped != ""]
     if len(stopped):
         found.append(
             f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were "
-            "stopped there; their median "
-            f"service takes {number(stopped['service_p50_us'].min())} to "
+            f"stopped there; their median service takes {number(stopped['service_p50_us'].min())} to "
             f"{number(stopped['service_p50_us'].max())} µs."
         )
     for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
         found.append(
-            f"Compiled and back to back, not on the schedule, {marked(line.solver)} takes {line.samples:,} "
-            "rows with "
+            f"Compiled and back to back, not on the schedule, {marked(line.solver)} takes {line.samples:,} rows with "
             f"{_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
         )
     return found

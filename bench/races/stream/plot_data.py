@@ -20,7 +20,7 @@ FLOOR_NAME = "the machine's floor"
 DECADES = np.geomspace(0.5, 1e-6, 60)
 FARTHEST = 1_000
 """Sampling periods up to which answers are counted."""
-WHO = ["view", "name", "solver", "lane"]
+ID_COLUMNS = ["view", "name", "solver", "lane"]
 
 
 def _names(table: pd.DataFrame) -> pd.DataFrame:
@@ -59,12 +59,12 @@ def responses(rows: pd.DataFrame, times: pd.DataFrame) -> list[tuple[pd.Series, 
 def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     """Share of samples answered within k periods, one row a solver lane and k."""
     ks = np.unique(np.geomspace(1, FARTHEST, 40).round()).astype(int)
-    parts = [pd.DataFrame(columns=[*WHO, "periods", "share", "samples", "front"])]
+    parts = [pd.DataFrame(columns=[*ID_COLUMNS, "periods", "share", "samples", "front"])]
     for rank, (line, us) in enumerate(responses(rows, times)):
         parts.append(
             pd.DataFrame(
                 {
-                    **line[WHO],
+                    **line[ID_COLUMNS],
                     "periods": ks,
                     "samples": us.size,
                     "front": rank < BEST,
@@ -78,11 +78,11 @@ def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
 def latency_tails(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     """Response time against the share of samples above it; of compiled loops, which wait for no schedule, service
     time."""
-    parts = [pd.DataFrame(columns=[*WHO, "one_in", "us", "front"])]
+    parts = [pd.DataFrame(columns=[*ID_COLUMNS, "one_in", "us", "front"])]
     for rank, (line, us) in enumerate(responses(rows, times)):
         shares = np.array([share for share in DECADES if needed(1.0 - share) <= us.size])
         ranks = np.ceil(np.round((1.0 - shares) * us.size, 6)).astype(int) - 1
-        parts.append(pd.DataFrame({**line[WHO], "one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST}))
+        parts.append(pd.DataFrame({**line[ID_COLUMNS], "one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST}))
     table = figures.summary(rows, times)
     loops = _names(table[~table.paced & (table.samples > 0) & (table.solver != "projected_difference")])
     for _, line in loops.iterrows():
@@ -90,7 +90,13 @@ def latency_tails(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
         us = latency_histogram.quantiles(line.service_histogram, 1.0 - shares) / 1e3
         parts.append(
             pd.DataFrame(
-                {**line[WHO], "name": f"{line['name']}, service time", "one_in": 1.0 / shares, "us": us, "front": False}
+                {
+                    **line[ID_COLUMNS],
+                    "name": f"{line['name']}, service time",
+                    "one_in": 1.0 / shares,
+                    "us": us,
+                    "front": False,
+                }
             )
         )
     return together(parts)

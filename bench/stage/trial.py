@@ -1,4 +1,4 @@
-"""Runs of the rig: along a straight line, along the best straight line with hindsight, and with self-learning
+"""Runs of the setup: along a straight line, along the best straight line with hindsight, and with self-learning
 compensation.
 
 All of them stand behind the same decoupling matrix and start from the same rest.
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.rig.rig import AXES, Rig, percent, rms
+from bench.stage.setup import AXES, StageSetup, percent, rms
 from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.stage.learning import SelfLearningStage
 from piezo_model.stage.stage import Stage
@@ -23,23 +23,23 @@ HINDSIGHT_ROUNDS = 4
 class Trial:
     """What a stage did."""
 
-    rig: Rig
+    setup: StageSetup
     x: Matrix
     y: Matrix
-    """Drives in V and measured platform in µm along ``rig.y_ref``. Shape (N, 2)."""
+    """Drives in V and measured platform in µm along ``setup.y_ref``. Shape (N, 2)."""
     loop: Matrix
-    """Measured platform along ``rig.loop_ref``, without learning, directly afterwards. Shape (M, 2)."""
+    """Measured platform along ``setup.loop_ref``, without learning, directly afterwards. Shape (M, 2)."""
     learners: tuple[SelfLearningCompensator, ...] = ()
     """As they are in the end; empty without learning."""
 
     @property
     def error_um(self) -> Matrix:
         """Deviation from the reference, (N, 2)."""
-        return self.y - self.rig.y_ref
+        return self.y - self.setup.y_ref
 
     def cycle_error_um(self, cycle: int) -> Matrix:
         """Deviation in one cycle; −1 is the last."""
-        count = self.rig.cycle
+        count = self.setup.cycle
         start = cycle * count if cycle >= 0 else len(self.y) + cycle * count
         return self.error_um[start : start + count]
 
@@ -48,77 +48,77 @@ class Trial:
         return rms(percent(self.cycle_error_um(cycle)))
 
 
-def straight(rig: Rig, slope: Vector | None = None, offset_V: Vector | None = None) -> Trial:
+def straight(setup: StageSetup, slope: Vector | None = None, offset_V: Vector | None = None) -> Trial:
     """Drive along straight lines: through the corners of the ranges, unless slopes (V/µm) and offsets are given,
     (2,)."""
-    stage = rig.stage()
+    stage = setup.stage()
     if slope is None or offset_V is None:
-        slope, offset_V = lines(rig)
+        slope, offset_V = lines(setup)
     low, high = np.array([axis.x_range for axis in stage.axes]).T
-    x = np.clip(slope * (rig.y_ref @ rig.decoupling.T) + offset_V, low, high)
+    x = np.clip(slope * (setup.y_ref @ setup.decoupling.T) + offset_V, low, high)
     y = stage.run(x)
-    return Trial(rig, x, y, stage.run(np.clip(slope * (rig.loop_ref @ rig.decoupling.T) + offset_V, low, high)))
+    return Trial(setup, x, y, stage.run(np.clip(slope * (setup.loop_ref @ setup.decoupling.T) + offset_V, low, high)))
 
 
-def lines(rig: Rig) -> tuple[Vector, Vector]:
+def lines(setup: StageSetup) -> tuple[Vector, Vector]:
     """Slopes and offsets (2,) of the lines through the corners of the ranges."""
-    slope = np.array([s.x_scale / s.y_scale for s in rig.structures])
-    return slope, np.array([s.x_centre for s in rig.structures]) - slope * np.array(
-        [s.y_centre for s in rig.structures]
+    slope = np.array([s.x_scale / s.y_scale for s in setup.structures])
+    return slope, np.array([s.x_centre for s in setup.structures]) - slope * np.array(
+        [s.y_centre for s in setup.structures]
     )
 
 
-def best_straight(rig: Rig) -> Trial:
+def best_straight(setup: StageSetup) -> Trial:
     """The straight lines that nobody can know beforehand: nearest to the reference over the last cycle in the mean
     square.
 
     Gauss-Newton on slope and offset of the drive; to first order q follows them as (q_r, 1) times the inverse slope.
     """
-    slope, offset_V = lines(rig)
-    wanted = (rig.y_ref @ rig.decoupling.T)[-rig.cycle :]
+    slope, offset_V = lines(setup)
+    wanted = (setup.y_ref @ setup.decoupling.T)[-setup.cycle :]
     for _ in range(HINDSIGHT_ROUNDS):
-        reached = (straight(rig, slope, offset_V).y @ rig.decoupling.T)[-rig.cycle :]
+        reached = (straight(setup, slope, offset_V).y @ setup.decoupling.T)[-setup.cycle :]
         for i in range(len(AXES)):
             turn, shift = np.polyfit(wanted[:, i], wanted[:, i] - reached[:, i], 1)
             offset_V[i] += slope[i] * shift
             slope[i] *= 1.0 + turn
-    return straight(rig, slope, offset_V)
+    return straight(setup, slope, offset_V)
 
 
-def learned(rig: Rig) -> Trial:
+def learned(setup: StageSetup) -> Trial:
     """Follow the reference while learning, then the triangles with the model of the last cycle."""
-    stage = rig.stage()
-    loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
-    x, y = loop.run(rig.y_ref, stage.run)
+    stage = setup.stage()
+    loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
+    x, y = loop.run(setup.y_ref, stage.run)
     return Trial(
-        rig,
+        setup,
         x,
         y,
-        follow(stage, [learner.compensator for learner in loop.learners], rig, rig.loop_ref)[1],
+        follow(stage, [learner.compensator for learner in loop.learners], setup, setup.loop_ref)[1],
         loop.learners,
     )
 
 
-def learned_once(rig: Rig, cycles: int = 2) -> Trial:
+def learned_once(setup: StageSetup, cycles: int = 2) -> Trial:
     """Learn for some cycles and keep that model from then on, as a compensator does that is made before the
     start-up."""
-    stage = rig.stage()
-    loop = SelfLearningStage([rig.learner(structure) for structure in rig.structures], rig.decoupling)
-    until = cycles * rig.cycle
-    x, y = loop.run(rig.y_ref[:until], stage.run)
+    stage = setup.stage()
+    loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
+    until = cycles * setup.cycle
+    x, y = loop.run(setup.y_ref[:until], stage.run)
     fixed = [learner.compensator for learner in loop.learners]
-    later_x, later_y = follow(stage, fixed, rig, rig.y_ref[until:])
+    later_x, later_y = follow(stage, fixed, setup, setup.y_ref[until:])
     return Trial(
-        rig,
+        setup,
         np.concatenate([x, later_x]),
         np.concatenate([y, later_y]),
-        follow(stage, fixed, rig, rig.loop_ref)[1],
+        follow(stage, fixed, setup, setup.loop_ref)[1],
         loop.learners,
     )
 
 
-def follow(stage: Stage, compensators: list[Compensator], rig: Rig, y_ref: Matrix) -> tuple[Matrix, Matrix]:
+def follow(stage: Stage, compensators: list[Compensator], setup: StageSetup, y_ref: Matrix) -> tuple[Matrix, Matrix]:
     """Follow a reference with fixed models from where everything stands; drives and measured platform."""
-    wanted = y_ref @ rig.decoupling.T
+    wanted = y_ref @ setup.decoupling.T
     x = np.column_stack([compensator.run(wanted[:, i]) for i, compensator in enumerate(compensators)])
     return x, stage.run(x)

@@ -1,4 +1,4 @@
-"""The test rig of the experiment: a two-axis stage, its reference, and what is known of it before anything is learned.
+"""The set-up of the experiment: a two-axis stage, its reference, and what is known before anything is learned.
 
 The stage stands for the one of the paper's Fig. 3: an actuator an axis or two in push-pull, guided by elastic joints.
 It is given the staircase of Fig. 4 on both axes, a quarter of a period apart, so that neither moves as the other does.
@@ -42,7 +42,7 @@ class Actuators:
 
 
 @dataclass(frozen=True)
-class Rig:
+class StageSetup:
     """A stage with its phases, its reference and the orders of the model; all times in s.
 
     The defaults are the paper's: n = 5, m = 3, reset 0.1 s, building 8 s, learning 1.9 s, a sample every 125 µs.
@@ -75,8 +75,8 @@ class Rig:
     seed: int = 0
 
     @classmethod
-    def quick(cls, **options: Any) -> Rig:
-        """A rig with short phases, for a look in a few seconds."""
+    def quick(cls, **options: Any) -> StageSetup:
+        """A setup with short phases, for a look in a few seconds."""
         short: dict[str, Any] = {
             "reset_s": 0.05,
             "build_s": 2.0,
@@ -121,7 +121,7 @@ class Rig:
     def decoupling(self) -> Matrix:
         """D, estimated from a recording in which both axes wander about, before the experiment and any drift."""
         return estimated(
-            Rig(
+            StageSetup(
                 self.actuators,
                 self.push_pull,
                 sample_time=self.sample_time,
@@ -197,17 +197,17 @@ class Rig:
 
 
 @cache
-def estimated(rig: Rig) -> Matrix:
-    """The decoupling matrix of a rig from ``WANDER_S`` seconds."""
-    stage = rig.stage(number=1)
+def estimated(setup: StageSetup) -> Matrix:
+    """The decoupling matrix of a setup from ``WANDER_S`` seconds."""
+    stage = setup.stage(number=1)
     x = np.column_stack(
         [
             random_walk(
                 duration_s=WANDER_S,
-                sample_time=rig.sample_time,
+                sample_time=setup.sample_time,
                 low=axis.x_range[0],
                 high=axis.x_range[1],
-                seed=1000 * rig.seed + i,
+                seed=1000 * setup.seed + i,
             )
             for i, axis in enumerate(stage.axes)
         ]

@@ -1,0 +1,26 @@
+"""Simulated actuators, and drives for them in volts."""
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from piezo_model import plants
+from piezo_model.signals import random_walk
+
+TS = 1e-3
+NAMES = plants.names()
+every_plant = pytest.mark.parametrize("name", NAMES)
+volts = st.floats(0.0, 150.0)
+
+
+def bare(name):
+    return plants.get(name, sample_time=TS)
+
+
+def ramp(*turns, per_ramp=200):
+    """Drive that visits the turning points, V."""
+    return np.interp(np.arange((len(turns) - 1) * per_ramp + 1) / per_ramp, np.arange(len(turns)), turns)
+
+
+def walk(seconds=2.0, seed=0):
+    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=seed, spread_per_root_s=3.0)
