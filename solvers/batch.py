@@ -99,13 +99,13 @@ class BoxBatch:
         """
         count = len(q)
         matrices = _reals("P", P, (count, self.d, self.d)).reshape(count, self.d * self.d)
-        vectors = _reals("q", q, (count, self.d)), _reals("lb", lb, (count, self.d)), _reals("ub", ub, (count, self.d))
+        linear, *bounds = (_reals(name, values, (count, self.d)) for name, values in (("q", q), ("lb", lb), ("ub", ub)))
         x, self.statuses = np.empty((count, self.d)), np.empty(count, np.int32)
 
         def part(first: int, last: int) -> None:
             room = self._rooms.get()
             try:
-                face.box_many(matrices, *vectors, x, self.statuses, room, first, last, self.in_lanes)
+                face.box_many(linear, matrices, *bounds, x, self.statuses, room, first, last, self.in_lanes)
             finally:
                 self._rooms.put(room)
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from solvers.core import NOT_FINITE, OK, REASONS, block, face
+from solvers.core import NOT_FINITE, OK, REASONS, block, face, parts
 from solvers.protocol import Matrix, Timings, Vector
 from solvers.timed_calls import time_calls
 
@@ -51,8 +51,8 @@ class Descent:
         self._name = name
         self.state = block(face.descent_bytes(lb.size))
         self._accept(face.descent_setup(self.state, lb, ub))
-        numbers, places = self.state.view(np.float64), face.descent_places(self.state)
-        self.w, self.D, self._answer = (numbers[places[part] : places[part] + lb.size] for part in ("w", "D", "answer"))
+        numbers, vectors = self.state.view(np.float64), parts(self.state, face.descent_places(self.state))
+        self.w, self.D, self._answer = vectors["w"], vectors["D"], vectors["answer"]
         self._eta, self._taken, self._met = numbers[2:3], self.state.view(np.int64)[3:4], self.state.view(np.int32)[8:9]
 
     def take(self, P: Matrix | None, q: Vector | None, ratio: float, scaled: bool) -> None:
@@ -76,7 +76,7 @@ class Descent:
 
     def time(
         self,
-        loop: Callable[..., tuple[int, int]],
+        loop: Callable[..., int],
         steps: int,
         tolerance: float,
         ratio: float,

@@ -15,7 +15,7 @@ LONGEST_NS = 2**62
 
 
 def time_calls(
-    loop: Callable[..., tuple[int, int]],
+    loop: Callable[..., int],
     P: Matrix,
     q: Matrix,
     warm_start: Vector | None,
@@ -29,10 +29,9 @@ def time_calls(
     n, d = q.shape
     start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
     updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
-    status, made = loop(
-        _contiguous(P).reshape(n, d * d), _contiguous(q), start, int(min(most_ns, LONGEST_NS)), updates, solves, answers
-    )
-    return status, (updates[:made], solves[:made], answers[:made])
+    made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, LONGEST_NS))
+    status = loop(_contiguous(q), _contiguous(P).reshape(n, d * d), start, longest, updates, solves, answers, made)
+    return status, (updates[: made[0]], solves[: made[0]], answers[: made[0]])
 
 
 def follow_rows(

@@ -40,9 +40,7 @@ class State:
     def __init__(self, size: int, setup: Callable[[NDArray[np.uint8]], Mapping[str, tuple[int, int]]]) -> None:
         self.block = solvers.core.block(size)
         self.places = setup(self.block)
-        self._views = {
-            name: self.block[at : at + 8 * length].view(np.float64) for name, (at, length) in self.places.items()
-        }
+        self._views = solvers.core.parts(self.block, self.places)
         self._in_use = threading.Lock()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:

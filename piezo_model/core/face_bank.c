@@ -3,37 +3,12 @@
 #include "bank.h"
 #include "face_model.h"
 
-TAKE_STATE(bank, Bank, BANK_KIND)
-
-FACE(bank_bytes)
-{
-    const Shape s = take_shape(a);
-    const int64_t tiles = take_integer(a, 0, 1 << 24);
-    const int block = (int)take_integer(a, 1, MOST_OPERATORS);
-    return finish_integer(a, good(a) ? bank_bytes(s, tiles, block) : 0);
-}
-
-FACE(bank_room_bytes)
-{
-    const Shape s = take_shape(a);
-    const int block = (int)take_integer(a, 1, MOST_OPERATORS);
-    return finish_integer(a, good(a) ? bank_room_bytes(s, block) : 0);
-}
+#define BANK ((Bank[]){bank_at(MEMORY(0))})
 
 /* Where the settings and the parts of the first tile stand; "driver", "learner" and "note" are what it has of each part
  * of the bank. */
-FACE(bank_setup)
+static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block)
 {
-    void *const memory = take_state(a, 0);
-    const Shape s = take_shape(a);
-    const int64_t tiles = take_integer(a, 1, 1 << 24);
-    const int block = (int)take_integer(a, 1, MOST_OPERATORS);
-    if (good(a)) {
-        need_bytes(a, 0, bank_bytes(s, tiles, block));
-    }
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
     const Bank b = bank_setup(memory, s, tiles, block);
     const Controller controller = tile_controller(&b, 0), beside = tile_controller(&b, 1);
     const Compensator *const c = &controller.compensator, *const d = &beside.compensator;
@@ -63,28 +38,10 @@ FACE(bank_setup)
                           {"in_use", l->in_use, l->d * LANES},
                           {"candidate", l->candidate, l->d * LANES},
                           {"gram", l->gram, symmetric_nums(l->d + 1) * LANES}};
-    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
+    RETURN_PARTS(memory, parts);
 }
 
-FACE(bank_prepare)
-{
-    Bank b = take_bank(a);
-    const int64_t tile = take_integer(a, 0, good(a) ? b.head->tiles - 1 : 0);
-    const int64_t late = take_integer(a, 0, INT64_MAX / 4);
-    if (good(a)) {
-        tile_prepare(&b, tile, late);
-    }
-    return finish_integer(a, 0);
-}
-
-static int all_finite(const num *v, int count)
-{
-    real sum = 0;
-    for (int i = 0; i < count * LANES; ++i) {
-        sum += ((const real *)v)[i] - ((const real *)v)[i]; /* 0, or NaN */
-    }
-    return sum == 0;
-}
+static int nums_finite(const num *v, int count) { return all_finite((const real *)v, (int64_t)count * LANES); }
 
 /* Whether a tile from outside could be followed: counts within their bounds, numbers finite that have to be. */
 static int sound(const Bank *b, int64_t tile)
@@ -97,66 +54,47 @@ static int sound(const Bank *b, int64_t tile)
                      && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block
                      && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed
                      && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
-    return fine && all_finite(c->play, play_vectors(b->shape)) && all_finite(c->creep, creep_vectors(b->shape))
-           && all_finite(c->inverse.w_H, inverse_nums(b->shape)) && all_finite(l->in_use, 3 * NUMS(l->d))
-           && all_finite(l->gram, symmetric_nums(l->d + 1)) && all_finite(l->older.gram, 2 * note_nums(b->shape))
-           && all_finite((const num *)(const void *)l->mailbox.offer.inverse, inverse_nums(b->shape));
+    return fine && nums_finite(c->play, play_vectors(b->shape)) && nums_finite(c->creep, creep_vectors(b->shape))
+           && nums_finite(c->inverse.w_H, inverse_nums(b->shape)) && nums_finite(l->in_use, 3 * NUMS(l->d))
+           && nums_finite(l->gram, symmetric_nums(l->d + 1)) && nums_finite(l->older.gram, 2 * note_nums(b->shape))
+           && all_finite(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
 }
 
 /* Become what another bank of the same settings and number of tiles was; nothing is changed where that cannot be. */
-FACE(bank_restore)
+static void restore(Arguments *a, const Bank *b, void *other)
 {
-    Bank b = take_bank(a);
-    void *const other = take_state(a, BANK_KIND);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    if (a->views[1].len < b.head->shaped.bytes || memcmp(b.head, other, (size_t)(b.drivers - (char *)b.head)) != 0) {
+    if (need_bytes(a, 1, b->head->shaped.bytes)
+        || memcmp(b->head, other, (size_t)(b->drivers - (char *)b->head)) != 0) {
         refuse(a, "it is the state of a bank of another structure, size or settings");
-        return finish(a, NULL);
+        return;
     }
     const Bank found = bank_at(other);
-    for (int64_t i = 0; good(a) && i < b.head->tiles; ++i) {
+    for (int64_t i = 0; i < b->head->tiles; ++i) {
         if (!sound(&found, i)) {
             refuse(a, "a count or a number in it cannot be");
+            return;
         }
     }
-    if (good(a)) {
-        memcpy(b.head, other, (size_t)b.head->shaped.bytes);
-    }
-    return finish_integer(a, 0);
+    memcpy(b->head, other, (size_t)b->head->shaped.bytes);
 }
 
-/* Make the lanes of a tile where `which` is 1 begin anew with the weights that stand in it. */
-FACE(bank_begin)
-{
-    Bank b = take_bank(a);
-    const int64_t tile = take_integer(a, 0, good(a) ? b.head->tiles - 1 : 0);
-    const double *const which = take_array(a, VECTOR, LANES);
-    if (good(a)) {
-        tile_begin(&b, tile, load(which));
-    }
-    return finish_integer(a, 0);
-}
-
-/* Drives (N, 8 tiles) for references, from tile `first` up to `last`; y are the outputs of the drives before. */
-FACE(bank_run)
-{
-    Bank b = take_bank(a);
-    const int width = good(a) ? (int)b.head->tiles * LANES : 0;
-    const double *const y_ref = take_array(a, ANY_LENGTH, width);
-    const int samples = (int)taken_length(a);
-    const double *const y = take_array(a, samples, width);
-    double *const x = take_output(a, samples, width);
-    void *const room = take_state(a, 0);
-    if (good(a)) {
-        need_bytes(a, 4, bank_room_bytes(b.shape, b.head->block));
-    }
-    const int64_t first = take_integer(a, 0, good(a) ? b.head->tiles : 0);
-    const int64_t last = take_integer(a, first, good(a) ? b.head->tiles : 0);
-    if (good(a)) {
-        begin_long_if(a, samples * (last - first) > 8);
-        bank_step(&b, first, last, y_ref, y, x, samples, room);
-    }
-    return finish_integer(a, 0);
-}
+#define FACES(F)                                                                                                       \
+    F(bank_bytes, SHAPED ", tiles#0:16777216, block#1:10000", "size of a bank.", 0,                                    \
+      WHOLE_RESULT = bank_bytes(SHAPE_AT(0), WHOLE(4), INT(5)))                                                        \
+    F(bank_room_bytes, SHAPED ", block#1:10000", "size of the room that each thread needs.", 0,                        \
+      WHOLE_RESULT = bank_room_bytes(SHAPE_AT(0), INT(4)))                                                             \
+    F(bank_setup, "state@, " SHAPED ", tiles#1:16777216, block#1:10000",                                               \
+      "make a block a bank; where its parts stand.", NEED_BYTES(0, bank_bytes(SHAPE_AT(1), WHOLE(5), INT(6))),         \
+      set_up(&a, MEMORY(0), SHAPE_AT(1), WHOLE(5), INT(6)))                                                            \
+    F(bank_prepare, "state@BANL, tile#0:e, late#0:2305843009213693951",                                                \
+      "prepare a new tile whose samples are counted from late on.", 0, tile_prepare(BANK, WHOLE(1), WHOLE(2)))         \
+    F(bank_restore, "state@BANL, other@", "become what another bank was.", 0, restore(&a, BANK, MEMORY(1)))            \
+    F(bank_begin, "state@BANL, tile#0:e, which[8]",                                                                    \
+      "lanes where which is 1 learn anew from the weights that they have.", 0,                                         \
+      tile_begin(BANK, WHOLE(1), load(REALS(2))))                                                                      \
+    F(bank_run, "state@BANL, y_ref[n,w], y[n,w], x[n,w]=, room@, first#0:t, last#0:t",                                 \
+      "drives of the tiles from first up to last for references, learning from the outputs of the drives before.",     \
+      (NEED_SIZE(w, LENGTH(t) * LANES), NEED_BYTES(4, bank_room_bytes(BANK->shape, BANK->head->block)),                \
+       LENGTH(n) * (WHOLE(6) - WHOLE(5)) > 8),                                                                         \
+      bank_step(BANK, WHOLE(5), WHOLE(6), REALS(1), REALS(2), REALS(3), LENGTH(n), MEMORY(4)))
+MAKE_FACES(bank)

@@ -2,21 +2,12 @@
 #include "data_basis.h"
 #include "face_model.h"
 
-TAKE_STATE(basis, Basis, BASIS_KIND)
+#define BASIS ((Basis[]){basis_at(MEMORY(0))})
 
-FACE(basis_bytes) { return size_for(basis_bytes, a); }
-
-FACE(basis_setup)
+static void set_up(Arguments *a, void *memory, Shape s, double forgetting)
 {
-    void *const memory = take_state(a, 0);
-    const Shape s = take_shape(a);
-    const double forgetting = take_number(a);
-    need_bytes(a, 0, basis_bytes(s));
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
     basis_setup(memory, s, forgetting);
-    Basis b = basis_at(memory);
+    const Basis b = basis_at(memory);
     const Part parts[] = {{"r", b.regressors.operators.r, lanes(s)},
                           {"a", b.regressors.operators.a, s.rates},
                           {"low", b.regressors.low, zone_lanes(s)},
@@ -31,77 +22,54 @@ FACE(basis_setup)
                           {"rows", b.rows, BASIS_BLOCK * row_nums(s)},
                           {"gram", b.gram, symmetric_nums(row_width(s))},
                           {"counts", &b.head->filled, 2}};
-    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
+    RETURN_PARTS(memory, parts);
 }
 
-FACE(basis_clear)
+static void update(Basis *b, int64_t samples, const double *x, const double *y)
 {
-    Basis b = take_basis(a);
-    if (good(a)) {
-        basis_clear(&b);
+    for (int64_t k = 0; k < samples; ++k) {
+        basis_count(b, x[k], y[k]);
     }
-    return finish_integer(a, 0);
 }
 
-FACE(basis_update)
+static void move_on(const Basis *b, int64_t samples, const double *x)
 {
-    Basis b = take_basis(a);
-    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const y = take_array(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            basis_count(&b, x[k], y[k]);
-        }
+    for (int64_t k = 0; k < samples; ++k) {
+        advance(b->regressors.operators, b->shape, x[k], b->play, b->creep);
     }
-    return finish_integer(a, 0);
 }
 
-FACE(basis_advance)
+static void gram_of(const Basis *b, double *rows, double *gram)
 {
-    Basis b = take_basis(a);
-    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            advance(b.regressors.operators, b.shape, x[k], b.play, b.creep);
-        }
+    memcpy(rows, b->rows, sizeof(double) * BASIS_BLOCK * (size_t)row_nums(b->shape));
+    memcpy(gram, b->gram, sizeof(double) * (size_t)symmetric_nums(row_width(b->shape)));
+    if (b->head->filled > 0) {
+        basis_add_rows(b->shape, rows, (int)b->head->filled, b->head->forgetting, gram);
     }
-    return finish_integer(a, 0);
 }
 
-/* The Gram matrix with the rows that wait; nothing of the basis changes. */
-FACE(basis_gram)
+static void write_rows(const Basis *b, int64_t samples, const double *x, const double *y, double *rows)
 {
-    Basis b = take_basis(a);
-    const Shape s = b.shape;
-    double *const rows = take_output(a, BASIS_BLOCK, row_nums(s));
-    double *const gram = take_output(a, row_width(s), padded(row_width(s)));
-    if (good(a)) {
-        memcpy(rows, b.rows, sizeof(double) * BASIS_BLOCK * (size_t)row_nums(s));
-        memcpy(gram, b.gram, sizeof(double) * (size_t)symmetric_nums(row_width(s)));
-        if (b.head->filled > 0) {
-            basis_add_rows(s, rows, (int)b.head->filled, b.head->forgetting, gram);
-        }
+    for (int64_t k = 0; k < samples; ++k) {
+        write_row(&b->regressors, b->shape, 1, x[k], y[k], b->play, b->creep, rows + k * row_nums(b->shape));
     }
-    return finish_integer(a, 0);
 }
 
-/* The rows themselves, which moves the states on and counts nothing. */
-FACE(basis_rows)
-{
-    Basis b = take_basis(a);
-    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const y = take_array(a, VECTOR, samples);
-    double *const rows = take_output(a, samples, row_nums(b.shape));
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            write_row(&b.regressors, b.shape, 1, x[k], y[k], b.play, b.creep, rows + k * row_nums(b.shape));
-        }
-    }
-    return finish_integer(a, 0);
-}
+#define NEED_ROWS NEED_SIZE(r, row_nums(BASIS->shape))
+#define FACES(F)                                                                                                       \
+    F(basis_bytes, SHAPED, "size of a data basis.", 0, WHOLE_RESULT = basis_bytes(SHAPE_AT(0)))                        \
+    F(basis_setup, "state@, " SHAPED ", forgetting", "make a block a data basis; where its vectors stand.",            \
+      NEED_BYTES(0, basis_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
+    F(basis_clear, "state@BAS1", "forget the rows.", 0, basis_clear(BASIS))                                            \
+    F(basis_update, "state@BAS1, x[n], y[n]", "count samples.", SAMPLES_LAST,                                          \
+      update(BASIS, LENGTH(n), REALS(1), REALS(2)))                                                                    \
+    F(basis_advance, "state@BAS1, x[n]", "move the states on and count nothing.", SAMPLES_LAST,                        \
+      move_on(BASIS, LENGTH(n), REALS(1)))                                                                             \
+    F(basis_gram, "state@BAS1, rows[b,r]=, gram[g,p]=",                                                                \
+      "the Gram matrix with the rows that wait; rows is room, and nothing of the basis changes.",                      \
+      (NEED_ROWS, NEED_SIZE(b, BASIS_BLOCK), NEED_SIZE(g, row_width(BASIS->shape)),                                    \
+       NEED_SIZE(p, padded(row_width(BASIS->shape)))),                                                                 \
+      gram_of(BASIS, REALS(1), REALS(2)))                                                                              \
+    F(basis_rows, "state@BAS1, x[n], y[n], rows[n,r]=", "the rows of samples; the states move on, nothing counts.",    \
+      (NEED_ROWS, SAMPLES_LAST), write_rows(BASIS, LENGTH(n), REALS(1), REALS(2), REALS(3)))
+MAKE_FACES(basis)

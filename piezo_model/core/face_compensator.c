@@ -2,18 +2,10 @@
 #include "compensator.h"
 #include "face_model.h"
 
-TAKE_STATE(compensator, Compensator, COMPENSATOR_KIND)
+#define COMPENSATOR ((Compensator[]){compensator_at(MEMORY(0))})
 
-FACE(compensator_bytes) { return size_for(compensator_bytes, a); }
-
-FACE(compensator_setup)
+static void set_up(Arguments *a, void *memory, Shape s)
 {
-    void *const memory = take_state(a, 0);
-    const Shape s = take_shape(a);
-    need_bytes(a, 0, compensator_bytes(s));
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
     const Compensator c = compensator_setup(memory, s);
     const Inverse *const p = &c.inverse;
     const Part parts[] = {{"settings", c.settings, sizeof *c.settings / sizeof(real)},
@@ -31,53 +23,28 @@ FACE(compensator_setup)
                           {"W_H", p->W_H, lanes(s)},
                           {"w_H_inverse", p->w_H_inverse, lanes(s)},
                           {"r_H_inverse", p->r_H_inverse, lanes(s)}};
-    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
+    RETURN_PARTS(memory, parts);
 }
 
-FACE(compensator_take)
+static void run(const Compensator *c, int64_t samples, const double *y_ref, double *x)
 {
-    Compensator c = take_compensator(a);
-    const double *const weights = take_array(a, VECTOR, weight_count(c.shape));
-    if (good(a)) {
-        compensator_take(&c, weights);
+    for (int64_t k = 0; k < samples; ++k) {
+        x[k] = compensator_step(c, y_ref[k], NULL);
     }
-    return finish_integer(a, 0);
 }
 
-FACE(compensator_now)
-{
-    Compensator c = take_compensator(a);
-    return finish_number(a, good(a) ? compensator_now(&c) : 0);
-}
-
-FACE(compensator_correct)
-{
-    Compensator c = take_compensator(a);
-    const double y = take_number(a);
-    if (good(a)) {
-        compensator_correct(&c, y, 1);
-    }
-    return finish_integer(a, 0);
-}
-
-FACE(compensator_step)
-{
-    Compensator c = take_compensator(a);
-    const double y_ref = take_number(a);
-    return finish_number(a, good(a) ? compensator_step(&c, y_ref, NULL) : 0);
-}
-
-FACE(compensator_run)
-{
-    Compensator c = take_compensator(a);
-    const double *const y_ref = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    double *const x = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            x[k] = compensator_step(&c, y_ref[k], NULL);
-        }
-    }
-    return finish_integer(a, 0);
-}
+#define FACES(F)                                                                                                       \
+    F(compensator_bytes, SHAPED, "size of a compensator.", 0, WHOLE_RESULT = compensator_bytes(SHAPE_AT(0)))           \
+    F(compensator_setup, "state@, " SHAPED, "make a block a compensator; where its vectors stand.",                    \
+      NEED_BYTES(0, compensator_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1)))                               \
+    F(compensator_take, "state@COM2, weights[k]", "invert the model of these weights.",                                \
+      NEED_SIZE(k, weight_count(COMPENSATOR->shape)), compensator_take(COMPENSATOR, REALS(1)))                         \
+    F(compensator_now, "state@COM2", "the unit drive for the last reference at this moment.", 0,                       \
+      NUMBER_RESULT = compensator_now(COMPENSATOR))                                                                    \
+    F(compensator_correct, "state@COM2, y", "integral action on the output that the last drive produced.", 0,          \
+      compensator_correct(COMPENSATOR, NUMBER(1), 1))                                                                  \
+    F(compensator_step, "state@COM2, y_ref", "the drive for one reference.", 0,                                        \
+      NUMBER_RESULT = compensator_step(COMPENSATOR, NUMBER(1), NULL))                                                  \
+    F(compensator_run, "state@COM2, y_ref[n], x[n]=", "drives for references.", SAMPLES_LAST,                          \
+      run(COMPENSATOR, LENGTH(n), REALS(1), REALS(2)))
+MAKE_FACES(compensator)

@@ -2,113 +2,54 @@
 #include "face_model.h"
 #include "model.h"
 
-Shape take_shape(Arguments *a)
+static void plays(int64_t samples, int n, const double *x, const double *r, double *z, double *out)
 {
-    Shape s;
-    s.n = (int32_t)take_integer(a, 0, MOST_OPERATORS);
-    s.zones = (int32_t)take_integer(a, 1, MOST_OPERATORS);
-    s.rates = (int32_t)take_integer(a, 0, MOST_OPERATORS);
-    s.offset = (int32_t)take_integer(a, 0, 1);
-    return s;
-}
-
-PyObject *size_for(int64_t (*bytes)(Shape), Arguments *a)
-{
-    const Shape shape = take_shape(a);
-    return finish_integer(a, good(a) ? bytes(shape) : 0);
-}
-
-TAKE_STATE(model, Model, MODEL_KIND)
-
-FACE(play)
-{
-    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const r = take_array(a, VECTOR, ANY_LENGTH);
-    const int n = (int)taken_length(a);
-    double *const z = take_output(a, VECTOR, n);
-    double *const out = take_output(a, samples, n);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            for (int i = 0; i < n; ++i) {
-                z[i] = out[k * n + i] = play_step(x[k], r[i], z[i]);
-            }
+    for (int64_t k = 0; k < samples; ++k) {
+        for (int i = 0; i < n; ++i) {
+            z[i] = out[k * n + i] = play_step(x[k], r[i], z[i]);
         }
     }
-    return finish_integer(a, 0);
 }
 
-FACE(creep)
+static void creeps(int64_t samples, int n, const double *x, const double *r, const double *gain, double *z, double *out)
 {
-    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const r = take_array(a, VECTOR, ANY_LENGTH);
-    const int n = (int)taken_length(a);
-    const double *const gain = take_array(a, VECTOR, n);
-    double *const z = take_output(a, VECTOR, n);
-    double *const out = take_output(a, samples, n);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            for (int i = 0; i < n; ++i) {
-                out[k * n + i] = z[i];
-                z[i] = creep_step(x[k], r[i], gain[i], z[i]);
-            }
+    for (int64_t k = 0; k < samples; ++k) {
+        for (int i = 0; i < n; ++i) {
+            out[k * n + i] = z[i];
+            z[i] = creep_step(x[k], r[i], gain[i], z[i]);
         }
     }
-    return finish_integer(a, 0);
 }
 
-FACE(dead_zone)
+static void dead_zones(int64_t samples, int n, const double *u, const double *low, const double *high, double *out)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const low = take_array(a, VECTOR, ANY_LENGTH);
-    const int n = (int)taken_length(a);
-    const double *const high = take_array(a, VECTOR, n);
-    double *const out = take_output(a, samples, n);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            for (int i = 0; i < n; ++i) {
-                out[k * n + i] = dead_zone_step(u[k], low[i], high[i]);
-            }
+    for (int64_t k = 0; k < samples; ++k) {
+        for (int i = 0; i < n; ++i) {
+            out[k * n + i] = dead_zone_step(u[k], low[i], high[i]);
         }
     }
-    return finish_integer(a, 0);
 }
 
-FACE(model_bytes) { return size_for(model_bytes, a); }
-
-FACE(model_setup)
+static void set_up(Arguments *a, void *memory, Shape s, double offset)
 {
-    void *const memory = take_state(a, 0);
-    const Shape s = take_shape(a);
-    const double offset = take_number(a);
-    need_bytes(a, 0, model_bytes(s));
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
     const Model m = model_setup(memory, s, offset);
     const Part parts[] = {{"r", m.operators.r, lanes(s)},  {"a", m.operators.a, s.rates},
                           {"low", m.S.low, zone_lanes(s)}, {"high", m.S.high, zone_lanes(s)},
                           {"w_S", m.S.w, zone_lanes(s)},   {"w_H", m.w_H, lanes(s)},
                           {"w_K", m.w_K, creep_lanes(s)}};
-    return finish_parts(a, memory, parts, sizeof parts / sizeof *parts);
+    RETURN_PARTS(memory, parts);
 }
 
-FACE(model_simulate)
-{
-    Model m = take_model(a);
-    double *const play = take_output(a, VECTOR, lanes(m.shape));
-    double *const creep = take_output(a, VECTOR, creep_lanes(m.shape));
-    const double *const x = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    double *const y = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        model_simulate(&m, x, samples, play, creep, y);
-    }
-    return finish_integer(a, 0);
-}
+#define FACES(F)                                                                                                       \
+    F(play, "x[n], r[i], z[i]=, out[n,i]=", "play operators over samples; z moves on.", SAMPLES_LAST,                  \
+      plays(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3)))                                               \
+    F(creep, "x[n], r[i], a[i], z[i]=, out[n,i]=", "creep operators over samples; z moves on.", SAMPLES_LAST,          \
+      creeps(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3), REALS(4)))                                    \
+    F(dead_zone, "u[n], low[i], high[i], out[n,i]=", "dead zones over samples.", SAMPLES_LAST,                         \
+      dead_zones(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3)))                                          \
+    F(model_bytes, SHAPED, "size of a model.", 0, WHOLE_RESULT = model_bytes(SHAPE_AT(0)))                             \
+    F(model_setup, "state@, " SHAPED ", constant", "make a block a model; where its vectors stand.",                   \
+      NEED_BYTES(0, model_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
+    F(model_simulate, "state@MOD1, play[l]=, creep[c]=, x[n], y[n]=", "outputs for inputs; the states move on.",       \
+      SAMPLES_LAST, model_simulate((Model[]){model_at(MEMORY(0))}, REALS(3), LENGTH(n), REALS(1), REALS(2), REALS(4)))
+MAKE_FACES(model)

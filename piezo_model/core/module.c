@@ -1,22 +1,32 @@
 /* The extension module piezo_model.core._core. */
-#include "face_model.h"
+#include "bank.h"
 #include "module.h"
 
-FACES(ENTER_FACE)
-static PyMethodDef methods[] = {
-    FACES(METHOD){NULL, NULL, 0, NULL},
-};
+/* d unknowns, lanes of play (l) and of creep (c); t tiles, the last of number e. */
+void measure_state(Arguments *a, const void *state)
+{
+    const ShapedHead *const head = state;
+    const Shape s = head->shape;
+    if (a->taken > 1 && memcmp(&s, &((const ShapedHead *)a->values[0].memory)->shape, sizeof s) != 0) {
+        refuse(a, "learner and compensator are of two shapes");
+    }
+    SIZE_OF(a, d) = unknowns(s);
+    SIZE_OF(a, l) = lanes(s);
+    SIZE_OF(a, c) = creep_lanes(s);
+    if (head->kind == BANK_KIND) {
+        SIZE_OF(a, t) = ((const BankHead *)state)->tiles;
+        SIZE_OF(a, e) = SIZE_OF(a, t) - 1;
+    }
+}
 
-static PyModuleDef definition = {
-    {{1, NULL}, NULL, 0, NULL},
-    "_core",
-    "Model, data basis and compensator in C; see the headers in piezo_model/core.",
-    -1,
-    methods,
-    NULL,
-    NULL,
-    NULL,
-    NULL,
-};
+extern PyMethodDef model_faces[], basis_faces[], compensator_faces[], learner_faces[], bank_faces[], actuator_faces[],
+    bouc_wen_faces[], dense_faces[], duhem_faces[], maxwell_slip_faces[], relay_preisach_faces[], axis_faces[];
 
-PyObject *PyInit__core(void) { return make_module(&definition); }
+PyObject *PyInit__core(void)
+{
+    PyMethodDef *const tables[] = {model_faces, basis_faces,        compensator_faces,    learner_faces,
+                                   bank_faces,  actuator_faces,     bouc_wen_faces,       dense_faces,
+                                   duhem_faces, maxwell_slip_faces, relay_preisach_faces, axis_faces,
+                                   NULL};
+    return make_module(tables);
+}

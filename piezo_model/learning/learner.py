@@ -117,12 +117,11 @@ class Learner:
     def step(self, y_ref: float, y: float | None) -> float:
         """Observe the output of the last drive, None where there was none, then the drive for a reference."""
         with self.core.alone():
-            x, brought = face.learner_step(
-                self.core.block, self._compensator.block, y_ref, math.nan if y is None else y, y is not None
-            )
+            core, compensator = self.core.block, self._compensator.block
+            x, brought = face.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None)
             if brought:
                 self._follow(Brought(brought))
-                x, _ = face.learner_step(self.core.block, self._compensator.block, y_ref, math.nan, False)
+                x, _ = face.learner_step(core, compensator, y_ref, math.nan, False)
             return float(x)
 
     def drive(self, y_ref: Vector) -> Vector:
@@ -135,20 +134,20 @@ class Learner:
     def observe(self, x: Vector, y: Vector) -> None:
         """Learn from drive samples and the outputs that they produced."""
         with self.core.alone():
-            done = 0
+            done, brought = 0, np.zeros(1, dtype=np.int64)
             while done < x.size:
-                done, brought = face.learner_observe(self.core.block, self._compensator.block, y, x, done)
-                if brought:
-                    self._follow(Brought(brought))
+                done = face.learner_observe(self.core.block, self._compensator.block, y, x, done, brought)
+                if brought[0]:
+                    self._follow(Brought(int(brought[0])))
 
     def replay(self, y_ref: Vector, y: Vector) -> Vector:
         """Drive samples (N,), each followed by learning from the output (N,) that it produced."""
         with self.core.alone():
-            done, x = 0, np.empty_like(y_ref)
+            done, brought, x = 0, np.zeros(1, dtype=np.int64), np.empty_like(y_ref)
             while done < x.size:
-                done, brought = face.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done)
-                if brought:
-                    self._follow(Brought(brought))
+                done = face.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done, brought)
+                if brought[0]:
+                    self._follow(Brought(int(brought[0])))
             return x
 
     def _follow(self, brought: Brought) -> None:

@@ -2,26 +2,21 @@
 #include "face_model.h"
 #include "operators.h"
 
-FACE(log_creep)
+static void log_creep(int64_t samples, int64_t states, const double *u, const double *gain, double *z, double *before,
+                      double *K)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const gain = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t states = taken_length(a);
-    double *const z = take_output(a, VECTOR, states);
-    double *const before = take_output(a, VECTOR, 1);
-    double *const K = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            double total = 0;
-            for (Py_ssize_t j = 0; j < states; ++j) {
-                z[j] = creep_step(*before, 0, gain[j], z[j]);
-                total += z[j];
-            }
-            K[k] = total / (double)states;
-            *before = u[k];
+    for (int64_t k = 0; k < samples; ++k) {
+        K[k] = 0;
+        for (int64_t j = 0; j < states; ++j) {
+            z[j] = creep_step(*before, 0, gain[j], z[j]);
+            K[k] += z[j];
         }
+        K[k] /= (double)states;
+        *before = u[k];
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(log_creep, "u[n], a[j], z[j]=, u_previous[1]=, K[n]=", "creep of an actuator.", SAMPLES_LAST,                    \
+      log_creep(LENGTH(n), LENGTH(j), REALS(0), REALS(1), REALS(2), REALS(3), REALS(4)))
+MAKE_FACES(actuator)

@@ -29,26 +29,18 @@ static double moved(const BoucWen *p, double h, double move)
     return h;
 }
 
-FACE(bouc_wen)
+static void bouc_wen(const BoucWen *p, int64_t samples, const double *u, double *h, double *before, double *path)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    BoucWen p;
-    p.A = take_number(a);
-    p.beta = take_number(a);
-    p.gamma = take_number(a);
-    p.n = take_number(a);
-    double *const h = take_output(a, VECTOR, 1);
-    double *const before = take_output(a, VECTOR, 1);
-    double *const path = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            const double move = u[k] - *before;
-            *h = move > 0 || move < 0 ? moved(&p, *h, move) : *h;
-            *before = u[k];
-            path[k] = *h;
-        }
+    for (int64_t k = 0; k < samples; ++k) {
+        const double move = u[k] - *before;
+        *h = move > 0 || move < 0 ? moved(p, *h, move) : *h;
+        *before = u[k];
+        path[k] = *h;
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(bouc_wen, "u[n], A, beta, gamma, n, h[1]=, u_before[1]=, path[n]=", "h along u.", SAMPLES_LAST,                  \
+      bouc_wen(&(BoucWen){NUMBER(1), NUMBER(2), NUMBER(3), NUMBER(4)}, LENGTH(n), REALS(0), REALS(5), REALS(6),        \
+               REALS(7)))
+MAKE_FACES(bouc_wen)

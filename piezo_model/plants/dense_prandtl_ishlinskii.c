@@ -2,36 +2,34 @@
 #include "face_model.h"
 #include "operators.h"
 
-FACE(plays_and_creep)
+/* n plays of thresholds r and weights w_H and w_K, and creep at so many rates of each. */
+typedef struct {
+    int64_t n, rates;
+    const double *r, *w_H, *w_K, *gain;
+} Dense;
+
+static void plays_and_creep(const Dense *p, int64_t samples, const double *u, double *z_play, double *z_creep,
+                            double *before, double *total)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const r = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t n = taken_length(a);
-    const double *const w_H = take_array(a, VECTOR, n);
-    const double *const w_K = take_array(a, VECTOR, n);
-    const double *const gain = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t rates = taken_length(a);
-    double *const z_play = take_output(a, VECTOR, n);
-    double *const z_creep = take_output(a, n, rates);
-    double *const before = take_output(a, VECTOR, 1);
-    double *const total = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            total[k] = 0;
-            for (Py_ssize_t i = 0; i < n; ++i) {
-                double creep = 0;
-                z_play[i] = play_step(u[k], r[i], z_play[i]);
-                for (Py_ssize_t j = 0; j < rates; ++j) {
-                    double *const z = z_creep + i * rates + j;
-                    *z = creep_step(*before, r[i], gain[j], *z);
-                    creep += *z;
-                }
-                total[k] += w_H[i] * z_play[i] + w_K[i] * creep / (double)rates;
+    for (int64_t k = 0; k < samples; ++k) {
+        total[k] = 0;
+        for (int64_t i = 0; i < p->n; ++i) {
+            double creep = 0;
+            z_play[i] = play_step(u[k], p->r[i], z_play[i]);
+            for (int64_t j = 0; j < p->rates; ++j) {
+                double *const z = z_creep + i * p->rates + j;
+                *z = creep_step(*before, p->r[i], p->gain[j], *z);
+                creep += *z;
             }
-            *before = u[k];
+            total[k] += p->w_H[i] * z_play[i] + p->w_K[i] * creep / (double)p->rates;
         }
+        *before = u[k];
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(plays_and_creep, "u[n], r[i], w_H[i], w_K[i], a[j], z_play[i]=, z_creep[i,j]=, u_previous[1]=, total[n]=",       \
+      "their weighted sum along u.", SAMPLES_LAST,                                                                     \
+      plays_and_creep(&(Dense){LENGTH(i), LENGTH(j), REALS(1), REALS(2), REALS(3), REALS(4)}, LENGTH(n), REALS(0),     \
+                      REALS(5), REALS(6), REALS(7), REALS(8)))
+MAKE_FACES(dense)

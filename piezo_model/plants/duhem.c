@@ -3,23 +3,17 @@
 
 #include <math.h>
 
-FACE(deviation)
+static void deviation(double alpha, double b, int64_t samples, const double *u, double *e, double *before, double *path)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double alpha = take_number(a);
-    const double b = take_number(a);
-    double *const e = take_output(a, VECTOR, 1);
-    double *const before = take_output(a, VECTOR, 1);
-    double *const path = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            const double move = u[k] - *before, goal = -copysign(1 - b, move) / alpha;
-            *e = goal + (*e - goal) * exp(-alpha * fabs(move));
-            *before = u[k];
-            path[k] = *e;
-        }
+    for (int64_t k = 0; k < samples; ++k) {
+        const double move = u[k] - *before, goal = -copysign(1 - b, move) / alpha;
+        *e = goal + (*e - goal) * exp(-alpha * fabs(move));
+        *before = u[k];
+        path[k] = *e;
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(deviation, "u[n], alpha, b, e[1]=, u_before[1]=, path[n]=", "deviation along u.", SAMPLES_LAST,                  \
+      deviation(NUMBER(1), NUMBER(2), LENGTH(n), REALS(0), REALS(3), REALS(4), REALS(5)))
+MAKE_FACES(duhem)

@@ -47,26 +47,17 @@ static double moved(const Chain *p, double q, double move)
     return q;
 }
 
-FACE(charge)
+static void charge(const Chain *p, int64_t samples, const double *u, double *q, double *before, double *path)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    Chain p;
-    p.spring = take_number(a);
-    p.k = take_array(a, VECTOR, ANY_LENGTH);
-    p.sliders = (int)taken_length(a);
-    p.f = take_array(a, VECTOR, p.sliders);
-    p.force = take_output(a, VECTOR, p.sliders);
-    double *const q = take_output(a, VECTOR, 1);
-    double *const before = take_output(a, VECTOR, 1);
-    double *const path = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            *q = moved(&p, *q, u[k] - *before);
-            *before = u[k];
-            path[k] = *q;
-        }
+    for (int64_t k = 0; k < samples; ++k) {
+        *q = moved(p, *q, u[k] - *before);
+        *before = u[k];
+        path[k] = *q;
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(charge, "u[n], spring, k[j], f[j], force[j]=, q[1]=, u_before[1]=, path[n]=", "charge along u.", SAMPLES_LAST,   \
+      charge(&(Chain){NUMBER(1), REALS(2), REALS(3), REALS(4), SIZE(j)}, LENGTH(n), REALS(0), REALS(5), REALS(6),      \
+             REALS(7)))
+MAKE_FACES(maxwell_slip)

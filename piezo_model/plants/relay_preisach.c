@@ -2,29 +2,29 @@
 #include "face_model.h"
 #include "operators.h"
 
-FACE(relay_lines)
+typedef struct {
+    int n;
+    const double *r, *c, *sigma, *gain;
+    double shift;
+} Lines;
+
+static void relay_lines(const Lines *p, int64_t samples, const double *u, double *z, double *total)
 {
-    const double *const u = take_array(a, VECTOR, ANY_LENGTH);
-    const Py_ssize_t samples = taken_length(a);
-    const double *const r = take_array(a, VECTOR, ANY_LENGTH);
-    const int n = (int)taken_length(a);
-    const double *const c = take_array(a, VECTOR, n);
-    const double *const sigma = take_array(a, VECTOR, n);
-    const double *const gain = take_array(a, VECTOR, n);
-    const double shift = take_number(a);
-    double *const z = take_output(a, VECTOR, n);
-    double *const total = take_output(a, VECTOR, samples);
-    if (good(a)) {
-        begin_long_if(a, samples > 100);
-        for (Py_ssize_t k = 0; k < samples; ++k) {
-            total[k] = -shift;
-            for (int i = 0; i < n; ++i) {
-                double t;
-                z[i] = play_step(u[k], r[i], z[i]);
-                t = (z[i] - c[i]) / sigma[i];
-                total[k] += gain[i] * t / sqrt(1 + t * t);
-            }
+    for (int64_t k = 0; k < samples; ++k) {
+        total[k] = -p->shift;
+        for (int i = 0; i < p->n; ++i) {
+            double t;
+            z[i] = play_step(u[k], p->r[i], z[i]);
+            t = (z[i] - p->c[i]) / p->sigma[i];
+            total[k] += p->gain[i] * t / sqrt(1 + t * t);
         }
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(relay_lines,                                                                                                     \
+      "u[n], r[i], c[i], sigma[i], gain[i], shift, z[i]=, total[n]=", "sum over lines of relays along u.",             \
+      SAMPLES_LAST,                                                                                                    \
+      relay_lines(&(Lines){SIZE(i), REALS(1), REALS(2), REALS(3), REALS(4), NUMBER(5)}, LENGTH(n), REALS(0), REALS(6), \
+                  REALS(7)))
+MAKE_FACES(relay_preisach)

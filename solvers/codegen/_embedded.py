@@ -20,13 +20,13 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
 from solvers.arrays import address
 from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
-from solvers.core import OK
 from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Unsupported, Vector, only_box
+from solvers.protocol import Lane, Matrix, Solver, Timings, Unsupported, Vector, only_box
 from solvers.rows import Program
 from solvers.timed_calls import time_calls
 
@@ -106,7 +106,7 @@ class Embedded(Solver):
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
         self._found, self._x, self._z = False, np.empty(p.d), np.empty(p.d)
         self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
-        self._library.embedded_status.restype, self._library.embedded_time.restype = ctypes.c_char_p, ctypes.c_int64
+        self._library.embedded_status.restype = ctypes.c_char_p
         self._library.embedded_setup(address(lb), address(ub), address(self._values()))
         self.update(p.P, p.q)
 
@@ -132,26 +132,10 @@ class Embedded(Solver):
         self._found = bool(np.isfinite(self._x).all())
         return timings
 
-    def _loop(
-        self,
-        P: Matrix,
-        q: Matrix,
-        start: Vector | None,
-        most_ns: int,
-        updates: Nanoseconds,
-        solves: Nanoseconds,
-        answers: Matrix,
-    ) -> tuple[int, int]:
-        return OK, self._library.embedded_time(
-            ctypes.c_int64(len(q)),
-            address(P),
-            address(q),
-            None if start is None else address(start),
-            ctypes.c_int64(most_ns),
-            address(updates),
-            address(solves),
-            address(answers),
-        )
+    def _loop(self, q: Matrix, P: Matrix, start: Vector | None, most_ns: int, *outputs: NDArray[Any]) -> int:
+        where = (None if start is None else address(start), ctypes.c_int64(most_ns), *map(address, outputs))
+        status: int = self._library.embedded_time(ctypes.c_int64(len(q)), address(P), address(q), *where)
+        return status
 
     def solution(self) -> Solution:
         self._library.embedded_multipliers(address(self._z))

@@ -20,10 +20,9 @@ static int solve(void *solver, const double *start, double *x)
 }
 
 /* As time_calls. */
-int64_t embedded_time(int64_t count, const double *P, const double *q, const double *start, int64_t most_ns,
-                      int64_t *updates, int64_t *solves, double *answers)
+int embedded_time(int64_t count, const double *P, const double *q, const double *start, int64_t most_ns,
+                  int64_t *updates, int64_t *solves, double *answers, int64_t *made)
 {
     const TimedSolver solver = {NULL, D, update, solve};
-    int status;
-    return time_calls(&solver, count, P, q, start, most_ns, updates, solves, answers, &status);
+    return time_calls(&solver, count, P, q, start, most_ns, updates, solves, answers, made);
 }

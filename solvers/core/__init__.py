@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib.machinery
 import importlib.util
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -92,6 +93,11 @@ def block(size: int) -> NDArray[np.uint8]:
     raw = np.zeros(size + 64, dtype=np.uint8)
     skip = -raw.ctypes.data % 64
     return raw[skip : skip + size]
+
+
+def parts(state: NDArray[np.uint8], places: Mapping[str, tuple[int, int]]) -> dict[str, NDArray[np.float64]]:
+    """Views of the parts of a state by name: where each begins, in bytes, and its length in numbers of eight bytes."""
+    return {name: state[at : at + 8 * length].view(np.float64) for name, (at, length) in places.items()}
 
 
 face: Any = load(Path(__file__).parents[1])

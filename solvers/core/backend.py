@@ -18,19 +18,17 @@ class BuildCore(build_ext):
 
     def run(self) -> None:
         """Compile what is not up to date."""
-        for package in self._packages():
+        for package in compile_core.PACKAGES:
             if not compile_core.up_to_date(package):
                 compile_core.build(package, package / "core")
-            if not (self.inplace or self.editable_mode):
-                for made in self._made(package):
-                    target = Path(self.build_lib, made.relative_to(compile_core.ROOT))
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(made, target)
+        if not (self.inplace or self.editable_mode):
+            for made, target in zip(_libraries(), self.get_outputs(), strict=True):
+                Path(target).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(made, target)
 
     def get_outputs(self) -> list[str]:
         """The libraries of the wheel."""
-        made = (path for package in self._packages() for path in self._made(package))
-        return [str(Path(self.build_lib, path.relative_to(compile_core.ROOT))) for path in made]
+        return [str(Path(self.build_lib, made.relative_to(compile_core.ROOT))) for made in _libraries()]
 
     def get_output_mapping(self) -> dict[str, str]:
         """Nothing to link: an editable install has its libraries in place."""
@@ -40,14 +38,10 @@ class BuildCore(build_ext):
         """The sources are package data."""
         return []
 
-    @staticmethod
-    def _packages() -> list[Path]:
-        packages = (compile_core.ROOT / name for name in compile_core.CORES)
-        return [package for package in packages if (package / "core" / "module.c").exists()]
 
-    @staticmethod
-    def _made(package: Path) -> list[Path]:
-        return [compile_core.library(package, each) for each in compile_core.instruction_sets()]
+def _libraries() -> list[Path]:
+    sets = compile_core.instruction_sets()
+    return [compile_core.library(package, each) for package in compile_core.PACKAGES for each in sets]
 
 
 def _compiler() -> list[str]:

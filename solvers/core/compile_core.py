@@ -25,6 +25,7 @@ CORES = ("solvers", "piezo_model")
 BESIDE = {"solvers": ("kernel",), "piezo_model": ("plants", "stage")}
 """Folders of a package with C beside their Python, which goes into its library too."""
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = tuple(ROOT / name for name in CORES)
 ZIGLANG = "ziglang==0.17.1"
 """What a machine without a C compiler is given."""
 FLAGS = (
@@ -124,27 +125,18 @@ def _compile(package: Path, target: Path, command: list[str], instructions: str,
     name = instructions.replace("v", "x86_64_v" if zig else "x86-64-v")
     machine = [] if instructions == "native" else [f"-{'mcpu' if zig else 'march'}={name}"]
     own = package / "core" / "module.c"
-    others = [file for folder in folders(package) for file in sorted(folder.glob("*.c")) if file.name != "module.c"]
+    others = [file for folder in folders(package) for file in sorted(folder.glob("*.c")) if file.name != own.name]
     others = [file for file in others if package in file.parents or not file.name.startswith("face_")]
     flags = [*FLAGS, *(f"-I{folder}" for folder in folders(package)), *(SANITIZERS if debug else ())]
     words = {"CORE_SOURCES": digest(package), "CORE_COMPILER": _version(command), "CORE_INSTRUCTIONS": instructions}
+    sources = {own: [f'-D{key}="{value}"' for key, value in words.items()], **dict.fromkeys(others, machine)}
     with tempfile.TemporaryDirectory() as scratch:
-        objects = []
-        for i, (file, options) in enumerate(
-            [(own, [f'-D{key}="{value}"' for key, value in words.items()]), *((other, machine) for other in others)]
-        ):
-            objects.append(Path(scratch, f"{i}.o"))
-            _run([*command, *flags, *options, "-c", str(file), "-o", str(objects[-1])])
-        link = [
-            "-shared",
-            *(SANITIZERS if debug else ()),
-            *map(str, objects),
-            "-o",
-            str(Path(scratch, made.name)),
-            *_libraries(),
-        ]
-        _run([*command, *link])
-        shutil.copyfile(Path(scratch, made.name), made.with_suffix(".new"))
+        objects = [str(Path(scratch, f"{file.stem}.o")) for file in sources]
+        for target_file, (file, options) in zip(objects, sources.items(), strict=True):
+            _run([*command, *flags, *options, "-c", str(file), "-o", target_file])
+        linked = Path(scratch, made.name)
+        _run([*command, "-shared", *flags, *objects, "-o", str(linked), *_libraries()])
+        shutil.copyfile(linked, made.with_suffix(".new"))
     made.with_suffix(".new").replace(made)  # in one step: another process may have the old one open
     return made
 
@@ -179,9 +171,8 @@ def main() -> None:
     arguments.add_argument("--debug", action="store_true", help="with sanitizers")
     arguments.add_argument("--fresh", action="store_true", help="what is up to date too")
     chosen = arguments.parse_args()
-    always = chosen.debug or chosen.fresh
-    for package in (ROOT / name for name in CORES):
-        if (package / "core" / "module.c").exists() and (always or not up_to_date(package)):
+    for package in PACKAGES:
+        if chosen.debug or chosen.fresh or not up_to_date(package):
             try:
                 made = build(package, package / "core", debug=chosen.debug)
             except NoCompiler as error:

@@ -2,207 +2,208 @@
 
 #include <string.h>
 
-void take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count, Py_ssize_t wanted)
+/* A size as the signature has it, which *at then stands behind; -1 for a letter that has met nothing yet. */
+static int64_t size_in(const Arguments *a, const char **at)
 {
-    a->signature = signature;
-    a->given = given;
-    a->count = count;
-    a->next = 0;
-    a->arrays = 0;
-    a->waiting = NULL;
-    a->failed = count != wanted;
-    if (a->failed) {
-        PyErr_Format(PyExc_TypeError, "%s takes %zd arguments, not %zd", signature, wanted, count);
+    int64_t size = **at >= 'a';
+    for (; **at >= '0' && **at <= '9'; ++*at) {
+        size = 10 * size + **at - '0';
     }
-}
-
-int good(const Arguments *a) { return !a->failed; }
-
-long long take_integer(Arguments *a, long long least, long long most)
-{
-    long long value;
-    if (a->failed) {
-        return 0;
+    for (; **at >= 'a' && **at <= 'z'; ++*at) {
+        size *= a->sizes[**at - 'a'];
     }
-    value = PyLong_AsLongLong(a->given[a->next++]);
-    if (value == -1 && PyErr_Occurred()) {
-        a->failed = 1;
-        return 0;
+    for (; **at == '+'; *at += 2) {
+        size += (*at)[1] - '0';
     }
-    if (value < least || value > most) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %zd must be from %lld to %lld, not %lld", a->signature, a->next,
-                     least, most, value);
-        return 0;
-    }
-    return value;
-}
-
-double take_number(Arguments *a)
-{
-    double value;
-    if (a->failed) {
-        return 0.0;
-    }
-    value = PyFloat_AsDouble(a->given[a->next++]);
-    if (value == -1.0 && PyErr_Occurred()) {
-        a->failed = 1;
-    }
-    return value;
-}
-
-/* The buffer of the next argument; NULL where there is none or it holds something else than `types` of `itemsize`
- * bytes. */
-static const Py_buffer *take_buffer(Arguments *a, int flags, const char *types, Py_ssize_t itemsize)
-{
-    Py_buffer *view = &a->views[a->arrays];
-    if (a->failed) {
-        return NULL;
-    }
-    if (PyObject_GetBuffer(a->given[a->next++], view, flags | PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
-        a->failed = 1;
-        return NULL;
-    }
-    ++a->arrays;
-    if (view->format == NULL || strchr(types, view->format[0]) == NULL || view->format[1] != '\0'
-        || view->itemsize != itemsize) {
-        a->failed = 1;
-        PyErr_Format(PyExc_TypeError, "%s: argument %zd holds numbers of type %s, not %s", a->signature, a->next,
-                     view->format ? view->format : "B", types);
-        return NULL;
-    }
-    return view;
-}
-
-static void *take_numbers(Arguments *a, int flags, const char *types, size_t itemsize, Py_ssize_t rows,
-                          Py_ssize_t columns)
-{
-    const Py_buffer *view = take_buffer(a, flags, types, (Py_ssize_t)itemsize);
-    const int dimensions = rows == VECTOR ? 1 : 2;
-    if (view == NULL) {
-        return NULL;
-    }
-    if (view->ndim != dimensions || (columns != ANY_LENGTH && view->shape[dimensions - 1] != columns)
-        || (rows >= 0 && view->shape[0] != rows)) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %zd has not the shape that the others ask for", a->signature,
-                     a->next);
-        return NULL;
-    }
-    return view->buf;
-}
-
-const double *take_array(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
-{
-    return take_numbers(a, 0, "d", sizeof(double), rows, columns);
-}
-
-double *take_output(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
-{
-    return take_numbers(a, PyBUF_WRITABLE, "d", sizeof(double), rows, columns);
-}
-
-int64_t *take_integers(Arguments *a, Py_ssize_t length)
-{
-    return take_numbers(a, PyBUF_WRITABLE, "lq", sizeof(int64_t), VECTOR, length);
-}
-
-int *take_ints(Arguments *a, Py_ssize_t length)
-{
-    return take_numbers(a, PyBUF_WRITABLE, "i", sizeof(int), VECTOR, length);
-}
-
-const double *take_optional(Arguments *a, Py_ssize_t rows, Py_ssize_t columns)
-{
-    if (!a->failed && a->given[a->next] == &_Py_NoneStruct) {
-        ++a->next;
-        return NULL;
-    }
-    return take_array(a, rows, columns);
+    return size;
 }
 
 void refuse(Arguments *a, const char *why)
 {
-    if (!a->failed) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: %s", a->signature, why);
-    }
+    a->failed = 1;
+    PyErr_Format(PyExc_ValueError, "%s: %s", a->signature, why);
 }
 
-void need_bytes(Arguments *a, int array, int64_t bytes)
+static void refuse_argument(Arguments *a, const char *why)
 {
-    if (!a->failed && a->views[array].len < bytes) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: the state has room for %zd bytes and needs %lld", a->signature,
-                     a->views[array].len, (long long)bytes);
-    }
+    a->failed = 1;
+    PyErr_Format(PyExc_ValueError, "%s: argument %d %s", a->signature, a->taken, why);
 }
 
-void *take_state(Arguments *a, int32_t kind)
+static const char *take_number(Arguments *a, PyObject *given, Value *value, const char *at)
 {
-    const Py_buffer *view = take_buffer(a, PyBUF_WRITABLE, "B", 1);
-    const StateHead *head;
+    value->number = PyFloat_AsDouble(given);
+    a->failed = value->number == -1.0 && PyErr_Occurred() != NULL;
+    return at;
+}
+
+static const char *take_whole(Arguments *a, PyObject *given, Value *value, const char *at)
+{
+    const int64_t least = *at == ':' ? INT64_MIN : size_in(a, &at);
+    const int64_t most = *++at == ',' || *at == ')' ? INT64_MAX : size_in(a, &at);
+    value->whole = PyLong_AsLongLong(given);
+    a->failed = value->whole == -1 && PyErr_Occurred() != NULL;
+    if (!a->failed && (value->whole < least || value->whole > most)) {
+        a->failed = 1;
+        PyErr_Format(PyExc_ValueError, "%s: argument %d must be from %lld to %lld, not %lld", a->signature, a->taken,
+                     (long long)least, (long long)most, (long long)value->whole);
+    }
+    return at;
+}
+
+/* The buffer of an argument, if it holds one of `types` in so many bytes each. */
+static const Py_buffer *take_buffer(Arguments *a, PyObject *given, int flags, const char *types, Py_ssize_t itemsize)
+{
+    Py_buffer *const view = &a->views[a->taken - 1];
+    a->failed = PyObject_GetBuffer(given, view, flags | PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0;
+    if (!a->failed
+        && (view->format == NULL || strchr(types, view->format[0]) == NULL || view->format[1] != '\0'
+            || view->itemsize != itemsize)) {
+        a->failed = 1;
+        PyErr_Format(PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken,
+                     view->format ? view->format : "B", types);
+    }
+    return a->failed ? NULL : view;
+}
+
+static const char *take_array(Arguments *a, PyObject *given, Value *value, const char *at)
+{
+    const char *mark = strchr(at, ']') + 1;
+    const char type = *mark == 'q' || *mark == 'i' ? *mark++ : 'd';
+    const int written = *mark == '=', optional = *mark == '?';
+    const Py_buffer *view;
+    int axis = 0, fits = 1;
+    mark += written || optional;
+    value->memory = NULL;
+    if (optional && given == &_Py_NoneStruct) {
+        return mark;
+    }
+    view = take_buffer(a, given, written ? PyBUF_WRITABLE : 0,
+                       type == 'q'   ? "lq"
+                       : type == 'i' ? "i"
+                                     : "d",
+                       type == 'i' ? 4 : 8);
     if (view == NULL) {
-        return NULL;
+        return mark;
     }
+    for (--at; *at != ']'; ++axis) {
+        const char letter = *++at;
+        const int64_t size = size_in(a, &at);
+        if (axis >= view->ndim || (size >= 0 && view->shape[axis] != size)) {
+            fits = 0;
+        } else if (size < 0) {
+            a->sizes[letter - 'a'] = view->shape[axis];
+        }
+    }
+    if (!fits || axis != view->ndim) {
+        refuse_argument(a, "has not the shape that the others ask for");
+    }
+    value->memory = view->buf;
+    return mark;
+}
+
+static const char *take_state(Arguments *a, PyObject *given, Value *value, const char *at)
+{
+    const Py_buffer *const view = take_buffer(a, given, PyBUF_WRITABLE, "B", 1);
+    const StateHead *head;
+    int32_t kind = 0;
+    for (; *at != ',' && *at != ')'; ++at) {
+        kind = kind << 8 | *at;
+    }
+    if (view == NULL) {
+        return at;
+    }
+    value->memory = view->buf;
     head = view->buf;
     if (((uintptr_t)view->buf & 7) != 0 || view->len < (Py_ssize_t)sizeof *head
         || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %zd is not the state that this function wants", a->signature,
-                     a->next);
-        return NULL;
+        refuse_argument(a, "is not the state that this function wants");
+    } else if (kind != 0) {
+        measure_state(a, head);
     }
-    return view->buf;
+    return at;
 }
 
-Py_ssize_t taken_length(const Arguments *a) { return a->failed ? 0 : a->views[a->arrays - 1].shape[0]; }
+static void refuse_count(Arguments *a)
+{
+    Py_ssize_t wanted = strchr(a->signature, '(')[1] != ')';
+    for (const char *comma = a->signature; (comma = strstr(comma, ", ")) != NULL; ++comma) {
+        ++wanted;
+    }
+    a->failed = 1;
+    PyErr_Format(PyExc_TypeError, "%s takes %zd arguments, not %zd", a->signature, wanted, a->count);
+}
 
-void begin_long_if(Arguments *a, int long_enough) { a->waiting = long_enough ? PyEval_SaveThread() : NULL; }
+int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count)
+{
+    const char *at = signature + place;
+    memset(a, 0, offsetof(Arguments, sizes));
+    memset(a->sizes, -1, sizeof a->sizes);
+    a->signature = signature;
+    a->count = count;
+    while (!a->failed && *at != ')' && a->taken < count) {
+        PyObject *const object = given[a->taken];
+        Value *const value = &a->values[a->taken];
+        a->views[a->taken++].obj = NULL;
+        while (*at >= 'A' && *at != '[') { /* the name */
+            ++at;
+        }
+        at = *at == '['   ? take_array(a, object, value, at + 1)
+             : *at == '#' ? take_whole(a, object, value, at + 1)
+             : *at == '@' ? take_state(a, object, value, at + 1)
+                          : take_number(a, object, value, at);
+        at += *at == ',' ? 2 : 0;
+    }
+    if (!a->failed && (*at != ')' || a->taken < count)) {
+        refuse_count(a);
+    }
+    return !a->failed;
+}
 
-void end_long(Arguments *a)
+int need_bytes(Arguments *a, int argument, int64_t bytes)
+{
+    if (a->views[argument].len < bytes) {
+        a->failed = 1;
+        PyErr_Format(PyExc_ValueError, "%s: the state has room for %zd bytes and needs %lld", a->signature,
+                     a->views[argument].len, (long long)bytes);
+    }
+    return a->failed;
+}
+
+int need_size(Arguments *a, int64_t size, int64_t wanted)
+{
+    if (size != wanted) {
+        refuse_argument(a, "or one before it has not the shape that the others ask for");
+    }
+    return a->failed;
+}
+
+void return_parts(Arguments *a, const void *state, const Part *parts, size_t count)
+{
+    a->object_result = PyDict_New();
+    a->failed = a->object_result == NULL;
+    for (size_t i = 0; !a->failed && i < count; ++i) {
+        const Py_ssize_t at = (const char *)parts[i].first - (const char *)state;
+        PyObject *const place = Py_BuildValue("(nn)", at, parts[i].length);
+        a->failed = place == NULL || PyDict_SetItemString(a->object_result, parts[i].name, place) != 0;
+        Py_DecRef(place);
+    }
+}
+
+PyObject *finish(Arguments *a)
 {
     if (a->waiting != NULL) {
         PyEval_RestoreThread(a->waiting);
-        a->waiting = NULL;
     }
-}
-
-static void give_back(Arguments *a)
-{
-    end_long(a);
-    while (a->arrays > 0) {
-        --a->arrays;
-        PyBuffer_Release(&a->views[a->arrays]);
+    while (a->taken > 0) {
+        if (a->views[--a->taken].obj != NULL) {
+            PyBuffer_Release(&a->views[a->taken]);
+        }
     }
-}
-
-PyObject *finish(Arguments *a, PyObject *result)
-{
-    give_back(a);
-    return a->failed ? NULL : result;
-}
-
-PyObject *finish_integer(Arguments *a, long long result)
-{
-    give_back(a);
-    return a->failed ? NULL : PyLong_FromLongLong(result);
-}
-
-PyObject *finish_number(Arguments *a, double result)
-{
-    give_back(a);
-    return a->failed ? NULL : PyFloat_FromDouble(result);
-}
-
-PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, size_t count)
-{
-    PyObject *const all = a->failed ? NULL : PyDict_New();
-    for (size_t i = 0; all != NULL && i < count; ++i) {
-        const Py_ssize_t at = (const char *)parts[i].first - (const char *)state;
-        PyObject *const place = Py_BuildValue("(nn)", at, parts[i].length);
-        a->failed = a->failed || place == NULL || PyDict_SetItemString(all, parts[i].name, place) != 0;
-        Py_DecRef(place);
+    if (a->failed) {
+        return NULL;
     }
-    return finish(a, all);
+    return a->object_result != NULL ? a->object_result
+           : a->is_number           ? PyFloat_FromDouble(a->number_result)
+                                    : PyLong_FromLongLong(a->whole_result);
 }

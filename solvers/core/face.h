@@ -1,24 +1,49 @@
-/* A function that Python calls and its arguments: taken in order, checked, and given back together.
+/* A function that Python calls, and its arguments: a line of a table says what they are, and one function takes them
+ * all.
  *
- * The first argument that does not fit sets Python's error; the takers after it do nothing and return NULL or 0, so
- * that one look at `good(&a)` suffices. Arrays come through the buffer protocol and nothing else: contiguous in C
- * order, of the type that the function wants, with the shape that it wants. README.md in this folder says how to add a
- * function.
+ * FACES(F) lists the functions of a file, each as
+ *
+ *     F(name, "arguments", "what help() says of it", whether it lasts, call)
+ *
+ * and MAKE_FACES(file) makes them of it. Arguments are names, separated by ", ", with what each has to be:
+ *
+ *     name           a number
+ *     name#0:9       a whole number from 0 to 9; either may be missing
+ *     name[n,d]      a float64 array of two dimensions, contiguous in C order; name[n] one of one
+ *     name[n]q       one of int64; name[n]i of C's int
+ *     name[n]=       one to write to, name[n]? one or None
+ *     name@BOX1      a state of the kind 'BOX1'; name@ any block of bytes
+ *
+ * A size is a number or a letter, dd a product, d+1 a sum. A letter stands for what it met first; a state of a kind
+ * gives those of `measure_state` their values, and NEED_SIZE checks what only C can tell. The first argument that does
+ * not fit sets Python's error. The call refers to the arguments by their number, the first is 0, and what it puts into
+ * WHOLE_RESULT or NUMBER_RESULT is returned, else 0; a Python object may be OBJECT_RESULT. Where the expression `lasts`
+ * is not 0, the interpreter may run other threads meanwhile: for what takes longer than some microseconds.
  */
 #ifndef CORE_FACE_H
 #define CORE_FACE_H
 
 #include "python_abi.h"
 
-enum { MOST_ARRAYS = 12, ANY_LENGTH = -1, VECTOR = -2 };
+enum { MOST_ARGUMENTS = 14 };
+
+typedef union {
+    double number;
+    int64_t whole;
+    void *memory;
+} Value;
 
 typedef struct {
     const char *signature;
-    PyObject *const *given;
-    Py_ssize_t count, next;
-    int arrays, failed;
+    Py_ssize_t count;
+    int taken, failed, is_number;
+    int64_t whole_result;
+    double number_result;
+    PyObject *object_result;
     PyThreadState *waiting;
-    Py_buffer views[MOST_ARRAYS];
+    int64_t sizes[26];
+    Value values[MOST_ARGUMENTS];
+    Py_buffer views[MOST_ARGUMENTS];
 } Arguments;
 
 /* Every state that Python holds begins so: what it is, its number of variables and its size in bytes. */
@@ -27,52 +52,6 @@ typedef struct {
     int64_t bytes;
 } StateHead;
 
-/* A header lists the functions of a package as FACES(F), each as F(name, how many arguments it takes, their names, what
- * help() says of it); a face_*.c has their bodies, FACE(name) { ... }, and module.c the table. */
-#define FACE(name) PyObject *face_##name(Arguments *a)
-#define DECLARE_FACE(name, wanted, arguments, text) FACE(name);
-
-/* take_name(a): the argument as a state of this kind, as name_at makes it; all zero for an error. */
-#define TAKE_STATE(name, type, kind)                                                                                   \
-    static type take_##name(Arguments *a)                                                                              \
-    {                                                                                                                  \
-        static const type none;                                                                                        \
-        void *const memory = take_state(a, kind);                                                                      \
-        return memory != NULL ? name##_at(memory) : none;                                                              \
-    }
-
-void take_arguments(Arguments *a, const char *signature, PyObject *const *given, Py_ssize_t count, Py_ssize_t wanted);
-int good(const Arguments *a);
-
-/* The next argument. */
-long long take_integer(Arguments *a, long long least, long long most);
-double take_number(Arguments *a);
-/* A float64 array (rows, columns), (columns,) where rows is VECTOR, any number of either where it is ANY_LENGTH; NULL
- * for an error. */
-const double *take_array(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
-double *take_output(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
-/* The same, or NULL without an error where the argument is None. */
-const double *take_optional(Arguments *a, Py_ssize_t rows, Py_ssize_t columns);
-/* An array (length,) of int64 to write to, and of C's int. */
-int64_t *take_integers(Arguments *a, Py_ssize_t length);
-int *take_ints(Arguments *a, Py_ssize_t length);
-/* A state of the given kind; with kind 0 any block, to be made one once `need_bytes` has found it large enough. */
-void *take_state(Arguments *a, int32_t kind);
-/* Whether array number `array` (0 is the first taken) has so many bytes. */
-void need_bytes(Arguments *a, int array, int64_t bytes);
-/* Fail for a reason that the function itself finds. */
-void refuse(Arguments *a, const char *why);
-/* Length of the array taken last, along its first axis. */
-Py_ssize_t taken_length(const Arguments *a);
-
-/* Between these two the interpreter may run other threads; for what takes longer than some microseconds. */
-void begin_long_if(Arguments *a, int long_enough);
-void end_long(Arguments *a);
-/* Give the arrays back and return `result`; NULL with Python's error where an argument did not fit. */
-PyObject *finish(Arguments *a, PyObject *result);
-PyObject *finish_integer(Arguments *a, long long result);
-PyObject *finish_number(Arguments *a, double result);
-
 /* A part of a state that Python has a view of: where it begins and how many numbers of eight bytes it has. */
 typedef struct {
     const char *name;
@@ -80,7 +59,55 @@ typedef struct {
     Py_ssize_t length;
 } Part;
 
-/* The same with a dictionary of where each part of a state stands, in bytes from its beginning, and its length. */
-PyObject *finish_parts(Arguments *a, const void *state, const Part *parts, size_t count);
+/* The signature is name(arguments), of which the arguments begin at a place. */
+int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count);
+/* Set the sizes that a state gives; each package has its own (module.c). */
+void measure_state(Arguments *a, const void *state);
+/* Fail for a reason that the function itself finds, before it releases the interpreter. */
+void refuse(Arguments *a, const char *why);
+/* Fail where a block has fewer bytes; whether it does. */
+int need_bytes(Arguments *a, int argument, int64_t bytes);
+/* Fail where a size is not what it should be; whether it is not. */
+int need_size(Arguments *a, int64_t size, int64_t wanted);
+/* Return a dictionary of where each part of a state stands, in bytes from its beginning, and its length. */
+void return_parts(Arguments *a, const void *state, const Part *parts, size_t count);
+/* Give the arrays back; the result, or NULL with Python's error where an argument did not fit. */
+PyObject *finish(Arguments *a);
+
+#define NUMBER(i) a.values[i].number
+#define WHOLE(i) a.values[i].whole
+#define INT(i) ((int)a.values[i].whole)
+#define MEMORY(i) a.values[i].memory
+#define REALS(i) ((double *)a.values[i].memory)
+#define WHOLES(i) ((int64_t *)a.values[i].memory)
+#define SIZE_OF(a, letter) (a)->sizes[#letter[0] - 'a']
+#define LENGTH(letter) SIZE_OF(&a, letter)
+#define SIZE(letter) ((int)LENGTH(letter))
+#define NEED_BYTES(i, bytes) need_bytes(&a, i, bytes)
+#define NEED_SIZE(letter, wanted) need_size(&a, LENGTH(letter), wanted)
+#define RETURN_PARTS(state, parts) return_parts(a, state, parts, sizeof parts / sizeof *parts)
+#define WHOLE_RESULT a.whole_result
+#define OBJECT_RESULT a.object_result
+#define NUMBER_RESULT a.is_number = 1, a.number_result
+
+#define FACE_FUNCTION(name, arguments, text, lasts, call)                                                              \
+    static PyObject *enter_##name(PyObject *module, PyObject *const *given, Py_ssize_t count)                          \
+    {                                                                                                                  \
+        Arguments a;                                                                                                   \
+        (void)module;                                                                                                  \
+        if (take_arguments(&a, #name "(" arguments ")", sizeof #name, given, count)) {                                 \
+            a.waiting = (lasts) ? PyEval_SaveThread() : NULL;                                                          \
+            if (!a.failed) {                                                                                           \
+                call;                                                                                                  \
+            }                                                                                                          \
+        }                                                                                                              \
+        return finish(&a);                                                                                             \
+    }
+#define FACE_METHOD(name, arguments, text, lasts, call)                                                                \
+    {#name, (PyCFunction)(void (*)(void))enter_##name, METH_FASTCALL, #name "(" arguments "): " text},
+#define MAKE_FACES(file)                                                                                               \
+    FACES(FACE_FUNCTION)                                                                                               \
+    extern PyMethodDef file##_faces[];                                                                                 \
+    PyMethodDef file##_faces[] = {FACES(FACE_METHOD){NULL, NULL, 0, NULL}};
 
 #endif

@@ -1,210 +1,120 @@
 /* The exact solver as Python calls it; see box.h. */
 #include "box_fallback.h"
 #include "clock.h"
-#include "face_solvers.h"
-#include "forgetting.h"
+#include "face_timed.h"
 
 enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than giving the interpreter away and back */
 
-TAKE_STATE(box, Box, BOX_KIND)
+#define BOX ((Box[]){box_at(MEMORY(0))})
 
-FACE(box_bytes)
+/* Where what Python looks at begins; five counts begin at the exchanges. */
+static void places(Arguments *a, const Box *s)
 {
-    const int d = (int)take_integer(a, 0, 10000);
-    return finish_integer(a, good(a) ? box_bytes(d) : 0);
+    const Part parts[] = {{"answer", s->answer, s->d},
+                          {"raw_q", s->raw_q, s->d},
+                          {"scale", s->scale, s->d},
+                          {"P", s->P, s->d * s->ld},
+                          {"x", s->x, s->d},
+                          {"g", s->g, s->d},
+                          {"inverted", &s->head->inverted, 1},
+                          {"singular", &s->head->singular, 1},
+                          {"cap", &s->head->cap, 1},
+                          {"counts", &s->head->exchanges, 3}};
+    RETURN_PARTS(s->head, parts);
 }
 
-/* Where the vectors that Python looks at begin, in numbers from the start of the state, and in 32-bit numbers what the
- * head counts. */
-FACE(box_places)
+static int update(void *solver, const double *P, const double *q)
 {
-    Box s = take_box(a);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    const real *const first = (const real *)(const void *)s.head;
-    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}", "answer", s.answer - first, "raw_q",
-                                   s.raw_q - first, "scale", s.scale - first, "P", s.P - first, "x", s.x - first, "g",
-                                   s.g - first, "inverted", &s.head->inverted - (int32_t *)s.head, "singular",
-                                   &s.head->singular - (int32_t *)s.head, "cap", &s.head->cap - (int32_t *)s.head,
-                                   "counts", &s.head->exchanges - (int32_t *)s.head));
+    const int status = P != NULL ? box_take_hessian(solver, P) : OK;
+    return status == OK && q != NULL ? box_take_linear(solver, q) : status;
 }
 
-FACE(box_setup)
+static int solve_from(Box *s, const double *start, double *x, int warm)
 {
-    void *const memory = take_state(a, 0);
-    const double *const lb = take_array(a, VECTOR, ANY_LENGTH);
-    const int d = (int)taken_length(a);
-    const double *const ub = take_array(a, VECTOR, d);
-    need_bytes(a, 0, box_bytes(d));
-    return finish_integer(a, good(a) ? box_setup(memory, d, lb, ub) : 0);
-}
-
-static int take_data(Box *s, const double *P, const double *q)
-{
-    const int status = P != NULL ? box_take_hessian(s, P) : OK;
-    return status == OK && q != NULL ? box_take_linear(s, q) : status;
-}
-
-FACE(box_take)
-{
-    Box s = take_box(a);
-    const double *const P = take_optional(a, s.d, s.d);
-    const double *const q = take_optional(a, VECTOR, s.d);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, s.d >= LONG_FROM);
-    return finish_integer(a, take_data(&s, P, q));
-}
-
-FACE(box_start)
-{
-    Box s = take_box(a);
-    const double *const x = take_array(a, VECTOR, s.d);
-    return finish_integer(a, good(a) ? box_start(&s, x) : 0);
-}
-
-static PyObject *solve_by(int (*method)(Box *s, int warm), Arguments *a)
-{
-    Box s = take_box(a);
-    const int warm = (int)take_integer(a, 0, 1);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, s.d >= LONG_FROM);
-    return finish_integer(a, method(&s, warm));
-}
-
-FACE(box_solve) { return solve_by(box_solve, a); }
-FACE(box_solve_factorised) { return solve_by(box_solve_factorised, a); }
-
-/* After a solve by the factorisation: put the variables to the given sides, and let the dual method find the way back.
- */
-FACE(box_dual_from)
-{
-    Box s = take_box(a);
-    const int64_t *const sides = take_integers(a, s.d);
-    int status = BREAKDOWN;
-    if (good(a)) {
-        const Fallback f = fallback_at(&s);
-        for (int j = 0; j < s.d; ++j) {
-            f.program.side[j] = s.lo[j] < s.hi[j] ? (double)sides[j] : LOWER;
-        }
-        status = box_dual_active_set(&f);
-        memcpy(s.x, f.program.x, (size_t)s.d * sizeof(double));
-        memcpy(s.g, f.program.g, (size_t)s.d * sizeof(double));
-    }
-    return finish_integer(a, status);
-}
-
-FACE(factor_bytes)
-{
-    const int d = (int)take_integer(a, 1, 1000);
-    return finish_integer(a, good(a) ? factor_bytes(d) : 0);
-}
-
-FACE(factor_solve)
-{
-    void *const memory = take_state(a, 0);
-    const double *const free = take_array(a, VECTOR, ANY_LENGTH);
-    const int d = (int)taken_length(a);
-    const double *const P = take_array(a, d, padded(d + 1));
-    const double least = take_number(a);
-    double *const x = take_output(a, VECTOR, d);
-    int safe = 0, count = 0;
-    need_bytes(a, 0, factor_bytes(d));
-    if (good(a)) {
-        Room room = {memory};
-        const Factor f = factor_at(&room, d);
-        for (int i = 0; i < d; ++i) {
-            f.rows[count] = i;
-            count += free[i] > 0;
-        }
-        safe = factorise(&f, P, free, count, least) > 0;
-        substitute_back(&f, count, x);
-    }
-    return finish_integer(a, safe);
-}
-
-typedef struct {
-    Box s;
-    int warm;
-} TimedBox;
-
-static int update(void *solver, const double *P, const double *q) { return take_data(&((TimedBox *)solver)->s, P, q); }
-
-static int solve(void *solver, const double *start, double *x)
-{
-    TimedBox *const t = solver;
-    int status = start != NULL ? box_start(&t->s, start) : OK;
+    int status = start != NULL ? box_start(s, start) : OK;
     if (status == OK) {
-        status = box_solve(&t->s, t->warm || start != NULL);
+        status = box_solve(s, warm || start != NULL);
     }
     if (status == OK || status == CAPPED) {
-        memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+        memcpy(x, s->answer, (size_t)s->d * sizeof(double));
     }
     return status;
 }
+static int solve_cold(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 0); }
+static int solve_warm(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 1); }
 
-FACE(time_box)
+/* After a solve by the factorisation: put the variables to the given sides, and let the dual method find the way back.
+ */
+static int dual_from(const Box *s, const int64_t *sides)
 {
-    TimedBox t;
-    t.s = take_box(a);
-    t.warm = (int)take_integer(a, 0, 1);
-    const TimedSolver solver = {&t, t.s.d, update, solve};
-    return finish_timed(a, &solver);
+    const Fallback f = fallback_at(s);
+    int status;
+    for (int j = 0; j < s->d; ++j) {
+        f.program.side[j] = s->lo[j] < s->hi[j] ? (double)sides[j] : LOWER;
+    }
+    status = box_dual_active_set(&f);
+    memcpy(s->x, f.program.x, (size_t)s->d * sizeof(double));
+    memcpy(s->g, f.program.g, (size_t)s->d * sizeof(double));
+    return status;
 }
 
-/* Warm from the last active set. */
-FACE(box_follow)
+static int factor_solve(void *memory, int d, const double *free, const double *P, double least, double *x)
 {
-    TimedBox t;
-    t.s = take_box(a);
-    t.warm = 1;
-    const TimedSolver solver = {&t, t.s.d, update, solve};
-    return finish_followed(a, &solver, NULL);
+    Room room = {memory};
+    const Factor f = factor_at(&room, d);
+    int safe, count = 0;
+    for (int i = 0; i < d; ++i) {
+        f.rows[count] = i;
+        count += free[i] > 0;
+    }
+    safe = factorise(&f, P, free, count, least) > 0;
+    substitute_back(&f, count, x);
+    return safe;
 }
 
-FACE(absorb)
+static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, const double *rows, double forgetting)
 {
-    double *const P = take_output(a, ANY_LENGTH, ANY_LENGTH);
-    const int d = (int)taken_length(a);
-    if (good(a) && a->views[0].shape[1] != d) {
-        refuse(a, "P is square");
-    }
-    double *const q = take_output(a, VECTOR, d);
-    double *const c = take_output(a, VECTOR, 1);
-    const double *const rows = take_array(a, ANY_LENGTH, d + 1);
-    const Py_ssize_t length = taken_length(a);
-    const double forgetting = take_number(a);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, length > 10);
-    for (Py_ssize_t k = 0; k < length; ++k) {
+    for (int64_t k = 0; k < count; ++k) {
         absorb(P, q, c, d, rows + k * (d + 1), forgetting);
     }
-    return finish_integer(a, 0);
 }
 
 /* Steps that wait for the clock: what they take longer than they last is the machine's. */
-FACE(time_nothing)
+static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
 {
-    const int64_t lasting = take_integer(a, 0, INT64_MAX);
-    int64_t *const nanoseconds = take_integers(a, ANY_LENGTH);
-    const Py_ssize_t steps = taken_length(a);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < steps; ++k) {
+    for (int64_t k = 0; k < steps; ++k) {
         const int64_t start = monotonic_ns();
-        int64_t now = monotonic_ns();
-        while (now - start < lasting) {
-            now = monotonic_ns();
-        }
-        nanoseconds[k] = now - start;
+        do {
+            nanoseconds[k] = monotonic_ns() - start;
+        } while (nanoseconds[k] < lasting);
     }
-    return finish_integer(a, 0);
 }
+
+#define FACES(F)                                                                                                       \
+    F(box_bytes, "d#0:10000", "size of the state of the exact solver.", 0, WHOLE_RESULT = box_bytes(INT(0)))           \
+    F(box_places, "state@BOX1", "where its vectors and counts stand.", 0, places(&a, BOX))                             \
+    F(box_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, box_bytes(SIZE(d))),         \
+      WHOLE_RESULT = box_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                                \
+    F(box_take, "state@BOX1, P[d,d]?, q[d]?", "new data, None for what stays; a status.", SIZE(d) >= LONG_FROM,        \
+      WHOLE_RESULT = update(BOX, REALS(1), REALS(2)))                                                                  \
+    F(box_start, "state@BOX1, x[d]", "begin a warm solve at x; a status.", 0, WHOLE_RESULT = box_start(BOX, REALS(1))) \
+    F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \
+      WHOLE_RESULT = box_solve(BOX, INT(1)))                                                                           \
+    F(box_solve_factorised, "state@BOX1, warm#0:1", "solve without the inverse; a status.", SIZE(d) >= LONG_FROM,      \
+      WHOLE_RESULT = box_solve_factorised(BOX, INT(1)))                                                                \
+    F(box_dual_from, "state@BOX1, sides[d]q", "solve by the dual method alone; a status.", 0,                          \
+      WHOLE_RESULT = dual_from(BOX, WHOLES(1)))                                                                        \
+    F(factor_bytes, "d#1:1000", "size of the room that factor_solve needs.", 0, WHOLE_RESULT = factor_bytes(INT(0)))   \
+    F(factor_solve, "room@, free[d], P[d,w], least, x[d]=",                                                            \
+      "solve by the factor of P_FF, the right-hand side in column d of P; 1 if every pivot is safe.",                  \
+      (NEED_BYTES(0, factor_bytes(SIZE(d))), NEED_SIZE(w, padded(SIZE(d) + 1))),                                       \
+      WHOLE_RESULT = factor_solve(MEMORY(0), SIZE(d), REALS(1), REALS(2), NUMBER(3), REALS(4)))                        \
+    F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
+      WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
+    F(box_follow, "state@BOX1, " FOLLOWED, "time a solve after each row, warm from the last sides; a status.", 1,      \
+      WHOLE_RESULT = FOLLOWED_BY(1, (&(TimedSolver){BOX, SIZE(d), update, solve_warm}), NULL))                         \
+    F(absorb, "P[d,d]=, q[d]=, c[1]=, rows[n,d+1], forgetting", "take rows into P, q and c.", LENGTH(n) > 10,          \
+      absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))                              \
+    F(time_nothing, "lasting#0:, nanoseconds[n]q=", "time steps that wait so many nanoseconds and do nothing else.",   \
+      1, time_nothing(WHOLE(0), LENGTH(n), WHOLES(1)))
+MAKE_FACES(box)

@@ -1,144 +1,66 @@
 /* Gradient methods as Python calls them; see descent.h. */
 #include "clock.h"
 #include "descent.h"
-#include "face_solvers.h"
+#include "face_timed.h"
 
-TAKE_STATE(descent, Descent, DESCENT_KIND)
-
-FACE(descent_bytes)
-{
-    const int d = (int)take_integer(a, 0, 10000);
-    return finish_integer(a, good(a) ? descent_bytes(d) : 0);
-}
-
-/* Where the vectors that Python looks at begin, in numbers from the start of the state. */
-FACE(descent_places)
-{
-    Descent s = take_descent(a);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    const real *const first = (const real *)(const void *)s.head;
-    return finish(a, Py_BuildValue("{s:n,s:n,s:n}", "w", s.w - first, "D", s.D - first, "answer", s.answer - first));
-}
-
-FACE(descent_setup)
-{
-    void *const memory = take_state(a, 0);
-    const double *const lb = take_array(a, VECTOR, ANY_LENGTH);
-    const int d = (int)taken_length(a);
-    const double *const ub = take_array(a, VECTOR, d);
-    need_bytes(a, 0, descent_bytes(d));
-    return finish_integer(a, good(a) ? descent_setup(memory, d, lb, ub) : 0);
-}
-
-FACE(descent_take)
-{
-    Descent s = take_descent(a);
-    const double *const P = take_optional(a, s.d, s.d);
-    const double *const q = take_optional(a, VECTOR, s.d);
-    const double ratio = take_number(a);
-    const int scaled = (int)take_integer(a, 0, 1);
-    return finish_integer(a, good(a) ? descent_take(&s, P, q, ratio, scaled) : 0);
-}
-
-FACE(descent_start)
-{
-    Descent s = take_descent(a);
-    const double *const x = take_optional(a, VECTOR, s.d);
-    if (good(a)) {
-        descent_start(&s, x);
-    }
-    return finish_integer(a, 0);
-}
-
-FACE(descent_answer)
-{
-    Descent s = take_descent(a);
-    if (good(a)) {
-        descent_answer(&s);
-    }
-    return finish_integer(a, 0);
-}
-
-/* Both methods: steps of one run, or timed runs, each with new data. */
-typedef int64_t (*Method)(Descent *s, int64_t steps, real tolerance);
-
-static PyObject *steps_of(Method method, Arguments *a)
-{
-    Descent s = take_descent(a);
-    const int64_t steps = take_integer(a, 0, INT64_MAX);
-    const double tolerance = take_number(a);
-    int64_t taken = 0;
-    if (good(a)) {
-        begin_long_if(a, steps > 100);
-        taken = method(&s, steps, tolerance);
-    }
-    return finish_integer(a, taken);
-}
+#define DESCENT ((Descent[]){descent_at(MEMORY(0))})
+#define TIMED_DESCENT(...) (&(TimedSolver){(TimedDescent[]){{DESCENT, __VA_ARGS__}}, SIZE(d), update, solve})
 
 typedef struct {
-    Descent s;
+    Descent *s;
+    int64_t (*method)(Descent *s, int64_t steps, real tolerance);
     double ratio;
     int scaled;
     int64_t steps;
     double tolerance;
-    Method method;
+    int goes_on; /* from where the last steps ended, or from the point that is given */
 } TimedDescent;
 
 static int update(void *solver, const double *P, const double *q)
 {
-    TimedDescent *const t = solver;
-    return descent_take(&t->s, P, q, t->ratio, t->scaled);
+    const TimedDescent *const t = solver;
+    return descent_take(t->s, P, q, t->ratio, t->scaled);
 }
 
 static int solve(void *solver, const double *start, double *x)
 {
-    TimedDescent *const t = solver;
-    descent_start(&t->s, start);
-    t->method(&t->s, t->steps, t->tolerance);
-    descent_answer(&t->s);
-    memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+    const TimedDescent *const t = solver;
+    if (!t->goes_on) {
+        descent_start(t->s, start);
+    }
+    t->method(t->s, t->steps, t->tolerance);
+    if (!t->goes_on) {
+        descent_answer(t->s);
+    }
+    memcpy(x, t->goes_on ? t->s->w : t->s->answer, (size_t)t->s->d * sizeof(double));
     return OK;
 }
 
-static PyObject *time_of(Method method, Arguments *a)
+/* Where the vectors that Python looks at begin. */
+static void places(Arguments *a, const Descent *s)
 {
-    TimedDescent t;
-    t.s = take_descent(a);
-    t.ratio = take_number(a);
-    t.scaled = (int)take_integer(a, 0, 1);
-    t.steps = take_integer(a, 0, INT64_MAX);
-    t.tolerance = take_number(a);
-    t.method = method;
-    const TimedSolver solver = {&t, t.s.d, update, solve};
-    return finish_timed(a, &solver);
+    const Part parts[] = {{"w", s->w, s->d}, {"D", s->D, s->d}, {"answer", s->answer, s->d}};
+    RETURN_PARTS(s->head, parts);
 }
 
-FACE(projected_steps) { return steps_of(projected_steps, a); }
-FACE(accelerated_steps) { return steps_of(accelerated_steps, a); }
-FACE(time_projected) { return time_of(projected_steps, a); }
-FACE(time_accelerated) { return time_of(accelerated_steps, a); }
-
-static int solve_on(void *solver, const double *start, double *x)
-{
-    TimedDescent *const t = solver;
-    (void)start;
-    t->method(&t->s, t->steps, t->tolerance);
-    memcpy(x, t->s.w, (size_t)t->s.d * sizeof(double));
-    return OK;
-}
-
-/* So many steps after each row from where the last ones ended. */
-FACE(projected_follow)
-{
-    TimedDescent t;
-    t.s = take_descent(a);
-    t.ratio = take_number(a);
-    t.scaled = 0;
-    t.steps = take_integer(a, 0, INT64_MAX);
-    t.tolerance = -1;
-    t.method = projected_steps;
-    const TimedSolver solver = {&t, t.s.d, update, solve_on};
-    return finish_followed(a, &solver, NULL);
-}
+#define TIMED_METHOD "state@DSC1, ratio, scaled#0:1, steps#0:, tolerance, " TIMED
+#define FACES(F)                                                                                                       \
+    F(descent_bytes, "d#0:10000", "size of the state of a gradient method.", 0, WHOLE_RESULT = descent_bytes(INT(0)))  \
+    F(descent_places, "state@DSC1", "where its vectors stand.", 0, places(&a, DESCENT))                                \
+    F(descent_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, descent_bytes(SIZE(d))), \
+      WHOLE_RESULT = descent_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                            \
+    F(descent_take, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1", "new data, None for what stays; a status.", 0,    \
+      WHOLE_RESULT = descent_take(DESCENT, REALS(1), REALS(2), NUMBER(3), INT(4)))                                     \
+    F(descent_start, "state@DSC1, x[d]?", "begin at x, at 0 for None.", 0, descent_start(DESCENT, REALS(1)))           \
+    F(descent_answer, "state@DSC1", "write the answer.", 0, descent_answer(DESCENT))                                   \
+    F(projected_steps, "state@DSC1, steps#0:, tolerance", "how many were taken.", WHOLE(1) > 100,                      \
+      WHOLE_RESULT = projected_steps(DESCENT, WHOLE(1), NUMBER(2)))                                                    \
+    F(accelerated_steps, "state@DSC1, steps#0:, tolerance", "how many were taken.", WHOLE(1) > 100,                    \
+      WHOLE_RESULT = accelerated_steps(DESCENT, WHOLE(1), NUMBER(2)))                                                  \
+    F(time_projected, TIMED_METHOD, "as time_box.", 1,                                                                 \
+      WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(projected_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))           \
+    F(time_accelerated, TIMED_METHOD, "as time_box.", 1,                                                               \
+      WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(accelerated_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))         \
+    F(projected_follow, "state@DSC1, ratio, steps#0:, " FOLLOWED, "so many steps after each row, as box_follow.", 1,   \
+      WHOLE_RESULT = FOLLOWED_BY(3, TIMED_DESCENT(projected_steps, NUMBER(1), 0, WHOLE(2), -1, 1), NULL))
+MAKE_FACES(descent)

@@ -7,28 +7,7 @@
 #define CORE_TILE
 #include "block_pivoting.h"
 #include "box.h"
-#include "face_solvers.h"
-
-/* Eight programs and the room to solve them, then the state of the exact solver for a lane that is left. */
-typedef struct {
-    Pivoting lanes;
-    void *single;
-} Workspace;
-
-static Workspace workspace_at(void *memory, int d)
-{
-    Room room = {memory};
-    Workspace w;
-    w.lanes = pivoting_at(&room, d);
-    w.single = room.at;
-    return w;
-}
-
-FACE(box_many_bytes)
-{
-    const int d = (int)take_integer(a, 1, 1000);
-    return finish_integer(a, good(a) ? pivoting_bytes(d) + box_bytes(d) : 0);
-}
+#include "face.h"
 
 static void put(num *to, int i, int l, real a) { ((real *)(to + i))[l] = a; }
 
@@ -113,41 +92,33 @@ static void solve_in_lanes(Batch *many, const Pivoting *s, Box *single, int firs
     } while (busy > 0 || next < last);
 }
 
-/* The minimisers x (B, d) of the programs (B, d, d), (B, d), from `first` up to `last`; statuses; how many were solved
+/* The programs from `first` up to `last`, in a room for eight and then for the exact solver; how many were solved
  * alone. In lanes a P is taken for symmetric and bounds for lb < ub. */
-FACE(box_many)
+static int solve_many(Batch *many, void *memory, int first, int last, int in_lanes)
 {
-    const double *const P = take_array(a, ANY_LENGTH, ANY_LENGTH);
-    const int programs = (int)taken_length(a);
-    const double *const q = take_array(a, programs, ANY_LENGTH);
-    const int d = good(a) ? (int)a->views[1].shape[1] : 1;
-    if (good(a) && a->views[0].shape[1] != (Py_ssize_t)d * d) {
-        refuse(a, "P has d times d numbers a program");
-    }
-    const double *const lb = take_array(a, programs, d);
-    const double *const ub = take_array(a, programs, d);
-    double *const x = take_output(a, programs, d);
-    int *const statuses = take_ints(a, programs);
-    void *const room = take_state(a, 0);
-    need_bytes(a, 6, pivoting_bytes(d) + box_bytes(d));
-    const int first = (int)take_integer(a, 0, programs);
-    const int last = (int)take_integer(a, first, programs);
-    const int in_lanes = (int)take_integer(a, 0, 1);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    Batch many = {d, 0, P, q, lb, ub, x, statuses};
-    Workspace w = workspace_at(room, d);
-    begin_long_if(a, 1);
+    const size_t vector = (size_t)first * (size_t)many->d;
+    Room room = {memory};
+    const Pivoting lanes = pivoting_at(&room, many->d);
     if (first < last) {
-        box_setup(w.single, d, lb + (size_t)first * (size_t)d, ub + (size_t)first * (size_t)d);
+        box_setup(room.at, many->d, many->lb + vector, many->ub + vector);
+        Box single = box_at(room.at);
+        if (in_lanes) {
+            solve_in_lanes(many, &lanes, &single, first, last);
+        }
+        for (int b = first; b < last && !in_lanes; ++b) {
+            solve_one(many, &single, b);
+        }
     }
-    Box single = box_at(w.single);
-    if (in_lanes && first < last) {
-        solve_in_lanes(&many, &w.lanes, &single, first, last);
-    }
-    for (int b = first; b < last && !in_lanes; ++b) {
-        solve_one(&many, &single, b);
-    }
-    return finish_integer(a, many.alone);
+    return many->alone;
 }
+
+#define FACES(F)                                                                                                       \
+    F(box_many_bytes, "d#1:1000", "size of the room that box_many needs.", 0,                                          \
+      WHOLE_RESULT = pivoting_bytes(INT(0)) + box_bytes(INT(0)))                                                       \
+    F(box_many, "q[n,d], P[n,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, room@, first#0:n, last#0:n, lanes#0:1",    \
+      "minimisers x of programs from first up to last, one by one or in lanes; how many one by one.",                  \
+      NEED_BYTES(6, pivoting_bytes(SIZE(d)) + box_bytes(SIZE(d))) + 1,                                                 \
+      WHOLE_RESULT =                                                                                                   \
+          solve_many(&(Batch){SIZE(d), 0, REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)},         \
+                     MEMORY(6), INT(7), INT(8), INT(9)))
+MAKE_FACES(lanes)

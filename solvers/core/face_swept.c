@@ -1,128 +1,53 @@
-/* The solver that takes rows as Python calls it; see swept.h. */
+/* The recursive solver as Python calls it; see swept.h. */
 #include "clock.h"
-#include "face_solvers.h"
+#include "face_timed.h"
 #include "swept.h"
 
-TAKE_STATE(swept, Swept, SWEPT_KIND)
+#define SWEPT ((Swept[]){swept_at(MEMORY(0))})
 
-FACE(swept_bytes)
+/* Where the parts that Python looks at begin; three counts begin at the exchanges. */
+static void places(Arguments *a, const Swept *s)
 {
-    const int d = (int)take_integer(a, 0, 10000);
-    return finish_integer(a, good(a) ? swept_bytes(d) : 0);
+    const Part parts[] = {
+        {"answer", s->answer, s->d}, {"origin", s->origin, s->d},        {"sign", s->sign, s->d},
+        {"free", s->free, s->d},     {"centre", s->centre, s->d},        {"rho", s->rho, s->d},
+        {"M", s->M, s->ld * s->ld},  {"G", s->G, s->ld * s->ld},         {"row_weight", &s->head->row_weight, 2},
+        {"cap", &s->head->cap, 1},   {"counts", &s->head->exchanges, 2}, {"since_refresh", &s->head->since_refresh, 1}};
+    RETURN_PARTS(s->head, parts);
 }
 
-/* Where the parts that Python looks at begin, in numbers from the start of the state, and in 32-bit numbers what the
- * head counts. */
-FACE(swept_places)
+/* A status, with the answer written. */
+static int answered(Swept *s, int status)
 {
-    Swept s = take_swept(a);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    const real *const first = (const real *)(const void *)s.head;
-    return finish(a, Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}", "answer", s.answer - first,
-                                   "origin", s.origin - first, "sign", s.sign - first, "free", s.free - first, "centre",
-                                   s.centre - first, "rho", s.rho - first, "M", s.M - first, "G", s.G - first,
-                                   "row_weight", (const real *)&s.head->row_weight - first, "cap",
-                                   &s.head->cap - (int32_t *)s.head, "counts",
-                                   (int32_t *)&s.head->exchanges - (int32_t *)s.head, "since_refresh",
-                                   &s.head->since_refresh - (int32_t *)s.head));
-}
-
-FACE(swept_setup)
-{
-    void *const memory = take_state(a, 0);
-    const double *const lb = take_array(a, VECTOR, ANY_LENGTH);
-    const int d = (int)taken_length(a);
-    const double *const ub = take_array(a, VECTOR, d);
-    const double forgetting = take_number(a);
-    const double row_weight = take_number(a);
-    const double proximal = take_number(a);
-    need_bytes(a, 0, swept_bytes(d));
-    return finish_integer(a, good(a) ? swept_setup(memory, d, lb, ub, forgetting, row_weight, proximal) : 0);
+    swept_answer(s);
+    return status;
 }
 
 static int begin(Swept *s, const double *P, const double *q)
 {
     const int status = swept_begin(s, P, q, 0, 0);
-    if (status == OK) {
+    return status == OK ? answered(s, status) : status;
+}
+
+static int take_rows(Swept *s, int64_t count, const double *rows, double *answers, int64_t *nanoseconds)
+{
+    int status = OK;
+    for (int64_t k = 0; k < count && (status == OK || status == CAPPED); ++k) {
+        const int64_t start = monotonic_ns();
+        status = swept_take(s, rows + k * (s->d + 1));
+        if (status == SINGULAR || status == CYCLING) {
+            status = swept_recover(s);
+        }
         swept_answer(s);
+        memcpy(answers + k * s->d, s->answer, (size_t)s->d * sizeof(double));
+        nanoseconds[k] = monotonic_ns() - start;
     }
     return status;
 }
 
-FACE(swept_begin)
-{
-    Swept s = take_swept(a);
-    const double *const P = take_array(a, s.d, s.d);
-    const double *const q = take_array(a, VECTOR, s.d);
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    return finish_integer(a, begin(&s, P, q));
-}
-
-FACE(swept_take)
-{
-    Swept s = take_swept(a);
-    const double *const row = take_array(a, VECTOR, s.d + 1);
-    int status = OK;
-    if (good(a)) {
-        status = swept_take(&s, row);
-        swept_answer(&s);
-    }
-    return finish_integer(a, status);
-}
-
-FACE(swept_take_rows)
-{
-    Swept s = take_swept(a);
-    const double *const rows = take_array(a, ANY_LENGTH, s.d + 1);
-    const Py_ssize_t length = taken_length(a);
-    double *const answers = take_output(a, length, s.d);
-    int64_t *const nanoseconds = take_integers(a, length);
-    int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, length > 1);
-    for (Py_ssize_t k = 0; k < length && (status == OK || status == CAPPED); ++k) {
-        const int64_t start = monotonic_ns();
-        status = swept_take(&s, rows + k * (s.d + 1));
-        if (status == SINGULAR || status == CYCLING) {
-            status = swept_recover(&s);
-        }
-        swept_answer(&s);
-        memcpy(answers + k * s.d, s.answer, (size_t)s.d * sizeof(double));
-        nanoseconds[k] = monotonic_ns() - start;
-    }
-    return finish_integer(a, status);
-}
-
-static PyObject *do_to(int (*action)(Swept *s), Arguments *a)
-{
-    Swept s = take_swept(a);
-    int status = OK;
-    if (good(a)) {
-        status = action(&s);
-        swept_answer(&s);
-    }
-    return finish_integer(a, status);
-}
-
-FACE(swept_recover) { return do_to(swept_recover, a); }
-FACE(swept_refresh) { return do_to(swept_refresh, a); }
-
-FACE(swept_error)
-{
-    Swept s = take_swept(a);
-    return finish_number(a, good(a) ? swept_error(&s) : 0);
-}
-
 /* It starts anew from P and q, which includes finding the optimum, so that all of it is the solve. */
 typedef struct {
-    Swept s;
+    Swept *s;
     const double *P, *q;
 } TimedSwept;
 
@@ -137,17 +62,33 @@ static int update(void *solver, const double *P, const double *q)
 static int solve(void *solver, const double *start, double *x)
 {
     TimedSwept *const t = solver;
-    const int status = begin(&t->s, t->P, t->q);
+    const int status = begin(t->s, t->P, t->q);
     (void)start;
     if (status == OK || status == CAPPED) {
-        memcpy(x, t->s.answer, (size_t)t->s.d * sizeof(double));
+        memcpy(x, t->s->answer, (size_t)t->s->d * sizeof(double));
     }
     return status;
 }
 
-FACE(time_swept)
-{
-    TimedSwept t = {take_swept(a), NULL, NULL};
-    const TimedSolver solver = {&t, t.s.d, update, solve};
-    return finish_timed(a, &solver);
-}
+#define FACES(F)                                                                                                       \
+    F(swept_bytes, "d#0:10000", "size of the state of the recursive solver.", 0, WHOLE_RESULT = swept_bytes(INT(0)))   \
+    F(swept_places, "state@SWP1", "where its vectors stand.", 0, places(&a, SWEPT))                                    \
+    F(swept_setup, "state@, lb[d], ub[d], forgetting, row_weight, proximal", "make a block a state; a status.",        \
+      NEED_BYTES(0, swept_bytes(SIZE(d))),                                                                             \
+      WHOLE_RESULT = swept_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2), NUMBER(3), NUMBER(4), NUMBER(5)))             \
+    F(swept_begin, "state@SWP1, P[d,d], q[d]", "start from these data; a status.", 1,                                  \
+      WHOLE_RESULT = begin(SWEPT, REALS(1), REALS(2)))                                                                 \
+    F(swept_take, "state@SWP1, row[d+1]", "take a row (xi, x) and answer; a status.", 0, Swept *const s = SWEPT;       \
+      WHOLE_RESULT = answered(s, swept_take(s, REALS(1))))                                                             \
+    F(swept_take_rows,                                                                                                 \
+      "state@SWP1, rows[n,d+1], answers[n,d]=, nanoseconds[n]q=", "take rows and recover where it must be; a status.", \
+      LENGTH(n) > 1, WHOLE_RESULT = take_rows(SWEPT, LENGTH(n), REALS(1), REALS(2), WHOLES(3)))                        \
+    F(swept_recover, "state@SWP1", "begin anew from the data so far; a status.", 0, Swept *const s = SWEPT;            \
+      WHOLE_RESULT = answered(s, swept_recover(s)))                                                                    \
+    F(swept_refresh, "state@SWP1", "make the swept matrix anew; a status.", 0, Swept *const s = SWEPT;                 \
+      WHOLE_RESULT = answered(s, swept_refresh(s)))                                                                    \
+    F(swept_error, "state@SWP1", "largest violation of the optimality conditions.", 0,                                 \
+      NUMBER_RESULT = swept_error(SWEPT))                                                                              \
+    F(time_swept, "state@SWP1, " TIMED, "time starts from new data; a status.", 1,                                     \
+      WHOLE_RESULT = TIMED_BY(1, (&(TimedSolver){(TimedSwept[]){{SWEPT, NULL, NULL}}, SIZE(d), update, solve})))
+MAKE_FACES(swept)

@@ -8,52 +8,26 @@
 
 #include <string.h>
 
-#define TIMED "P, q, start, most_ns, updates, solves, answers"
-#define FOLLOWED "P, q, rows, forgetting, answers, nanoseconds"
-enum { TIMED_COUNT = 7, FOLLOWED_COUNT = 6 };
+/* time_calls on a solver of d variables with these arguments, the first of which has number i; the last status. */
+#define TIMED "q[n,d], P[n,dd], start[d]?, most_ns#0:, updates[n]q=, solves[n]q=, answers[n,d]=, made[1]q="
+#define TIMED_BY(i, solver)                                                                                            \
+    time_calls(solver, LENGTH(n), REALS(i + 1), REALS(i), REALS(i + 2), WHOLE(i + 3), WHOLES(i + 4), WHOLES(i + 5),    \
+               REALS(i + 6), WHOLES(i + 7))
+/* follow_rows in the same way; `last` as it takes it. */
+#define FOLLOWED "P[d,d]=, q[d]=, rows[n,d+1], forgetting, answers[n,d]=, nanoseconds[n]q="
+#define FOLLOWED_BY(i, solver, last)                                                                                   \
+    follow_rows(solver, LENGTH(n), REALS(i), REALS(i + 1), REALS(i + 2), NUMBER(i + 3), REALS(i + 4), WHOLES(i + 5),   \
+                last)
 
-/* Take them, P as (n, d * d), and run the loop: the last status, and how many calls were made. */
-static inline PyObject *finish_timed(Arguments *a, const TimedSolver *solver)
+/* Absorb rows (xi, x) into P and q, with a call after each; timed is all but the row. A solve starts where the solver
+ * stands, or from `last` (d), which becomes its answer, where that is not NULL. The last status. */
+static inline int follow_rows(const TimedSolver *solver, int64_t count, double *P, double *q, const double *rows,
+                              double forgetting, double *answers, int64_t *nanoseconds, double *last)
 {
     const int d = solver->d;
-    const double *const P = take_array(a, ANY_LENGTH, (Py_ssize_t)d * d);
-    const Py_ssize_t count = taken_length(a);
-    const double *const q = take_array(a, count, d);
-    const double *const start = take_optional(a, VECTOR, d);
-    const int64_t most_ns = take_integer(a, 0, INT64_MAX);
-    int64_t *const update_ns = take_integers(a, count);
-    int64_t *const solve_ns = take_integers(a, count);
-    double *const answers = take_output(a, count, d);
-    int64_t made;
-    int status;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    made = time_calls(solver, count, P, q, start, most_ns, update_ns, solve_ns, answers, &status);
-    end_long(a);
-    return finish(a, Py_BuildValue("(in)", status, (Py_ssize_t)made));
-}
-
-/* Take them, and absorb rows (xi, x) into P and q, with a call after each; timed is all but the row. A solve starts
- * where the solver stands, or from `last` (d), which becomes its answer, where that is not NULL. The last status. */
-static inline PyObject *finish_followed(Arguments *a, const TimedSolver *solver, double *last)
-{
-    const int d = solver->d;
-    double *const P = take_output(a, d, d);
-    double *const q = take_output(a, VECTOR, d);
-    const double *const rows = take_array(a, ANY_LENGTH, d + 1);
-    const Py_ssize_t length = taken_length(a);
-    const double forgetting = take_number(a);
-    double *const answers = take_output(a, length, d);
-    int64_t *const nanoseconds = take_integers(a, length);
     double c = 0;
     int status = OK;
-    if (!good(a)) {
-        return finish(a, NULL);
-    }
-    begin_long_if(a, 1);
-    for (Py_ssize_t k = 0; k < length && (status == OK || status == CAPPED); ++k) {
+    for (int64_t k = 0; k < count && (status == OK || status == CAPPED); ++k) {
         double *const answer = answers + k * d;
         int64_t begin;
         absorb(P, q, &c, d, rows + k * (d + 1), forgetting);
@@ -67,7 +41,7 @@ static inline PyObject *finish_followed(Arguments *a, const TimedSolver *solver,
             memcpy(last, answer, (size_t)d * sizeof(double));
         }
     }
-    return finish_integer(a, status);
+    return status;
 }
 
 #endif

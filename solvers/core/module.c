@@ -1,6 +1,5 @@
 /* The extension module solvers.core._core. This file is compiled without the instructions of an instruction set, so
  * that it can say what the processor has before anything else of the library runs. */
-#include "face_solvers.h"
 #include "module.h"
 
 #if defined(__x86_64__) || defined(_M_X64)
@@ -29,23 +28,18 @@ static int processor_level(void)
 static int processor_level(void) { return 0; }
 #endif
 
-FACE(processor_level) { return finish_integer(a, processor_level()); }
+#define FACES(F)                                                                                                       \
+    F(processor_level, "", "level of the x86-64 instruction set here, 2 to 4; 0 on other processors.", 0,              \
+      WHOLE_RESULT = processor_level())
+MAKE_FACES(processor)
 
-FACES(ENTER_FACE)
-static PyMethodDef methods[] = {
-    FACES(METHOD){NULL, NULL, 0, NULL},
-};
+void measure_state(Arguments *a, const void *state) { SIZE_OF(a, d) = ((const StateHead *)state)->d; }
 
-static PyModuleDef definition = {
-    {{1, NULL}, NULL, 0, NULL},
-    "_core",
-    "Solvers in C; see the headers in solvers/core.",
-    -1,
-    methods,
-    NULL,
-    NULL,
-    NULL,
-    NULL,
-};
+extern PyMethodDef box_faces[], descent_faces[], lanes_faces[], swept_faces[], library_faces[], daqp_faces[];
 
-PyObject *PyInit__core(void) { return make_module(&definition); }
+PyObject *PyInit__core(void)
+{
+    PyMethodDef *const tables[] = {processor_faces, box_faces,     descent_faces, lanes_faces,
+                                   swept_faces,     library_faces, daqp_faces,    NULL};
+    return make_module(tables);
+}

@@ -1,4 +1,4 @@
-/* What begins both extension modules: their table's entries, and the module with what its library was built from.
+/* What begins both extension modules: their functions, and what their library was built from.
  *
  * It is here and inline, since module.c alone is compiled for every processor.
  */
@@ -7,29 +7,20 @@
 
 #include "face.h"
 
-#define ENTER_FACE(name, wanted, arguments, text)                                                                      \
-    static PyObject *enter_##name(PyObject *module, PyObject *const *given, Py_ssize_t count)                          \
-    {                                                                                                                  \
-        Arguments a;                                                                                                   \
-        (void)module;                                                                                                  \
-        take_arguments(&a, #name "(" arguments ")", given, count, wanted);                                             \
-        return face_##name(&a);                                                                                        \
-    }
-#define METHOD(name, wanted, arguments, text)                                                                          \
-    {#name, (PyCFunction)(void (*)(void))enter_##name, METH_FASTCALL, #name "(" arguments "): " text},
-
 PY_EXPORT PyObject *PyInit__core(void);
 
-static PyObject *make_module(PyModuleDef *definition)
+/* The module with the functions of these tables, the last of which is NULL. */
+static PyObject *make_module(PyMethodDef *const *tables)
 {
-    PyObject *const module = PyModule_Create2(definition, PYTHON_ABI_VERSION);
-    if (module != NULL
-        && (PyModule_AddStringConstant(module, "sources", CORE_SOURCES) != 0
-            || PyModule_AddStringConstant(module, "compiler", CORE_COMPILER) != 0
-            || PyModule_AddStringConstant(module, "instructions", CORE_INSTRUCTIONS) != 0)) {
-        return NULL;
+    static PyModuleDef definition = {.m_base = {1}, .m_name = "_core", .m_doc = "See README.md.", .m_size = -1};
+    PyObject *const module = PyModule_Create2(&definition, PYTHON_ABI_VERSION);
+    int failed = module == NULL || PyModule_AddStringConstant(module, "sources", CORE_SOURCES) != 0
+                 || PyModule_AddStringConstant(module, "compiler", CORE_COMPILER) != 0
+                 || PyModule_AddStringConstant(module, "instructions", CORE_INSTRUCTIONS) != 0;
+    for (; !failed && *tables != NULL; ++tables) {
+        failed = PyModule_AddFunctions(module, *tables);
     }
-    return module;
+    return failed ? NULL : module;
 }
 
 #endif

@@ -19,7 +19,6 @@
 
 #ifndef CORE_PYTHON_ABI_CHECKED_BY_PYTHON_H
 typedef struct _object PyObject;
-typedef struct PyModuleDef PyModuleDef;
 typedef struct _ts PyThreadState;
 typedef intptr_t Py_ssize_t;
 typedef PyObject *(*PyCFunction)(PyObject *, PyObject *);
@@ -41,21 +40,13 @@ typedef struct {
     const char *ml_doc;
 } PyMethodDef;
 
-struct PyModuleDef {
-    struct {
-        struct {
-            Py_ssize_t ob_refcnt;
-            void *ob_type;
-        } ob_base;
-        PyObject *(*m_init)(void);
-        Py_ssize_t m_index;
-        PyObject *m_copy;
-    } m_base;
+typedef struct PyModuleDef {
+    intptr_t m_base[5]; /* the first is a count of references */
     const char *m_name, *m_doc;
     Py_ssize_t m_size;
     PyMethodDef *m_methods;
     void *m_slots, *m_traverse, *m_clear, *m_free;
-};
+} PyModuleDef;
 
 enum {
     METH_FASTCALL = 0x0080,
@@ -67,8 +58,7 @@ enum {
 };
 #endif
 
-PY_IMPORT PyObject *PyExc_TypeError;
-PY_IMPORT PyObject *PyExc_ValueError;
+PY_IMPORT PyObject *PyExc_TypeError, *PyExc_ValueError;
 PY_IMPORT PyObject _Py_NoneStruct;
 
 int PyObject_GetBuffer(PyObject *object, Py_buffer *view, int flags);
@@ -86,6 +76,7 @@ PyObject *PyErr_Occurred(void);
 PyThreadState *PyEval_SaveThread(void);
 void PyEval_RestoreThread(PyThreadState *state);
 PyObject *PyModule_Create2(PyModuleDef *definition, int version);
+int PyModule_AddFunctions(PyObject *module, PyMethodDef *functions);
 int PyModule_AddStringConstant(PyObject *module, const char *name, const char *value);
 
 #endif

@@ -22,22 +22,21 @@ typedef struct {
     int (*solve)(void *solver, const double *start, double *x);
 } TimedSolver;
 
-/* One call for each of P (count, d, d) and q (count, d); how many were made. None begins once most_ns are spent, or
- * after one whose status is neither OK nor CAPPED. The status is that of the last. */
-static inline int64_t time_calls(const TimedSolver *s, int64_t count, const double *P, const double *q,
-                                 const double *start, int64_t most_ns, int64_t *update_ns, int64_t *solve_ns,
-                                 double *answers, int *status)
+/* One call for each of P (count, d, d) and q (count, d); how many were `made`. None begins once most_ns are spent, or
+ * after one whose status is neither OK nor CAPPED. The status of the last. */
+static inline int time_calls(const TimedSolver *s, int64_t count, const double *P, const double *q, const double *start,
+                             int64_t most_ns, int64_t *update_ns, int64_t *solve_ns, double *answers, int64_t *made)
 {
     const size_t d = (size_t)s->d;
     int64_t k = 0;
-    *status = OK;
-    while (k < count && most_ns >= 0 && (*status == OK || *status == CAPPED)) {
+    int status = OK;
+    while (k < count && most_ns >= 0 && (status == OK || status == CAPPED)) {
         const int64_t begin = monotonic_ns();
         int64_t between, end;
-        *status = s->update(s->solver, P + (size_t)k * d * d, q + (size_t)k * d);
+        status = s->update(s->solver, P + (size_t)k * d * d, q + (size_t)k * d);
         between = monotonic_ns();
-        if (*status == OK) {
-            *status = s->solve(s->solver, start, answers + (size_t)k * d);
+        if (status == OK) {
+            status = s->solve(s->solver, start, answers + (size_t)k * d);
         }
         end = monotonic_ns();
         update_ns[k] = between - begin;
@@ -45,7 +44,8 @@ static inline int64_t time_calls(const TimedSolver *s, int64_t count, const doub
         most_ns -= end - begin;
         ++k;
     }
-    return k;
+    *made = k;
+    return status;
 }
 
 #endif

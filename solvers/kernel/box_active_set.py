@@ -35,9 +35,10 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, OK, REASONS, block, face
+from solvers.core import CAPPED, OK, REASONS, block, face, padded, parts
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import follow_rows, time_calls
@@ -89,13 +90,9 @@ class BoxActiveSet(Ours, Solver):
         self._warm = bool(self.settings.get("warm", False))
         self.state = block(face.box_bytes(q.size))
         _accept(face.box_setup(self.state, self._lb, self._ub))
-        self._places, self._numbers, self._head = (
-            face.box_places(self.state),
-            self.state.view(np.float64),
-            self.state.view(np.int32),
-        )
-        self._answer = self.part("answer")
-        self._head[self._places["cap"]] = int(self.settings.get("most_exchanges", 0))
+        self._parts = parts(self.state, face.box_places(self.state))
+        self._answer = self._parts["answer"]
+        self.counts("cap")[0] = int(self.settings.get("most_exchanges", 0))
         self._status = OK
         self.update(P, q)
 
@@ -155,8 +152,8 @@ class BoxActiveSet(Ours, Solver):
         proximal steps; and, since ``setup``, the solves that were left to the factorisation. ``capped`` says that
         ``most_exchanges`` ended it before the optimum.
         """
-        (P, q), first = self._data(), self._places["counts"]
-        counts = dict(zip(COUNTS, self._head[first : first + len(COUNTS)].tolist(), strict=True))
+        P, q = self._data()
+        counts = dict(zip(COUNTS, self.counts("counts")[: len(COUNTS)].tolist(), strict=True))
         return box_solution(
             Problem(P, q, lb=self._lb, ub=self._ub),
             self._answer,
@@ -167,19 +164,21 @@ class BoxActiveSet(Ours, Solver):
         )
 
     def part(self, name: str) -> Vector:
-        """Return a view of a vector (d,) of the state by its name in box.h."""
-        first = self._places[name]
-        return self._numbers[first : first + self._lb.size]
+        """Return a view of a vector of the state by its name in box.h."""
+        return self._parts[name]
+
+    def counts(self, name: str) -> NDArray[np.int32]:
+        """Return a view of what the head of the state counts from this name on."""
+        return self._parts[name].view(np.int32)
 
     @property
     def _regularised(self) -> bool:
-        return bool(self._head[self._places["singular"]])
+        return bool(self.counts("singular")[0])
 
     def _data(self) -> tuple[Matrix, Vector]:
         """P and q as they were taken; P from its scaled copy, which is exact."""
-        d, first = self._lb.size, self._places["P"]
-        width = -(-d // 8) * 8
-        P = self._numbers[first : first + d * width].reshape(d, width)[:, :d]
+        d = self._lb.size
+        P = self.part("P").reshape(d, padded(d))[:, :d]
         return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()
 
 

@@ -2,7 +2,7 @@
  * touches. */
 #include "library.h"
 
-#include "face_solvers.h"
+#include "face.h"
 
 enum { UPDATE_RINV = 1, UPDATE_V = 4, UPDATE_SENSE = 16 };
 
@@ -52,23 +52,12 @@ static void mark_active(const Rows *r, double tolerance, const double *x, const 
     }
 }
 
-FACE(active_rows)
-{
-    Rows r;
-    const double *const R = take_array(a, ANY_LENGTH, ANY_LENGTH);
-    const Py_ssize_t count = taken_length(a), d = good(a) ? a->views[a->arrays - 1].shape[1] : 0;
-    const double *const l = take_array(a, VECTOR, count);
-    const double *const u = take_array(a, VECTOR, count);
-    const double tolerance = take_number(a);
-    const double *const x = take_array(a, VECTOR, d);
-    const int *const cold = take_ints(a, count);
-    int *const sense = take_ints(a, count);
-    if (good(a)) {
-        r = (Rows){R, l, u, count, d};
-        mark_active(&r, tolerance, x, cold, sense);
-    }
-    return finish_integer(a, 0);
-}
+#define FACES(F)                                                                                                       \
+    F(active_rows, "R[n,d], l[n], u[n], tolerance, x[d], cold[n]i, sense[n]i=",                                        \
+      "which rows x touches, as DAQP has it: 1 above, 3 below.", 0,                                                    \
+      mark_active(&(Rows){REALS(0), REALS(1), REALS(2), LENGTH(n), SIZE(d)}, NUMBER(3), REALS(4), MEMORY(5),           \
+                  MEMORY(6)))
+MAKE_FACES(daqp)
 
 /* The library reads the data where they are. */
 static int update_problem(State *s, int mask, int *sense)

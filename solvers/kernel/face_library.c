@@ -1,31 +1,16 @@
 /* Somebody's library in the timed loop; see library.h. */
+#include "face_timed.h"
 #include "library.h"
 
-#include "face_solvers.h"
+/* By the addresses of its state, which begins with Data, and of its two functions. */
+#define LIBRARY_SOLVER                                                                                                 \
+    (&(TimedSolver){(void *)(intptr_t)WHOLES(0)[0], SIZE(d),                                                           \
+                    (int (*)(void *, const double *, const double *))(intptr_t)WHOLES(0)[1],                           \
+                    (int (*)(void *, const double *, double *))(intptr_t)WHOLES(0)[2]})
+#define NEED_D NEED_SIZE(d, ((const Data *)(intptr_t)WHOLES(0)[0])->d) + 1
 
-/* The addresses of its state, which begins with Data, and of its two functions. */
-static TimedSolver take_library(Arguments *a)
-{
-    const int64_t *const addresses = take_integers(a, 3);
-    TimedSolver solver = {NULL, 0, NULL, NULL};
-    if (good(a)) {
-        solver.solver = (void *)(intptr_t)addresses[0];
-        solver.d = (int)((const Data *)solver.solver)->d;
-        solver.update = (int (*)(void *, const double *, const double *))(intptr_t)addresses[1];
-        solver.solve = (int (*)(void *, const double *, double *))(intptr_t)addresses[2];
-    }
-    return solver;
-}
-
-FACE(time_library)
-{
-    const TimedSolver solver = take_library(a);
-    return finish_timed(a, &solver);
-}
-
-FACE(library_follow)
-{
-    const TimedSolver solver = take_library(a);
-    double *const last = take_output(a, VECTOR, solver.d);
-    return finish_followed(a, &solver, last);
-}
+#define FACES(F)                                                                                                       \
+    F(time_library, "addresses[3]q, " TIMED, "as time_box.", NEED_D, WHOLE_RESULT = TIMED_BY(1, LIBRARY_SOLVER))       \
+    F(library_follow, "addresses[3]q, last[d]=, " FOLLOWED, "as box_follow.", NEED_D,                                  \
+      WHOLE_RESULT = FOLLOWED_BY(2, LIBRARY_SOLVER, REALS(1)))
+MAKE_FACES(library)

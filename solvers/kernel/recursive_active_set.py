@@ -13,13 +13,14 @@ have no minimum.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face
+from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face, padded, parts
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import time_calls
@@ -86,11 +87,11 @@ class RecursiveActiveSet(Ours, Solver):
         d = lb.size
         state, (P, q) = block(face.swept_bytes(d)), dense(problem)
         self._accept(face.swept_setup(state, lb, ub, forgetting, weight, proximal))
-        places, head = face.swept_places(state), state.view(np.int32)
-        head[places["cap"]] = int(self.settings.get("most_exchanges", 0))
+        places = face.swept_places(state)
+        found = parts(state, places)
+        found["cap"].view(np.int32)[0] = int(self.settings.get("most_exchanges", 0))
         self._accept(face.swept_begin(state, P, q))
-        self._lb, self._ub, self._P, self._q, self.state, self._places, self._head = lb, ub, P, q, state, places, head
-        self._numbers = state.view(np.float64)
+        self._lb, self._ub, self._P, self._q, self.state, self._places, self._parts = lb, ub, P, q, state, places, found
         self._row, self._answer, self._forgetting, self._capped = (
             np.zeros(d + 1),
             self.part("answer"),
@@ -171,23 +172,22 @@ class RecursiveActiveSet(Ours, Solver):
 
     def problem(self) -> Problem:
         """Return the program whose optimum the answer is, proximal term included, in the user's variables."""
-        return self._problem_of(self._numbers)
+        return self._problem_of(self._parts)
 
-    def _problem_of(self, numbers: Vector) -> Problem:
-        d, width = self._lb.size, self._lb.size // 8 * 8 + 8
-        row_weight, root_weight = numbers[self._places["row_weight"] : self._places["row_weight"] + 2]
+    def _problem_of(self, of: Mapping[str, Vector]) -> Problem:
+        d = self._lb.size
+        row_weight, root_weight = of["row_weight"]
         decay = row_weight / root_weight**2
-        G = numbers[self._places["G"] :][: width * width].reshape(width, width)[: d + 1, : d + 1]
+        G = of["G"].reshape(padded(d + 1), -1)[: d + 1, : d + 1]
         G = (np.triu(G) + np.triu(G, 1).T) * decay
-        rho, origin, sign, centre = (numbers[self._places[name] :][:d] for name in ("rho", "origin", "sign", "centre"))
+        rho, origin, sign, centre = (of[name] for name in ("rho", "origin", "sign", "centre"))
         P = sign[:, None] * G[:d, :d] * sign + np.diag(rho * decay)
         q = sign * (G[:d, d] - rho * decay * centre)
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
 
     def part(self, name: str) -> Vector:
-        """Return a view of a vector (d,) of the state by its name in swept.h."""
-        first = self._places[name]
-        return self._numbers[first : first + self._lb.size]
+        """Return a view of a vector of the state by its name in swept.h."""
+        return self._parts[name]
 
     def solution(self) -> Solution:
         """Return the answer; ``extras`` count exchanges, refreshes and cold starts, and say what is left of the
@@ -203,11 +203,11 @@ class RecursiveActiveSet(Ours, Solver):
         for renew in (face.swept_refresh, face.swept_recover):
             if not capped and not face.swept_error(state) <= FOUND:
                 capped = renew(state) == CAPPED
-        first, numbers = self._places["counts"], state.view(np.float64)
-        exchanges, refreshes, cold_starts = state.view(np.int32)[first : first + 3].view(np.uint32).tolist()
-        error, x = face.swept_error(state), numbers[self._places["answer"] :][: self._lb.size].copy()
+        found = parts(state, self._places)
+        exchanges, refreshes, cold_starts, _ = found["counts"].view(np.uint32).tolist()
+        error, x = face.swept_error(state), found["answer"].copy()
         return box_solution(
-            self._problem_of(numbers),
+            self._problem_of(found),
             x,
             error <= FOUND,
             status="capped" if capped else "solved",

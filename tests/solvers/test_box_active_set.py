@@ -68,7 +68,7 @@ def solver(P, q, lb, ub, **settings_):
 
 def without_the_inverse(s):
     """Leave what is set up to the factorisation."""
-    s._head[s._places["inverted"]] = 0
+    s.counts("inverted")[0] = 0
 
 
 def answer(path, P, q, lb, ub):

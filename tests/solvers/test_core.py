@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from programs import lacking, program
 
+import piezo_model.core
 from solvers import core
 from solvers.core import block, compile_core, face
 
@@ -249,6 +250,73 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(var
 def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, error, message):
     with pytest.raises(error, match=message):
         face.descent_setup(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: face.descent_bytes(-1), ValueError, "argument 1 must be from 0 to 10000, not -1"),
+        (lambda: face.descent_bytes(10_001), ValueError, "argument 1 must be from 0 to 10000, not 10001"),
+        (lambda: face.descent_bytes(2.5), TypeError, "float"),
+        (lambda: face.descent_bytes(2, 3), TypeError, "takes 1 arguments, not 2"),
+        (lambda: face.processor_level(1), TypeError, "takes 0 arguments, not 1"),
+        (lambda: face.projected_steps(a_state(), 1, "a"), TypeError, "must be real number"),
+        (lambda: face.projected_steps(a_state(), -1, 0.0), ValueError, "argument 2 must be from 0 to"),
+        (lambda: face.descent_take(a_state(), np.eye(2), None, 0.5, 1), ValueError, "argument 2 has not the shape"),
+        (lambda: face.descent_take(a_state(), None, np.ones(2), 0.5, 1), ValueError, "argument 3 has not the shape"),
+        (lambda: absorbed(np.zeros((2, 3)), np.zeros((1, 3))), ValueError, "argument 1 has not the shape"),
+        (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 2))), ValueError, "argument 4 has not the shape"),
+        (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 3)), frozen(1)), ValueError, "read-only|not writable"),
+        (lambda: face.time_nothing(0, np.zeros(1)), TypeError, "argument 2 holds numbers of type d, not lq"),
+        (lambda: many(P=5, last=1), ValueError, "argument 2 has not the shape"),
+        (lambda: many(P=4, last=2), ValueError, "argument 9 must be from 0 to 1, not 2"),
+        (lambda: many(P=4, last=1, room=8), ValueError, "not the state|has room for"),
+        (lambda: factored(width=16), ValueError, "has not the shape"),
+    ],
+)
+def test_each_mark_of_an_argument_is_checked(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def a_state(d=3):
+    state = block(face.descent_bytes(d))
+    face.descent_setup(state, np.zeros(d), np.ones(d))
+    return state
+
+
+def frozen(size):
+    array = np.zeros(size)
+    array.flags.writeable = False
+    return array
+
+
+def absorbed(P, rows, c=None):
+    face.absorb(P, np.zeros(2), np.zeros(1) if c is None else c, rows, 0.9)
+
+
+def many(P, last, room=100_000):
+    vector = np.zeros((1, 2))
+    face.box_many(vector, np.zeros((1, P)), vector, vector, vector, np.zeros(1, np.int32), block(room), 0, last, 1)
+
+
+def factored(width):
+    face.factor_solve(block(face.factor_bytes(2)), np.ones(2), np.zeros((2, width)), 0.0, np.zeros(2))
+
+
+@pytest.mark.parametrize("module", [face, piezo_model.core.face], ids=["solvers", "piezo_model"])
+def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
+    functions = [function for function in vars(module).values() if callable(function) and function.__doc__]
+    functions = [function for function in functions if function.__doc__.startswith(f"{function.__name__}(")]
+    size = r"(\d+|[a-z]+(\+\d)?)"
+    mark = re.compile(rf"[A-Za-z_]+(#{size}?:{size}?|@([A-Z0-9]{{4}})?|\[{size}(,{size})*\][qi]?[=?]?)?")
+    assert len(functions) > 30
+    for function in functions:
+        arguments, separator, text = function.__doc__.removeprefix(f"{function.__name__}(").partition("): ")
+        assert separator
+        assert text.endswith(".")
+        for argument in arguments.split(", ") if arguments else ():
+            assert mark.fullmatch(argument), (function.__name__, argument)
 
 
 def test_a_block_that_is_no_state_or_was_cut_off_is_refused():

@@ -177,15 +177,15 @@ def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
     rng = np.random.default_rng(6)
     s = recursive(np.eye(18), np.zeros(18), np.zeros(18), forgetting=0.9995, proximal=0.0)
     ld = 24
-    M = s._numbers[s._places["M"] : s._places["M"] + 19 * ld]
+    M = s.part("M")
     s.append_many(drifting(rng, 18, 4 * REFRESH))
-    while s._head[s._places["since_refresh"]] < REFRESH - 18:
+    while s.part("since_refresh").view(np.int32)[0] < REFRESH - 18:
         s.append_many(drifting(rng, 18, 1))
-    row_weight, root_weight = s._numbers[s._places["row_weight"] :][:2]
+    row_weight, root_weight = s.part("row_weight")
     carried, root = M.copy(), root_weight**2 / row_weight
     free = np.append(s.part("free") > 0, False)
     face.swept_refresh(s.state)
-    carried, fresh = carried.reshape(-1, ld)[:, :19], M.reshape(-1, ld)[:, :19].copy()
+    carried, fresh = carried.reshape(-1, ld)[:19, :19], M.reshape(-1, ld)[:19, :19].copy()
     assert (np.append(s.part("free") > 0, False) == free).all()
     fresh[np.ix_(free, free)] /= root
     fresh[np.ix_(~free, ~free)] *= root
@@ -212,7 +212,7 @@ def test_a_swept_matrix_that_is_damaged_is_made_anew_and_the_answer_is_exact(dam
     s = recursive(P, q, lb, proximal=0.0)
     for k in range(30):
         if k == 20:  # no longer the inverse of anything definite, the answer included
-            M = s._numbers[s._places["M"] :][: 16 * 16].reshape(16, 16)
+            M = s.part("M").reshape(16, 16)
             np.fill_diagonal(M[:d, :d], damage)
             M[d, :d] = damage if np.isnan(damage) else 1.0
         row = rng.normal(size=d + 1)
