@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
 from piezo_model.compensator import DriveLimits, drive_settings
-from piezo_model.core import State, aligned, face
+from piezo_model.core import State, aligned, bindings
 from piezo_model.json_file import Number, convert, decoded
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
@@ -139,7 +139,8 @@ class CompensatorBank:
         s, shape, before, tiles_before = self.structure, self.structure.shape, self._tables, self._tiles
         self._tiles = tiles
         core = State(
-            face.bank_bytes(*shape, tiles, self.block), lambda block: face.bank_setup(block, *shape, tiles, self.block)
+            bindings.bank_bytes(*shape, tiles, self.block),
+            lambda block: bindings.bank_setup(block, *shape, tiles, self.block),
         )
         self._core = core
         limits = DriveLimits.of(s, None, self.rate_limit)
@@ -161,9 +162,9 @@ class CompensatorBank:
         checkpoints = int(self._numbers["checkpoint"]) // self.interval
         for tile in range(tiles_before, tiles):
             late = math.floor(tile * GOLDEN % 1.0 * self.interval) + tile % checkpoints * self.interval
-            face.bank_prepare(core.block, tile, late)
+            bindings.bank_prepare(core.block, tile, late)
         self._views["w_H"][tiles_before:, 0] = 1.0
-        self._room = [block(face.bank_room_bytes(*shape, self.block)) for _ in range(self.threads)]
+        self._workspaces = [block(bindings.bank_workspace_bytes(*shape, self.block)) for _ in range(self.threads)]
 
     def _place(self, slots: Index) -> None:
         """Say in which lane of all tiles each actuator is."""
@@ -263,7 +264,7 @@ class CompensatorBank:
         for tile in np.unique(slots // LANES):
             lanes = np.zeros(LANES)
             lanes[slots[slots // LANES == tile] % LANES] = 1.0
-            face.bank_begin(self._core.block, int(tile), lanes)
+            bindings.bank_begin(self._core.block, int(tile), lanes)
 
     @property
     def learning(self) -> NDArray[np.bool_]:
@@ -331,7 +332,7 @@ class CompensatorBank:
 
         def share(i: int) -> None:
             first, last = (self._tiles * end // self.threads for end in (i, i + 1))
-            face.bank_run(self._core.block, y_ref, y, x, self._room[i], first, last)
+            bindings.bank_run(self._core.block, y_ref, y, x, self._workspaces[i], first, last)
 
         with self._core.alone():
             if self.threads > 1:
@@ -364,7 +365,7 @@ class CompensatorBank:
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
         if memory["core"].dtype != np.uint8 or memory["core"].size != self._core.block.size:
             raise ValueError("the memory is that of another structure or number of tiles")
-        face.bank_restore(self._core.block, aligned(memory["core"]))
+        bindings.bank_restore(self._core.block, aligned(memory["core"]))
         self._place(slots.copy())
 
     def save(self, path: str | Path) -> None:
@@ -396,7 +397,7 @@ class CompensatorBank:
                 samples, _ = continuous_numbers(
                     found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"]
                 )
-                if memory["core"].size != face.bank_bytes(*found["structure"].shape, found["tiles"], samples):
+                if memory["core"].size != bindings.bank_bytes(*found["structure"].shape, found["tiles"], samples):
                     raise ValueError(
                         f"the field 'tiles' is {found['tiles']}, and the memory is of another number or "
                         "of another structure"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import json_file
-from piezo_model.core import State, face
+from piezo_model.core import State, bindings
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
@@ -142,7 +142,9 @@ class Compensator:
             SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)),
             OperatorArrays.of(s),
         )
-        self._core = State(face.compensator_bytes(*s.shape), lambda block: face.compensator_setup(block, *s.shape))
+        self._core = State(
+            bindings.compensator_bytes(*s.shape), lambda block: bindings.compensator_setup(block, *s.shape)
+        )
         for name, values in (
             ("r", operators.r),
             ("a", operators.a),
@@ -154,7 +156,7 @@ class Compensator:
         ):
             self._core[name][:] = values
         self.drive[LIMITS], self.drive[BUMP:] = self.limits[:4], drive
-        face.compensator_take(self._core.block, model.all_weights)
+        bindings.compensator_take(self._core.block, model.all_weights)
 
     @property
     def state(self) -> OperatorState:
@@ -193,17 +195,17 @@ class Compensator:
 
     def correct(self, y_measured: float) -> None:
         """Take the output (output unit) that the last drive produced, for the integral action; NaN is left out."""
-        face.compensator_correct(self._core.block, y_measured)
+        bindings.compensator_correct(self._core.block, y_measured)
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) that brings the actuator to the reference sample (output unit)."""
-        return float(face.compensator_step(self._core.block, y_ref))
+        return float(bindings.compensator_step(self._core.block, y_ref))
 
     def run(self, y_ref: ArrayLike) -> Vector:
         """Drive samples (N,) for reference samples (N,); the same, to the last bit, as ``step`` one by one."""
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
         x = np.empty_like(y_ref)
-        face.compensator_run(self._core.block, y_ref, x)
+        bindings.compensator_run(self._core.block, y_ref, x)
         return x
 
     def change_model(self, model: HysteresisCreepModel, fade_s: float = 0.0) -> None:
@@ -217,14 +219,14 @@ class Compensator:
         for name in ("play_thresholds", "creep_rates", "sample_time"):
             if getattr(old, name) != getattr(new, name):
                 raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
-        before, state = face.compensator_now(self._core.block), self.state
+        before, state = bindings.compensator_now(self._core.block), self.state
         drive, decay = self.drive[BUMP:].copy(), math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
         if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
             state = state.on(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
         self._use(model, state, drive, decay)
-        self.drive[BUMP] = drive[0] + before - face.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
+        self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs: the model, and copies of the arrays."""

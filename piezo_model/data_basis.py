@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import RegressorArrays
@@ -76,7 +76,7 @@ class DataBasis:
     def clear(self) -> None:
         """Forget P, q and c; the operator states stay, since they follow the actuator for as long as it is powered."""
         with self._core.alone():
-            face.basis_clear(self._core.block)
+            bindings.basis_clear(self._core.block)
 
     @property
     def samples(self) -> int:
@@ -109,9 +109,9 @@ class DataBasis:
             return
         with self._core.alone():
             if count:
-                face.basis_update(self._core.block, s.unit_input(x), s.unit_output(y))
+                bindings.basis_update(self._core.block, s.unit_input(x), s.unit_output(y))
             else:
-                face.basis_advance(self._core.block, s.unit_input(x))
+                bindings.basis_advance(self._core.block, s.unit_input(x))
 
     @property
     def total_weight(self) -> float:
@@ -126,7 +126,7 @@ class DataBasis:
         width, stride = self._regressors.width, self._regressors.stride
         gram = np.empty((width, padded(width)))
         with self._core.alone():
-            face.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
+            bindings.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
         upper = np.triu(gram[:width, :width])
         full: Matrix = (upper + np.triu(upper, 1).T) / self.total_weight
         return full

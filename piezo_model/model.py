@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
-from piezo_model.core import State, face
+from piezo_model.core import State, bindings
 from piezo_model.inverse import invert_play, invert_superposition
 from piezo_model.json_file import Number
 from piezo_model.operator_state import OperatorArrays, OperatorState, States, SuperpositionArrays, pad
@@ -211,8 +211,8 @@ class HysteresisCreepModel:
         """The model of ``core/model.h``."""
         p = self.arrays
         core = State(
-            face.model_bytes(*self.structure.shape),
-            lambda block: face.model_setup(block, *self.structure.shape, float(self.offset)),
+            bindings.model_bytes(*self.structure.shape),
+            lambda block: bindings.model_setup(block, *self.structure.shape, float(self.offset)),
         )
         for name, values in (
             ("r", p.operators.r),
@@ -260,7 +260,7 @@ class HysteresisCreepModel:
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
         y = np.empty_like(unit_x)
-        face.model_simulate(self._core.block, state.play, state.creep, unit_x, y)
+        bindings.model_simulate(self._core.block, state.play, state.creep, unit_x, y)
         return s.y_centre + s.y_scale * y
 
     @property

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from solvers.arrays import Matrix, Vector
 
 
@@ -54,7 +54,7 @@ def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix,
     """
     x, r, z = _as_vector(x), _as_vector(thresholds), np.array(state, dtype=np.float64)
     out = np.empty((x.size, r.size))
-    face.play(x, r, z, out)
+    bindings.play(x, r, z, out)
     return out, z
 
 
@@ -90,7 +90,7 @@ def creep(
     """
     x, r, z = _as_vector(x), _as_vector(thresholds), np.array(state, dtype=np.float64)
     out = np.empty((x.size, r.size))
-    face.creep(x, r, creep_gain(rates, sample_time), z, out)
+    bindings.creep(x, r, creep_gain(rates, sample_time), z, out)
     return out, z
 
 
@@ -120,7 +120,7 @@ def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
     u = _as_vector(u)
     low, high = dead_zone_limits(thresholds)
     out = np.empty((u.size, low.size))
-    face.dead_zone(u, low, high, out)
+    bindings.dead_zone(u, low, high, out)
     return out
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezo_model.core import State, face
+from piezo_model.core import State, bindings
 from piezo_model.identification_problem import Coordinates
 from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
 from piezo_model.structure import ModelStructure
@@ -53,7 +53,7 @@ class RegressorArrays(NamedTuple):
     def new_core(self, forgetting: float = 1.0) -> State:
         """The data basis of ``core/data_basis.h`` with these parameters."""
         shape = self.n, self.zones, self.operators.rates, int(self.offset)
-        core = State(face.basis_bytes(*shape), lambda block: face.basis_setup(block, *shape, forgetting))
+        core = State(bindings.basis_bytes(*shape), lambda block: bindings.basis_setup(block, *shape, forgetting))
         self.write(core)
         return core
 
@@ -80,7 +80,7 @@ def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y
     p = RegressorArrays.of(structure)
     core, rows = p.new_core(), np.empty((x.size, p.stride))
     core["play"][:], core["creep"][:] = state.play, state.creep
-    face.basis_rows(
+    bindings.basis_rows(
         core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows
     )
     state.play[:], state.creep[:] = core["play"], core["creep"]

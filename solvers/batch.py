@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.arrays import Matrix
-from solvers.core import OK, REASONS, block, face, padded
+from solvers.core import OK, REASONS, bindings, block, padded
 
 MOST_VARIABLES = 1000
 SHARES = 16
@@ -35,7 +35,7 @@ class BoxBatch:
         Variables of each program, 1 to 1000.
     threads : int, optional
         At most so many work at once; by default one for each core that this process may run on.
-    in_lanes : bool, optional
+    simd_batched : bool, optional
         Solve eight side by side in the lanes of one register (``solvers/core/block_pivoting.c``): faster at small d and
         no faster at d = 60. Answers then have other bits, and neither bounds that cross nor a P that is not symmetric
         are seen. What the lanes leave unsolved is solved alone.
@@ -62,17 +62,17 @@ class BoxBatch:
     'P, q and a starting point must be finite and bounds must not be NaN'
     """
 
-    def __init__(self, d: int, threads: int | None = None, in_lanes: bool = False) -> None:
+    def __init__(self, d: int, threads: int | None = None, simd_batched: bool = False) -> None:
         if not 1 <= d <= MOST_VARIABLES:
             raise ValueError(f"a program has 1 to {MOST_VARIABLES} variables, and not {d}")
-        self.d, self.in_lanes = d, in_lanes
+        self.d, self.simd_batched = d, simd_batched
         self.threads = usable_cores() if threads is None else threads
         if self.threads < 1:
             raise ValueError(f"there must be at least one thread, and not {threads}")
         self.statuses: NDArray[np.int32] = np.zeros(0, np.int32)
-        self._rooms: SimpleQueue[NDArray[np.uint8]] = SimpleQueue()
+        self._workspaces: SimpleQueue[NDArray[np.uint8]] = SimpleQueue()
         for _ in range(self.threads):
-            self._rooms.put(block(face.box_many_bytes(d)))
+            self._workspaces.put(block(bindings.box_many_bytes(d)))
         # starts none before there is work for it
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
@@ -103,11 +103,13 @@ class BoxBatch:
         x, self.statuses = np.empty((count, self.d)), np.empty(count, np.int32)
 
         def part(first: int, last: int) -> None:
-            room = self._rooms.get()
+            workspace = self._workspaces.get()
             try:
-                face.box_many(linear, matrices, *bounds, x, self.statuses, room, first, last, self.in_lanes)
+                bindings.box_many(
+                    linear, matrices, *bounds, x, self.statuses, workspace, first, last, self.simd_batched
+                )
             finally:
-                self._rooms.put(room)
+                self._workspaces.put(workspace)
 
         size = max(LEAST_SHARE, padded(-(-count // (SHARES * self.threads))))
         if self._pool is None or count <= size:

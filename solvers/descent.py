@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from solvers.core import NOT_FINITE, OK, REASONS, block, face, parts
+from solvers.core import NOT_FINITE, OK, REASONS, bindings, block, parts
 from solvers.protocol import Matrix, Timings, Vector
 from solvers.timed_calls import time_calls
 
 
-class Descent:
+class ProjectedGradient:
     """One problem with bounds lb ≤ x ≤ ub, in the variables w = x/D.
 
     Parameters
@@ -40,7 +40,7 @@ class Descent:
     Examples
     --------
     >>> import numpy as np
-    >>> d = Descent(np.zeros(1), np.ones(1), "example")
+    >>> d = ProjectedGradient(np.zeros(1), np.ones(1), "example")
     >>> d.take(np.array([[2.0]]), np.array([-1.0]), 0.25, scaled=False)
     >>> d.start(None)
     >>> d.run(2), d.w.tolist(), d.eta
@@ -49,16 +49,16 @@ class Descent:
 
     def __init__(self, lb: Vector, ub: Vector, name: str) -> None:
         self._name = name
-        self.state = block(face.descent_bytes(lb.size))
-        self._accept(face.descent_setup(self.state, lb, ub))
-        numbers, vectors = self.state.view(np.float64), parts(self.state, face.descent_places(self.state))
+        self.state = block(bindings.descent_bytes(lb.size))
+        self._accept(bindings.descent_setup(self.state, lb, ub))
+        numbers, vectors = self.state.view(np.float64), parts(self.state, bindings.descent_places(self.state))
         self.w, self.D, self._answer = vectors["w"], vectors["D"], vectors["answer"]
         self._eta, self._taken, self._met = numbers[2:3], self.state.view(np.int64)[3:4], self.state.view(np.int32)[8:9]
 
     def take(self, P: Matrix | None, q: Vector | None, ratio: float, scaled: bool) -> None:
         """Take P (d, d) or q (d,); the step is ``ratio`` times 2/λ_max, 1 where P is 0; ValueError where they cannot
         be."""
-        status = face.descent_take(self.state, P, q, ratio, int(scaled))
+        status = bindings.descent_take(self.state, P, q, ratio, int(scaled))
         if status == NOT_FINITE:
             which = "q" if P is None or np.isfinite(P).all() else "P"
             raise ValueError(f"{self._name}: {which} must be finite")
@@ -66,12 +66,12 @@ class Descent:
 
     def start(self, x: Vector | None) -> None:
         """Begin at the projection of x (d,), of 0 for None."""
-        face.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
+        bindings.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
 
     def run(self, steps: int, tolerance: float = -1.0) -> int:
         """Take plain steps; returns how many. It ends where one moves w by ``tolerance`` η |D q| or less (2-norms),
         looked at every 16."""
-        taken: int = face.projected_steps(self.state, steps, tolerance)
+        taken: int = bindings.projected_steps(self.state, steps, tolerance)
         return taken
 
     def time(
@@ -96,7 +96,7 @@ class Descent:
 
     def answer(self) -> Vector:
         """x (d,) where it stands, at a bound to the last bit where w is at it."""
-        face.descent_answer(self.state)
+        bindings.descent_answer(self.state)
         return self._answer.copy()
 
     @property
@@ -133,7 +133,7 @@ def limit(P: Matrix) -> float:
     0.5
     """
     d = P.shape[0]
-    descent = Descent(np.full(d, -np.inf), np.full(d, np.inf), "limit")
+    descent = ProjectedGradient(np.full(d, -np.inf), np.full(d, np.inf), "limit")
     descent.take(np.ascontiguousarray(P, dtype=np.float64), None, 1.0, scaled=False)
     return descent.eta if np.any(P) else np.inf
 
@@ -147,7 +147,7 @@ def trajectory(P: Matrix, q: Vector, lb: Vector, ub: Vector, w0: Vector, eta: fl
     >>> trajectory(np.eye(1), -np.ones(1), zero, upper, zero, 0.5, (1, 2, 3)).ravel().tolist()
     [0.5, 0.75, 0.875]
     """
-    descent = Descent(lb, ub, "trajectory")
+    descent = ProjectedGradient(lb, ub, "trajectory")
     descent.take(np.ascontiguousarray(P), np.ascontiguousarray(q), eta / limit(P), scaled=False)
     descent.start(w0)
     found, done = np.empty((len(steps), q.size)), 0

@@ -11,7 +11,7 @@ Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
 
 from __future__ import annotations
 
-from solvers.core import face
+from solvers.core import bindings
 from solvers.protocol import Matrix, Vector
 
 
@@ -29,4 +29,4 @@ def absorb(P: Matrix, q: Vector, c: Vector, rows: Matrix, first: int, last: int,
     >>> P.tolist(), q.tolist(), c.tolist()
     ([[2.5, 0.0], [0.0, 0.5]], [1.0, 0.0], [0.25])
     """
-    face.absorb(P, q, c, rows[first:last], forgetting)
+    bindings.absorb(P, q, c, rows[first:last], forgetting)

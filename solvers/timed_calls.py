@@ -21,8 +21,8 @@ def time_calls(
     warm_start: Vector | None,
     most_ns: float,
 ) -> tuple[int, Timings]:
-    """Run a function of the core that ends in the arguments of ``face_timed.h``, ``loop``; the status of the last call,
-    and what was timed.
+    """Run a function of the core that ends in the arguments of ``bindings_timed.h``, ``loop``; the status of the last
+    call, and what was timed.
 
     Parameters are those of :meth:`solvers.protocol.Solver.time_kernel`.
     """

@@ -12,7 +12,16 @@ import numpy as np
 import typer
 
 from bench.cli.given_options import is_given, refuse
-from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
+from bench.cli.recording_options import (
+    FILE,
+    READING_OPTIONS,
+    Input,
+    Output,
+    ReadOptions,
+    Time,
+    as_text,
+    reads_a_recording,
+)
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.report.console import AsJson, console, print_json, print_table, progress_bar, records
@@ -22,7 +31,7 @@ from solvers.certificate import WORK, Certificate, NotCertified, verify
 @reads_a_recording
 def problems_verb(
     context: typer.Context,
-    reading: Reading,
+    reading: ReadOptions,
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
     source: Annotated[

@@ -11,7 +11,16 @@ import typer
 
 from bench.cli.given_options import refuse
 from bench.cli.option_groups import grouped
-from bench.cli.recording_options import FILE, READING_OPTIONS, Input, Output, Reading, Time, as_text, reads_a_recording
+from bench.cli.recording_options import (
+    FILE,
+    READING_OPTIONS,
+    Input,
+    Output,
+    ReadOptions,
+    Time,
+    as_text,
+    reads_a_recording,
+)
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.messages.race_error import RaceError
 from bench.problems import ProblemSetError
@@ -107,7 +116,7 @@ def refuse_unused(context: typer.Context, kind: str) -> None:
 @grouped("own", own_options())
 def race_verb(
     context: typer.Context,
-    reading: Reading,
+    reading: ReadOptions,
     own: dict[str, int | None],
     kind: Annotated[KindName, typer.Option("--race", help=race_help())] = DEFAULT,
     problem_set: Annotated[

@@ -50,7 +50,7 @@ STARTS = {
 }
 
 
-class Reading(TypedDict):
+class ReadOptions(TypedDict):
     """Keywords of ``Recording.open`` and ``read_reference``."""
 
     sample_time: float | None

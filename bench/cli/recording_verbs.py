@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.recording_options import Input, Output, Reading, Time, reads_a_recording
+from bench.cli.recording_options import Input, Output, ReadOptions, Time, reads_a_recording
 from bench.report.console import AsJson, console, print_json, print_table
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.profile import profiles
-from piezo_model.recordings.tables import Reading as TableReading
+from piezo_model.recordings.tables import ReadOptions as TableReading
 from piezo_model.recordings.tables import Table
 from piezo_model.units import quantity, shown
 
@@ -20,7 +20,7 @@ from piezo_model.units import quantity, shown
 @reads_a_recording
 def inspect_verb(
     recording: Annotated[Path, typer.Argument(help="A recording in any known format.")],
-    reading: Reading,
+    reading: ReadOptions,
     time: Time = None,
     input: Input = None,
     output: Output = None,

@@ -13,7 +13,7 @@ from bench.cli.recording_options import (
     STARTS,
     Input,
     Output,
-    Reading,
+    ReadOptions,
     Start,
     Time,
     reads_a_recording,
@@ -38,7 +38,7 @@ SHOWN = 8
 def identify_verb(
     context: typer.Context,
     recording: Annotated[list[str], typer.Argument(help=f"{FILE} Many, as paths or URLs, go with --out-dir.")],
-    reading: Reading,
+    reading: ReadOptions,
     out: Annotated[Path | None, typer.Option(help="Where the model of one recording is written, JSON.")] = None,
     out_dir: OutDir = None,
     time: Time = None,
@@ -146,7 +146,7 @@ def compensate_verb(
             "recordings. Many, as paths or URLs, go with --out-dir."
         ),
     ],
-    reading: Reading,
+    reading: ReadOptions,
     out: Annotated[
         Path | None, typer.Option(help="Where the drive of one reference is written, CSV or Parquet.")
     ] = None,

@@ -20,7 +20,7 @@ from bench.derived.measurements import Measurements
 from bench.derived.ranking import ASKED, PACE, Line, of_paper, ranking
 from bench.derived.tier_settings import FEWEST
 from bench.derived.wrapper_share import in_lane_direct
-from bench.report.words import apart, joined, marked, number, percent, rounded, settings_label, solver_lanes
+from bench.report.words import format_distinct, joined, marked, number, percent, rounded, settings_label, solver_lanes
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from solvers import Lane, Tier
@@ -124,7 +124,7 @@ def _stage(found: Measurements) -> Iterator[str]:
     if part.empty:
         return
     noticed, most = int((part.stage_excess > UNNOTICED).sum()), part.sort_values("stage_excess").iloc[-1]
-    steps, best = apart(most.model_error_um, most.optimum_error_um)
+    steps, best = format_distinct(most.model_error_um, most.optimum_error_um)
     yield (
         f"On {noticed or 'none'} of {len(part)} problems the stage is measurably worse with the paper's method than at "
         f"the optimum: on {most.problem} {steps} against {best} µm RMS on unseen data (sensor noise "

@@ -33,7 +33,7 @@ FILES = {
 }
 """What is rendered."""
 INTERFACE = Path(__file__).parent / "c"
-SHARED = ("vec8.h", "num.h", "room.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
+SHARED = ("vec8.h", "num.h", "arena.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
 LEARNER = (
     "mailbox.h",
     "sensor_guard.h",

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from bench.export.numbers import Precision
 from bench.export.settings import BLOCKS, ExportSettings
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.learning.layout import CONTINUOUS, CYCLIC
 from piezo_model.structure import ModelStructure
-from solvers.core import face as solvers_face
+from solvers.core import bindings as solvers_bindings
 
 HEAD = 128
-"""HEAD_BYTES of ``room.h``."""
+"""HEAD_BYTES of ``arena.h``."""
 STACK = 6144
 """More than all frames together need."""
 
 
 def compensator_bytes(s: ModelStructure, precision: Precision) -> int:
     """Size of the compensator's state; in single precision creep states have a rest that rounding keeps from them."""
-    size: int = face.compensator_bytes(*s.shape)
+    size: int = bindings.compensator_bytes(*s.shape)
     return size if precision == "double" else HEAD + (size - HEAD) // 2 + 4 * len(s.creep_rates) * s.lanes
 
 
@@ -28,9 +28,11 @@ def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLO
         return 0
     numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
     size = int(
-        face.exported_learner_bytes(*s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4)
+        bindings.exported_learner_bytes(
+            *s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4
+        )
     )
-    return size + int(solvers_face.box_bytes(s.d)) if settings.solver == "box_active_set" else size
+    return size + int(solvers_bindings.box_bytes(s.d)) if settings.solver == "box_active_set" else size
 
 
 def figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:

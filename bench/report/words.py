@@ -82,12 +82,12 @@ def duration(us: float) -> str:
     return f"{us / (factor or 1.0):.3g} {unit}"
 
 
-def apart(a: float, b: float) -> tuple[str, str]:
+def format_distinct(a: float, b: float) -> tuple[str, str]:
     """Two figures with as many digits, three at least, as it takes to tell them apart.
 
     Examples
     --------
-    >>> apart(0.54312, 0.54309), apart(1.0, 1.0)
+    >>> format_distinct(0.54312, 0.54309), format_distinct(1.0, 1.0)
     (('0.54312', '0.54309'), ('1', '1'))
     """
     digits = next((n for n in range(3, 17) if a == b or f"{a:.{n}g}" != f"{b:.{n}g}"), 17)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solvers.core import face
+from solvers.core import bindings
 
 INSTRUCTION_SETS = {"v2": "SSE4.2", "v3": "AVX2", "v4": "AVX-512"}
 """What the levels of x86-64 are called for."""
@@ -38,7 +38,7 @@ def describe() -> dict[str, Any]:
 
 def core() -> str:
     """Instruction set and compiler of our C core."""
-    return f"{INSTRUCTION_SETS.get(face.instructions, face.instructions)}, {face.compiler}"
+    return f"{INSTRUCTION_SETS.get(bindings.instructions, bindings.instructions)}, {bindings.compiler}"
 
 
 def processor() -> str:

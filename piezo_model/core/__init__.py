@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import solvers.core
 
-face: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.face.processor_level())
+bindings: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.bindings.processor_level())
 
 
 def aligned(data: NDArray[np.uint8]) -> NDArray[np.uint8]:

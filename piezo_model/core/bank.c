@@ -3,17 +3,17 @@
 
 enum { TOGETHER = 32 }; /* tiles that go through many samples together: so many stay in the second-level cache */
 
-static int64_t bytes_of(int64_t count) { return room_bytes((int64_t)sizeof(num) * count); }
+static int64_t bytes_of(int64_t count) { return arena_bytes((int64_t)sizeof(num) * count); }
 static int memory_nums(void) { return (int)(sizeof(DriveMemory) / sizeof(num)); }
 static int64_t driver_bytes(Shape s, int block)
 {
     return bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)) + mailbox_bytes(s, block, 1);
 }
-static int64_t learner_part_bytes(Shape s) { return room_bytes(sizeof(LearnerClock)) + bytes_of(learner_nums(s)); }
+static int64_t learner_part_bytes(Shape s) { return arena_bytes(sizeof(LearnerClock)) + bytes_of(learner_nums(s)); }
 static int64_t note_bytes(Shape s) { return bytes_of(2 * note_nums(s)); }
 static int64_t parameter_bytes(Shape s)
 {
-    return room_bytes(sizeof(DriveSettings)) + room_bytes(sizeof(LearnerSettings))
+    return arena_bytes(sizeof(DriveSettings)) + arena_bytes(sizeof(LearnerSettings))
            + (int64_t)sizeof(real) * (lanes(s) + rate_lanes(s) + 4 * zone_lanes(s));
 }
 
@@ -22,17 +22,20 @@ int64_t bank_bytes(Shape s, int64_t tiles, int block)
     return HEAD_BYTES + parameter_bytes(s) + tiles * (driver_bytes(s, block) + learner_part_bytes(s) + note_bytes(s));
 }
 
-int64_t bank_room_bytes(Shape s, int block) { return workspace_bytes(s, block, CONTINUOUS) + box_bytes(unknowns(s)); }
+int64_t bank_workspace_bytes(Shape s, int block)
+{
+    return workspace_bytes(s, block, CONTINUOUS) + box_bytes(unknowns(s));
+}
 
 Bank bank_at(void *memory)
 {
     Bank b;
-    Room room = after_head(memory);
+    Arena arena = after_head(memory);
     b.head = memory;
     b.shape = SHAPE(&b.head->shaped);
-    b.drive_settings = room_for(&room, sizeof *b.drive_settings);
-    b.learner_settings = room_for(&room, sizeof *b.learner_settings);
-    b.regressors = take_regressors(&room, b.shape);
+    b.drive_settings = arena_take(&arena, sizeof *b.drive_settings);
+    b.learner_settings = arena_take(&arena, sizeof *b.learner_settings);
+    b.regressors = take_regressors(&arena, b.shape);
     b.drivers = (char *)memory + HEAD_BYTES + parameter_bytes(b.shape);
     b.learners = b.drivers + b.head->tiles * driver_bytes(b.shape, b.head->block);
     b.notes = b.learners + b.head->tiles * learner_part_bytes(b.shape);
@@ -43,36 +46,36 @@ Controller tile_controller(const Bank *b, int64_t tile)
 {
     const Shape s = b->shape;
     Controller c;
-    Room room = {b->drivers + tile * driver_bytes(s, b->head->block)};
+    Arena arena = {b->drivers + tile * driver_bytes(s, b->head->block)};
     c.compensator.head = NULL;
     c.compensator.shape = s;
     c.compensator.settings = b->drive_settings;
     c.compensator.operators = b->regressors.operators;
     c.compensator.low = b->regressors.low;
     c.compensator.high = b->regressors.high;
-    c.compensator.memory = (DriveMemory *)(void *)nums(&room, memory_nums());
-    c.compensator.play = nums(&room, play_vectors(s));
-    c.compensator.creep = nums(&room, creep_vectors(s));
-    c.compensator.inverse = take_inverse(&room, s);
+    c.compensator.memory = (DriveMemory *)(void *)nums(&arena, memory_nums());
+    c.compensator.play = nums(&arena, play_vectors(s));
+    c.compensator.creep = nums(&arena, creep_vectors(s));
+    c.compensator.inverse = take_inverse(&arena, s);
     c.mailbox = mailbox_at((char *)c.compensator.memory + bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)), s);
     return c;
 }
 
-Learner tile_learner(const Bank *b, int64_t tile, void *thread_room)
+Learner tile_learner(const Bank *b, int64_t tile, void *thread_workspace)
 {
     const Shape s = b->shape;
     Learner l;
-    Room room = {b->learners + tile * learner_part_bytes(s)}, notes = {b->notes + tile * note_bytes(s)};
+    Arena arena = {b->learners + tile * learner_part_bytes(s)}, notes = {b->notes + tile * note_bytes(s)};
     l.shape = s;
     l.d = unknowns(s);
     l.settings = b->learner_settings;
     l.regressors = b->regressors;
     l.mailbox = tile_controller(b, tile).mailbox;
-    l.clock = room_for(&room, sizeof *l.clock);
-    l.room = thread_room;
+    l.clock = arena_take(&arena, sizeof *l.clock);
+    l.workspace = thread_workspace;
     l.bank = b;
     l.number = (int)tile;
-    tile_learner_take(&l, &room, &notes);
+    tile_learner_take(&l, &arena, &notes);
     return l;
 }
 
@@ -121,13 +124,13 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     tile_learner_begin_anew(l, which, constant(0));
 }
 
-static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *room)
+static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *workspace)
 {
     const Controller c = tile_controller(b, tile);
     if (c.mailbox.head->to_go > 0
         && tile_controller_observe(&c, c.compensator.play[0], y)) { /* there has been a drive */
-        const Learner l = tile_learner(b, tile, room);
-        bank_wait(b, room, l.number, l.number);
+        const Learner l = tile_learner(b, tile, workspace);
+        bank_wait(b, workspace, l.number, l.number);
         tile_learner_learn(&l);
     }
     return tile_controller_drive(&c, y_ref);
@@ -139,14 +142,14 @@ CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
     const char *const driver = b->drivers + tile * driver_bytes(b->shape, b->head->block);
     const int64_t own = bytes_of(memory_nums() + state_nums(b->shape) + inverse_nums(b->shape));
     const MailboxHead *const m = (const MailboxHead *)(const void *)(driver + own);
-    fetch(driver, own + room_bytes(sizeof *m) + shared_bytes(GUARD_NUMS));
+    fetch(driver, own + arena_bytes(sizeof *m) + shared_bytes(GUARD_NUMS));
     if (m->to_go == 1) {
         fetch(b->learners + tile * learner_part_bytes(b->shape), learner_part_bytes(b->shape));
     }
 }
 
 void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x, int64_t samples,
-               void *room)
+               void *workspace)
 {
     const int64_t width = b->head->tiles * LANES;
     for (int64_t begin = first; begin < last; begin += TOGETHER) {
@@ -157,9 +160,9 @@ void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, co
                 if (i + 1 < last) {
                     fetch_tile(b, i + 1);
                 }
-                store(x + at, tile_step(b, i, load(y_ref + at), load(y + at), room));
+                store(x + at, tile_step(b, i, load(y_ref + at), load(y + at), workspace));
             }
         }
     }
-    bank_wait(b, room, 0, (int)b->head->tiles - 1);
+    bank_wait(b, workspace, 0, (int)b->head->tiles - 1);
 }

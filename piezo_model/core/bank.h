@@ -29,12 +29,12 @@ typedef struct Bank {
 } Bank;
 
 CORE_API int64_t bank_bytes(Shape shape, int64_t tiles, int block);
-/* Room that a step needs, for each thread its own. */
-CORE_API int64_t bank_room_bytes(Shape shape, int block);
+/* Arena that a step needs, for each thread its own. */
+CORE_API int64_t bank_workspace_bytes(Shape shape, int block);
 CORE_API Bank bank_at(void *memory);
-/* What a tile consists of; `room` is of the thread that lets it learn. */
+/* What a tile consists of; `workspace` is of the thread that lets it learn. */
 CORE_API Controller tile_controller(const Bank *b, int64_t tile);
-CORE_API Learner tile_learner(const Bank *b, int64_t tile, void *room);
+CORE_API Learner tile_learner(const Bank *b, int64_t tile, void *workspace);
 /* Make a block of bank_bytes(...) bytes a bank; settings, thresholds, limits and states are still to be written. */
 CORE_API Bank bank_setup(void *memory, Shape shape, int64_t tiles, int block);
 /* Prepare a new tile, whose samples are counted from `late` on. */
@@ -43,9 +43,9 @@ CORE_API void tile_prepare(const Bank *b, int64_t tile, int64_t late);
 CORE_API void tile_begin(const Bank *b, int64_t tile, num which);
 /* Step the tiles from `first` up to `last`: take the outputs (samples, 8 tiles) that the drives before each sample
  * produced, and drive for these references; all in the units of the structure. */
-/* Wait for the optima of the tiles from `first` to `last` that are still in the queue of this room. */
-CORE_API void bank_wait(const Bank *b, void *room, int first, int last);
+/* Wait for the optima of the tiles from `first` to `last` that are still in the queue of this workspace. */
+CORE_API void bank_wait(const Bank *b, void *workspace, int first, int last);
 CORE_API void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x,
-                        int64_t samples, void *room);
+                        int64_t samples, void *workspace);
 
 #endif

@@ -5,9 +5,9 @@
 
 /* The optimum of a lane of the program becomes the candidate of this actuator, which begins anew if its data have none.
  */
-static void finish(const Bank *b, void *room, const Pivoting *program, int lane, int actuator, int solved)
+static void finish(const Bank *b, void *workspace, const Pivoting *program, int lane, int actuator, int solved)
 {
-    const Learner learner = tile_learner(b, actuator / LANES, room), *const l = &learner;
+    const Learner learner = tile_learner(b, actuator / LANES, workspace), *const l = &learner;
     const int to = actuator % LANES;
     if (!solved) {
         ((real *)&l->memory->alone)[to] += 1;
@@ -24,29 +24,29 @@ static void finish(const Bank *b, void *room, const Pivoting *program, int lane,
 }
 
 /* Solve one system of each program in the queue. */
-static void move_queue_on(const Bank *b, void *room)
+static void move_queue_on(const Bank *b, void *workspace)
 {
-    const Workspace work = workspace_at(room, b->shape, b->head->block, CONTINUOUS), *const w = &work;
+    const Workspace work = workspace_at(workspace, b->shape, b->head->block, CONTINUOUS), *const w = &work;
     real solved[LANES], broken[LANES];
     num more;
     store(solved, tile_pivoting_round(&w->queue, &more));
     store(broken, more);
     for (int lane = 0; lane < LANES; ++lane) {
         if (w->owner[lane] > 0 && (++w->rounds[lane] == MOST_ROUNDS || !(broken[lane] > 0))) {
-            finish(b, room, &w->queue, lane, w->owner[lane] - 1, solved[lane] > 0);
+            finish(b, workspace, &w->queue, lane, w->owner[lane] - 1, solved[lane] > 0);
             w->owner[lane] = 0;
         }
     }
 }
 
-static void line_up(const Bank *b, void *room, int lane, int actuator)
+static void line_up(const Bank *b, void *workspace, int lane, int actuator)
 {
-    const Workspace work = workspace_at(room, b->shape, b->head->block, CONTINUOUS), *const w = &work;
+    const Workspace work = workspace_at(workspace, b->shape, b->head->block, CONTINUOUS), *const w = &work;
     int into = 0;
     while (w->owner[into] > 0) {
         into = (into + 1) % LANES;
         if (into == 0) {
-            move_queue_on(b, room);
+            move_queue_on(b, workspace);
         }
     }
     pivoting_move(&w->program, lane, &w->queue, into);
@@ -54,12 +54,12 @@ static void line_up(const Bank *b, void *room, int lane, int actuator)
     w->rounds[into] = 1;
 }
 
-void bank_wait(const Bank *b, void *room, int first, int last)
+void bank_wait(const Bank *b, void *workspace, int first, int last)
 {
-    const int32_t *const owner = workspace_at(room, b->shape, b->head->block, CONTINUOUS).owner;
+    const int32_t *const owner = workspace_at(workspace, b->shape, b->head->block, CONTINUOUS).owner;
     for (int lane = 0; lane < LANES; ++lane) {
         while (owner[lane] > first * LANES && owner[lane] <= (last + 1) * LANES) {
-            move_queue_on(b, room);
+            move_queue_on(b, workspace);
         }
     }
 }
@@ -79,9 +79,9 @@ int tile_learner_optimum(const Learner *l, num which)
     for (int lane = 0; lane < LANES; ++lane) {
         const int actuator = l->number * LANES + lane;
         if (wanted[lane] > 0 && broken[lane] > 0) {
-            line_up(l->bank, l->room, lane, actuator);
+            line_up(l->bank, l->workspace, lane, actuator);
         } else if (wanted[lane] > 0 && !(solved[lane] > 0)) {
-            finish(l->bank, l->room, &w->program, lane, actuator, 0);
+            finish(l->bank, l->workspace, &w->program, lane, actuator, 0);
         }
     }
     return 0;

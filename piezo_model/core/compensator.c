@@ -134,17 +134,17 @@ int64_t compensator_bytes(Shape s)
 Compensator compensator_at(void *memory)
 {
     Compensator c;
-    Room room = after_head(memory);
+    Arena arena = after_head(memory);
     c.head = memory;
     c.shape = SHAPE(c.head);
-    c.settings = (const DriveSettings *)(void *)reals(&room, 2, LANES);
-    c.operators = take_operators(&room, c.shape);
-    c.low = reals(&room, 1, zone_lanes(c.shape));
-    c.high = reals(&room, 1, zone_lanes(c.shape));
-    c.memory = (DriveMemory *)(void *)reals(&room, 2, LANES);
-    c.play = nums(&room, lanes(c.shape));
-    c.creep = nums(&room, CREEP_VECTORS * creep_lanes(c.shape));
-    c.inverse = take_inverse(&room, c.shape);
+    c.settings = (const DriveSettings *)(void *)reals(&arena, 2, LANES);
+    c.operators = take_operators(&arena, c.shape);
+    c.low = reals(&arena, 1, zone_lanes(c.shape));
+    c.high = reals(&arena, 1, zone_lanes(c.shape));
+    c.memory = (DriveMemory *)(void *)reals(&arena, 2, LANES);
+    c.play = nums(&arena, lanes(c.shape));
+    c.creep = nums(&arena, CREEP_VECTORS * creep_lanes(c.shape));
+    c.inverse = take_inverse(&arena, c.shape);
     return c;
 }
 

@@ -49,16 +49,16 @@ typedef struct {
 
 CORE_INLINE int inverse_nums(Shape s) { return 4 * NUMS(s.n + 1) + NUMS(s.zones) + NUMS(creep_weights(s)) + NUMS(1); }
 
-CORE_INLINE Inverse take_inverse(Room *room, Shape s)
+CORE_INLINE Inverse take_inverse(Arena *arena, Shape s)
 {
     Inverse p;
-    p.w_H = nums(room, NUMS(s.n + 1));
-    p.w_S = nums(room, NUMS(s.zones));
-    p.w_K = nums(room, NUMS(creep_weights(s)));
-    p.offset = nums(room, NUMS(1));
-    p.W_H = nums(room, NUMS(s.n + 1));
-    p.w_H_inverse = nums(room, NUMS(s.n + 1));
-    p.r_H_inverse = nums(room, NUMS(s.n + 1));
+    p.w_H = nums(arena, NUMS(s.n + 1));
+    p.w_S = nums(arena, NUMS(s.zones));
+    p.w_K = nums(arena, NUMS(creep_weights(s)));
+    p.offset = nums(arena, NUMS(1));
+    p.W_H = nums(arena, NUMS(s.n + 1));
+    p.w_H_inverse = nums(arena, NUMS(s.n + 1));
+    p.r_H_inverse = nums(arena, NUMS(s.n + 1));
     return p;
 }
 

@@ -171,7 +171,7 @@ static int end_interval(const Learner *l, const Passed *b, num looked_at, num ex
     const num better = both(is_finite(m->squares_candidate), is_not(less(m->squares_in_use, m->squares_candidate)));
     const num takes = both(both(judged, better), both(excited, is_not(less(constant(0), m->wait))));
     const num fresh = either(reverts, takes), first = both(takes, is_not(m->established));
-    int brought = 0;
+    int events = 0;
     if (checkpoint) {
         note(l, both(both(looked_at, is_not(less(constant(0), m->left))),
                      both(m->established, is_not(either(m->pending, m->revert)))));
@@ -185,16 +185,16 @@ static int end_interval(const Learner *l, const Passed *b, num looked_at, num ex
         set_where(reverts, &m->revert, constant(0));
         set_where(reverts, &m->left, constant((real)p->reset_lasts));
         set_where(reverts, &m->probation, constant(0));
-        brought = TAKE_OVER | (any(first) ? FIRST : 0);
+        events = TAKE_OVER | (any(first) ? FIRST : 0);
     }
     m->refusals = plus(m->refusals, both(judged, is_not(better)));
     if (any(judged)) {
-        brought |= N(learner_optimum)(l, judged);
+        events |= N(learner_optimum)(l, judged);
     }
     set_where(looked_at, &m->squares_in_use, constant(0));
     set_where(looked_at, &m->squares_candidate, constant(0));
     set_where(looked_at, &m->predicted, constant(0));
-    return brought | (checkpoint && any(is_not(less(constant(0), m->left))) && !(brought & FIRST) ? LOOK : 0);
+    return events | (checkpoint && any(is_not(less(constant(0), m->left))) && !(events & FIRST) ? LOOK : 0);
 }
 
 int N(continuous_block)(const Learner *l, const Passed *b)
@@ -208,27 +208,27 @@ int N(continuous_block)(const Learner *l, const Passed *b)
     const num excited = excites(l, b, in_phase);
     const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
     num ended;
-    int brought = 0;
+    int events = 0;
     set_where(failed_again, &m->left, constant((real)p->reset_lasts));
     set_where(failed_again, &m->probation, constant(0));
     if (any(failed)) {
         m->faults = plus(m->faults, failed);
         fall_back(l, failed);
         enter(l, failed, (real)p->reset_lasts);
-        brought = SENSOR_FAULT;
+        events = SENSOR_FAULT;
     }
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
     set_where(probed, &m->left, minus(m->left, b->good));
     ended = both(probed, is_not(less(constant(0), m->left)));
     if (any(ended)) {
-        brought |= any(end_probation(l, ended)) ? OTHER_SENSOR : 0;
+        events |= any(end_probation(l, ended)) ? OTHER_SENSOR : 0;
     }
     if (any(learns)) {
         learn(l, b, learns);
     }
     if (b->end >= l->clock->next_interval) { /* an interval that ends with the phase is not looked at */
         l->clock->next_interval = (b->end / p->interval + 1) * p->interval;
-        brought |= end_interval(l, b, both(m->learning, is_not(either(failed, ended))), excited);
+        events |= end_interval(l, b, both(m->learning, is_not(either(failed, ended))), excited);
     }
-    return brought;
+    return events;
 }

@@ -67,7 +67,7 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
     MailboxHead *const m = c->mailbox.head;
     const Offer *const o = &c->mailbox.offer;
     const uint32_t offered = CORE_ACQUIRE(&m->offered);
-    Room room = {(char *)o->inverse};
+    Arena arena = {(char *)o->inverse};
     int current;
     *answered = m->answered;
     if (offered == m->answered || (*o->epoch == m->epoch && m->samples < *o->due)) {
@@ -76,7 +76,7 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
     current = *o->epoch == m->epoch;
     if (current) {
         const num unknown = differs(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
-        change->inverse = take_inverse(&room, c->compensator.shape);
+        change->inverse = take_inverse(&arena, c->compensator.shape);
         change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
         CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));
     }

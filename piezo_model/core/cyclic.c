@@ -45,27 +45,27 @@ int64_t cyclic_bytes(Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     const int64_t numbers = 7 * ld + lanes(s) + creep_lanes(s) + LANES + 2 * padded(products(s)) + padded(d * d);
-    return numbers * (int64_t)sizeof(real) + room_bytes(descent_bytes(d));
+    return numbers * (int64_t)sizeof(real) + arena_bytes(descent_bytes(d));
 }
 
-Cyclic take_cyclic_room(Room *room, Shape s)
+Cyclic take_cyclic(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
-    c.reference = reals(room, 1, ld);
-    c.found = reals(room, 1, ld);
-    c.q = reals(room, 1, ld);
-    c.lower = reals(room, 1, ld);
-    c.upper = reals(room, 1, ld);
-    c.start = reals(room, 1, ld);
-    c.scale = reals(room, 1, ld);
-    c.start_play = reals(room, 1, lanes(s));
-    c.start_creep = reals(room, 1, creep_lanes(s));
-    c.covered = reals(room, 1, LANES);
-    c.data = reals(room, 1, padded(products(s)));
-    c.past = reals(room, 1, padded(products(s)));
-    c.P = reals(room, 1, padded(d * d));
-    c.descent = descent_at(room_for(room, (size_t)descent_bytes(d)));
+    c.reference = reals(arena, 1, ld);
+    c.found = reals(arena, 1, ld);
+    c.q = reals(arena, 1, ld);
+    c.lower = reals(arena, 1, ld);
+    c.upper = reals(arena, 1, ld);
+    c.start = reals(arena, 1, ld);
+    c.scale = reals(arena, 1, ld);
+    c.start_play = reals(arena, 1, lanes(s));
+    c.start_creep = reals(arena, 1, creep_lanes(s));
+    c.covered = reals(arena, 1, LANES);
+    c.data = reals(arena, 1, padded(products(s)));
+    c.past = reals(arena, 1, padded(products(s)));
+    c.P = reals(arena, 1, padded(d * d));
+    c.descent = descent_at(arena_take(arena, (size_t)descent_bytes(d)));
     c.answer = c.descent.answer;
     return c;
 }
@@ -208,7 +208,7 @@ static void make_program(const Learner *l)
 /* Put the recursion at the start; whether the program can be solved. */
 static int begin_steps(const Learner *l)
 {
-    Descent descent = l->cyclic.descent;
+    ProjectedGradient descent = l->cyclic.descent;
     const Cyclic *const c = &l->cyclic;
     if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
         || descent_take(&descent, c->P, c->q, l->settings->step_ratio, 0) != OK) {
@@ -247,7 +247,7 @@ static int hand_over(const Learner *l, int64_t now)
     const real share = (c->covered[X_MAX] - c->covered[X_MIN]) / 2;
     real sum = 0, before, after;
     if (SOLVER(l->settings) == STEPS) {
-        Descent descent = c->descent;
+        ProjectedGradient descent = c->descent;
         descent_answer(&descent);
     }
     for (int j = 0; j < l->d; ++j) {
@@ -305,12 +305,12 @@ int cyclic_block(const Learner *l, const Passed *b)
     LearnerClock *const clock = l->clock;
     if (clock->phase == LEARN) {
         if (SOLVER(l->settings) == STEPS) {
-            Descent descent = l->cyclic.descent;
+            ProjectedGradient descent = l->cyclic.descent;
             projected_steps(&descent, b->count, -1);
         }
         clock->phase_left -= b->count;
-        const int brought = clock->phase_left <= 0 ? hand_over(l, b->end) : 0;
-        return brought ? brought | CYCLE_OVER : 0;
+        const int events = clock->phase_left <= 0 ? hand_over(l, b->end) : 0;
+        return events ? events | CYCLE_OVER : 0;
     }
     if (b->fault > 0) {
         const int building = clock->phase == BUILD;

@@ -9,17 +9,17 @@ int64_t basis_bytes(Shape s)
 Basis basis_at(void *memory)
 {
     Basis b;
-    Room room = after_head(memory);
+    Arena arena = after_head(memory);
     b.head = memory;
     b.shape = SHAPE(&b.head->shaped);
-    b.regressors = take_regressors(&room, b.shape);
-    b.play = reals(&room, 1, lanes(b.shape));
-    b.creep = reals(&room, 1, creep_lanes(b.shape));
-    b.start_play = reals(&room, 1, lanes(b.shape));
-    b.start_creep = reals(&room, 1, creep_lanes(b.shape));
-    b.span = reals(&room, 1, LANES);
-    b.rows = reals(&room, BASIS_BLOCK, row_nums(b.shape));
-    b.gram = reals(&room, 1, symmetric_nums(row_width(b.shape)));
+    b.regressors = take_regressors(&arena, b.shape);
+    b.play = reals(&arena, 1, lanes(b.shape));
+    b.creep = reals(&arena, 1, creep_lanes(b.shape));
+    b.start_play = reals(&arena, 1, lanes(b.shape));
+    b.start_creep = reals(&arena, 1, creep_lanes(b.shape));
+    b.span = reals(&arena, 1, LANES);
+    b.rows = reals(&arena, BASIS_BLOCK, row_nums(b.shape));
+    b.gram = reals(&arena, 1, symmetric_nums(row_width(b.shape)));
     return b;
 }
 

@@ -1,15 +1,15 @@
 #include "learner.h"
 
-static Note take_note(Room *room, Shape s)
+static Note take_note(Arena *arena, Shape s)
 {
     Note n;
-    n.gram = nums(room, symmetric_nums(unknowns(s) + 1));
-    n.in_use = nums(room, NUMS(unknowns(s)));
-    n.level = nums(room, NUMS(1));
+    n.gram = nums(arena, symmetric_nums(unknowns(s) + 1));
+    n.in_use = nums(arena, NUMS(unknowns(s)));
+    n.level = nums(arena, NUMS(1));
     return n;
 }
 
-void N(learner_take)(Learner *l, Room *own, Room *notes)
+void N(learner_take)(Learner *l, Arena *own, Arena *notes)
 {
     const Shape s = l->shape;
     l->memory = (LearnerMemory *)(void *)nums(own, NUMS((int)(sizeof(LearnerMemory) / sizeof(num))));
@@ -136,7 +136,7 @@ int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, in
 int N(learner_learn)(const Learner *l)
 {
     MailboxHead *const m = l->mailbox.head;
-    int brought = 0;
+    int events = 0;
     if (CORE_ACQUIRE(&m->published) == m->consumed) {
         return 0;
     }
@@ -153,20 +153,20 @@ int N(learner_learn)(const Learner *l)
             l->memory->pending = constant(0);
         }
 #ifdef CORE_TILE
-        brought = tile_continuous_block(l, &b);
+        events = tile_continuous_block(l, &b);
 #else
-        brought = cyclic ? cyclic_block(l, &b) : continuous_block(l, &b);
+        events = cyclic ? cyclic_block(l, &b) : continuous_block(l, &b);
 #endif
     }
     CORE_RELEASE(&m->consumed, m->consumed + 1);
-    return brought;
+    return events;
 }
 
 #ifndef CORE_TILE
 int64_t learner_bytes(Shape s, int block, int blocks, int way)
 {
-    return HEAD_BYTES + mailbox_bytes(s, block, blocks) + room_bytes(sizeof(LearnerSettings))
-           + room_bytes(sizeof(LearnerClock))
+    return HEAD_BYTES + mailbox_bytes(s, block, blocks) + arena_bytes(sizeof(LearnerSettings))
+           + arena_bytes(sizeof(LearnerClock))
            + (int64_t)sizeof(real)
                  * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s)
                     + (way == CYCLIC ? 0 : 2 * note_nums(s)))
@@ -178,22 +178,22 @@ Learner learner_at(void *memory)
     const LearnerHead *const head = memory;
     const int way = (int)WAY(head);
     Learner l;
-    Room room = after_head(memory);
+    Arena arena = after_head(memory);
     l.shape = SHAPE(&head->shaped);
     l.d = unknowns(l.shape);
-    l.mailbox = mailbox_at(room.at, l.shape);
-    room.at += mailbox_bytes(l.shape, head->block, head->blocks);
-    l.settings = room_for(&room, sizeof *l.settings);
-    l.clock = room_for(&room, sizeof *l.clock);
-    l.regressors = take_regressors(&room, l.shape);
-    Room none = {NULL};
-    learner_take(&l, &room, way == CYCLIC ? &none : &room);
-    l.seen_play = reals(&room, 1, lanes(l.shape));
-    l.seen_creep = reals(&room, 1, creep_lanes(l.shape));
+    l.mailbox = mailbox_at(arena.at, l.shape);
+    arena.at += mailbox_bytes(l.shape, head->block, head->blocks);
+    l.settings = arena_take(&arena, sizeof *l.settings);
+    l.clock = arena_take(&arena, sizeof *l.clock);
+    l.regressors = take_regressors(&arena, l.shape);
+    Arena none = {NULL};
+    learner_take(&l, &arena, way == CYCLIC ? &none : &arena);
+    l.seen_play = reals(&arena, 1, lanes(l.shape));
+    l.seen_creep = reals(&arena, 1, creep_lanes(l.shape));
     if (way == CYCLIC) {
-        l.cyclic = take_cyclic_room(&room, l.shape);
+        l.cyclic = take_cyclic(&arena, l.shape);
     }
-    l.room = room.at;
+    l.workspace = arena.at;
     return l;
 }
 

@@ -21,7 +21,7 @@
 
 enum { RESET, BUILD, LEARN };
 
-/* What a block brought; several at once are possible. piezo_model/learning/events.py has the same names. */
+/* What came of a block; several at once are possible. piezo_model/learning/events.py has the same names. */
 enum {
     TAKE_OVER = 1,      /* weights were offered */
     SENSOR_FAULT = 2,   /* the sensor cannot be trusted: learning goes back and waits */
@@ -86,7 +86,7 @@ typedef struct {
     num *gram, *in_use, *level;
 } Note;
 
-/* Room of one thread. */
+/* Arena of one thread. */
 typedef struct {
     num *rows, *play, *creep;
     Inverse inverse;
@@ -110,7 +110,7 @@ typedef struct {
     /* The program 1/2 z'Pz + q'z over lower <= z, in variables v = scale z that make its diagonal one: */
     num *P, *q, *lower, *upper; /* d rows of d numbers; the upper bounds are infinite */
     num *start, *scale, *answer;
-    Descent descent;
+    ProjectedGradient descent;
 } Cyclic;
 #endif
 
@@ -125,7 +125,7 @@ typedef struct {
     num *in_use, *before, *candidate; /* the unknowns in use, in use before the last offer, and the next ones */
     num *gram;                        /* of rows (Xi, x) */
     Note older, newer;
-    void *room; /* its work space */
+    void *workspace;
 #ifdef CORE_TILE
     const struct Bank *bank;
     int number; /* of the tile */
@@ -161,41 +161,42 @@ CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
     const int64_t queue = WIDTH == 1 ? 0 : pivoting_bytes(d) + 2 * LANES * 8;
     const int64_t optimum =
         way == CYCLIC ? 0 : pivoting_bytes(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
-    return room_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
+    return arena_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
 CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
 {
     const int d = unknowns(s);
     Workspace w = {0};
-    Room room = {memory};
-    w.rows = nums(&room, block * row_nums(s) + LANES);
-    w.play = nums(&room, play_vectors(s) * (LANES / WIDTH));
-    w.creep = nums(&room, creep_vectors(s) * (LANES / WIDTH));
-    w.inverse = take_inverse(&room, s);
+    Arena arena = {memory};
+    w.rows = nums(&arena, block * row_nums(s) + LANES);
+    w.play = nums(&arena, play_vectors(s) * (LANES / WIDTH));
+    w.creep = nums(&arena, creep_vectors(s) * (LANES / WIDTH));
+    w.inverse = take_inverse(&arena, s);
     w.exact = (char *)memory + workspace_bytes(s, block, way);
     if (way == CYCLIC) {
         return w;
     }
-    w.program = pivoting_at(&room, d);
-    w.P = reals(&room, 1, padded(d * d));
-    w.q = reals(&room, 1, padded(d));
-    w.lb = reals(&room, 1, padded(d));
-    w.ub = reals(&room, 1, padded(d));
+    w.program = pivoting_at(&arena, d);
+    w.P = reals(&arena, 1, padded(d * d));
+    w.q = reals(&arena, 1, padded(d));
+    w.lb = reals(&arena, 1, padded(d));
+    w.ub = reals(&arena, 1, padded(d));
 #ifdef CORE_TILE
-    w.queue = pivoting_at(&room, d);
-    w.owner = integers(&room, LANES);
-    w.rounds = integers(&room, LANES);
+    w.queue = pivoting_at(&arena, d);
+    w.owner = integers(&arena, LANES);
+    w.rounds = integers(&arena, LANES);
 #endif
     return w;
 }
 CORE_INLINE Workspace workspace_of(const Learner *l)
 {
-    return workspace_at(l->room, l->shape, l->mailbox.head->block, WIDTH == 1 ? (int)WAY(l->settings) : CONTINUOUS);
+    return workspace_at(l->workspace, l->shape, l->mailbox.head->block,
+                        WIDTH == 1 ? (int)WAY(l->settings) : CONTINUOUS);
 }
 /* Lay out what a learner has for itself, and its two notes. */
-CORE_API void N(learner_take)(Learner *l, Room *own, Room *notes);
+CORE_API void N(learner_take)(Learner *l, Arena *own, Arena *notes);
 
-/* Learn from the next block, if there is one; what it brought. */
+/* Learn from the next block, if there is one; what came of it. */
 CORE_API int N(learner_learn)(const Learner *l);
 /* Forget everything but the weights in use, `level` being their mean squared error so far. */
 CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
@@ -232,7 +233,7 @@ CORE_API void learner_begin(const Learner *l, int resets);
 CORE_API int cyclic_block(const Learner *l, const Passed *b);
 CORE_API void cyclic_enter(const Learner *l, int phase);
 CORE_API int64_t cyclic_bytes(Shape shape);
-CORE_API Cyclic take_cyclic_room(Room *room, Shape shape);
+CORE_API Cyclic take_cyclic(Arena *arena, Shape shape);
 #endif
 
 /* The unknowns v of all weights of a model. */

@@ -76,15 +76,15 @@ typedef struct {
 #define MOST_COUNTED ((real)1e6) /* faults, which then begin again at 0: a float counts no further than 2^24 */
 
 enum { GUARD_NUMS = 16 };
-CORE_INLINE int64_t shared_bytes(int count) { return room_bytes((int64_t)sizeof(shared) * WIDTH * count); }
+CORE_INLINE int64_t shared_bytes(int count) { return arena_bytes((int64_t)sizeof(shared) * WIDTH * count); }
 CORE_INLINE int state_nums(Shape s) { return (play_vectors(s) + creep_vectors(s)) * (LANES / WIDTH); }
 CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(state_nums(s) + 2 * block + 1); }
 /* The size of a mailbox whose numbers take so many bytes each. */
 CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t each)
 {
-    return room_bytes(sizeof(MailboxHead)) + room_bytes(each * GUARD_NUMS) + 64
-           + room_bytes(each * (inverse_nums(s) + 3))
-           + blocks * (64 + room_bytes(each * (state_nums(s) + 2 * block + 1)));
+    return arena_bytes(sizeof(MailboxHead)) + arena_bytes(each * GUARD_NUMS) + 64
+           + arena_bytes(each * (inverse_nums(s) + 3))
+           + blocks * (64 + arena_bytes(each * (state_nums(s) + 2 * block + 1)));
 }
 CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
 {
@@ -94,7 +94,7 @@ CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
 CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
 {
     Mailbox m;
-    char *at = memory + room_bytes(sizeof(MailboxHead));
+    char *at = memory + arena_bytes(sizeof(MailboxHead));
     m.head = (MailboxHead *)(void *)memory;
     m.shape = s;
     m.guard = (shared *)(void *)at;

@@ -8,13 +8,13 @@ int64_t model_bytes(Shape s)
 Model model_at(void *memory)
 {
     Model m;
-    Room room = after_head(memory);
+    Arena arena = after_head(memory);
     m.head = memory;
     m.shape = SHAPE(&m.head->shaped);
-    m.operators = take_operators(&room, m.shape);
-    m.S = take_superposition(&room, m.shape);
-    m.w_H = reals(&room, 1, lanes(m.shape));
-    m.w_K = reals(&room, 1, creep_lanes(m.shape));
+    m.operators = take_operators(&arena, m.shape);
+    m.S = take_superposition(&arena, m.shape);
+    m.w_H = reals(&arena, 1, lanes(m.shape));
+    m.w_K = reals(&arena, 1, creep_lanes(m.shape));
     return m;
 }
 

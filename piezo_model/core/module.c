@@ -19,14 +19,24 @@ void measure_state(Arguments *a, const void *state)
     }
 }
 
-extern PyMethodDef model_faces[], basis_faces[], compensator_faces[], learner_faces[], bank_faces[], actuator_faces[],
-    bouc_wen_faces[], dense_faces[], duhem_faces[], maxwell_slip_faces[], relay_preisach_faces[], axis_faces[];
+extern PyMethodDef model_bindings[], basis_bindings[], compensator_bindings[], learner_bindings[], bank_bindings[],
+    actuator_bindings[], bouc_wen_bindings[], dense_bindings[], duhem_bindings[], maxwell_slip_bindings[],
+    relay_preisach_bindings[], axis_bindings[];
 
 PyObject *PyInit__core(void)
 {
-    PyMethodDef *const tables[] = {model_faces, basis_faces,        compensator_faces,    learner_faces,
-                                   bank_faces,  actuator_faces,     bouc_wen_faces,       dense_faces,
-                                   duhem_faces, maxwell_slip_faces, relay_preisach_faces, axis_faces,
+    PyMethodDef *const tables[] = {model_bindings,
+                                   basis_bindings,
+                                   compensator_bindings,
+                                   learner_bindings,
+                                   bank_bindings,
+                                   actuator_bindings,
+                                   bouc_wen_bindings,
+                                   dense_bindings,
+                                   duhem_bindings,
+                                   maxwell_slip_bindings,
+                                   relay_preisach_bindings,
+                                   axis_bindings,
                                    NULL};
     return make_module(tables);
 }

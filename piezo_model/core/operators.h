@@ -50,20 +50,20 @@ typedef struct {
     real *low, *high, *w; /* limits and weights, zone_lanes; padding is -inf, inf and 0 */
 } Superposition;
 
-CORE_INLINE Operators take_operators(Room *room, Shape s)
+CORE_INLINE Operators take_operators(Arena *arena, Shape s)
 {
     Operators p;
-    p.r = reals(room, 1, lanes(s));
-    p.a = reals(room, 1, rate_lanes(s));
+    p.r = reals(arena, 1, lanes(s));
+    p.a = reals(arena, 1, rate_lanes(s));
     return p;
 }
 
-CORE_INLINE Superposition take_superposition(Room *room, Shape s)
+CORE_INLINE Superposition take_superposition(Arena *arena, Shape s)
 {
     Superposition p;
-    p.low = reals(room, 1, zone_lanes(s));
-    p.high = reals(room, 1, zone_lanes(s));
-    p.w = reals(room, 1, zone_lanes(s));
+    p.low = reals(arena, 1, zone_lanes(s));
+    p.high = reals(arena, 1, zone_lanes(s));
+    p.w = reals(arena, 1, zone_lanes(s));
     return p;
 }
 

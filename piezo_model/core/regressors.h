@@ -23,14 +23,14 @@ typedef struct {
 CORE_INLINE int row_width(Shape s) { return unknowns(s) + 1; }
 /* Nums of a row in memory: vectors are written and read beyond the last column. */
 CORE_INLINE int row_nums(Shape s) { return NUMS(row_width(s) + 1) + NUMS(LANES); }
-CORE_INLINE Regressors take_regressors(Room *room, Shape s)
+CORE_INLINE Regressors take_regressors(Arena *arena, Shape s)
 {
     Regressors p;
-    p.operators = take_operators(room, s);
-    p.low = reals(room, 1, zone_lanes(s));
-    p.high = reals(room, 1, zone_lanes(s));
-    p.outer_low = reals(room, 1, zone_lanes(s));
-    p.outer_high = reals(room, 1, zone_lanes(s));
+    p.operators = take_operators(arena, s);
+    p.low = reals(arena, 1, zone_lanes(s));
+    p.high = reals(arena, 1, zone_lanes(s));
+    p.outer_low = reals(arena, 1, zone_lanes(s));
+    p.outer_high = reals(arena, 1, zone_lanes(s));
     return p;
 }
 

@@ -2,7 +2,7 @@
 #ifndef CORE_SHAPE_H
 #define CORE_SHAPE_H
 
-#include "room.h"
+#include "arena.h"
 
 typedef struct {
     int32_t n;      /* thresholds above zero of play and creep */
@@ -27,10 +27,10 @@ static const Shape exported_shape = CORE_SHAPE;
 #endif
 
 /* A part of a state for a struct. */
-CORE_INLINE void *room_for(Room *room, size_t bytes)
+CORE_INLINE void *arena_take(Arena *arena, size_t bytes)
 {
-    void *const first = room->at;
-    room->at += room_bytes((int64_t)bytes);
+    void *const first = arena->at;
+    arena->at += arena_bytes((int64_t)bytes);
     return first;
 }
 

@@ -25,8 +25,8 @@ RESET, BUILD, LEARN = range(3)
 """The same as the core has them."""
 
 
-class Brought(IntFlag):
-    """What a block brought, as of ``core/learner.h``."""
+class BlockEvent(IntFlag):
+    """What came of a block, as of ``core/learner.h``."""
 
     TAKE_OVER = 1
     SENSOR_FAULT = 2

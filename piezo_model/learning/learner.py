@@ -14,12 +14,12 @@ from typing import Any, TypedDict
 import numpy as np
 
 from piezo_model.compensator import Compensator
-from piezo_model.core import State, aligned, face
+from piezo_model.core import State, aligned, bindings
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.json_file import convert
 from piezo_model.learning import layout, program
 from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
-from piezo_model.learning.events import LEARN, PHASES, RESET, Brought, Event, Log, Phase
+from piezo_model.learning.events import LEARN, PHASES, RESET, BlockEvent, Event, Log, Phase
 from piezo_model.learning.layout import ANSWERED, CLOCK, CONTINUOUS, CYCLIC, MEMORY, STEPS
 from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
 from piezo_model.learning.solving import STEPPED, step_ratio
@@ -30,9 +30,9 @@ from solvers.arrays import Vector
 from solvers.core import padded
 
 MESSAGES = {
-    Brought.FIRST: ("hand-over", "the first new weights since learning began; further ones are counted only"),
-    Brought.OTHER_SENSOR: ("sensor", "the output is not what it was before the fault; learning begins anew"),
-    Brought.NO_OPTIMUM: ("refused", "the data have no optimum; learning begins anew"),
+    BlockEvent.FIRST: ("hand-over", "the first new weights since learning began; further ones are counted only"),
+    BlockEvent.OTHER_SENSOR: ("sensor", "the output is not what it was before the fault; learning begins anew"),
+    BlockEvent.NO_OPTIMUM: ("refused", "the data have no optimum; learning begins anew"),
 }
 """Of continuous operation, where further hand-overs and refusals are counted only."""
 
@@ -64,14 +64,16 @@ class Learner:
         if not self.cyclic and settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
         sizes = *s.shape, self.block, 1, CYCLIC if self.cyclic else CONTINUOUS
-        self.core = State(face.learner_bytes(*sizes), lambda memory: face.learner_setup(memory, *sizes))
+        self.core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self.core["settings"])
         self.core.whole("delay")[:] = self.block
         RegressorArrays.of(s, "slope").write(self.core)
         self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.fade_over(settings.fade_s)
         self.core["in_use"][:] = s.inverse_slope_map @ compensator.model.weights
-        face.learner_begin(self.core.block, compensator.block, compensator.state.play, compensator.state.creep, True)
+        bindings.learner_begin(
+            self.core.block, compensator.block, compensator.state.play, compensator.state.creep, True
+        )
 
     def _cyclic_numbers(self) -> tuple[int, dict[str, float]]:
         s, settings = self._compensator.model.structure, self._settings
@@ -112,74 +114,74 @@ class Learner:
 
     def samples_until_change(self) -> int:
         """Samples for which the weights in use cannot change."""
-        return int(face.learner_quiet(self.core.block))
+        return int(bindings.learner_quiet(self.core.block))
 
     def step(self, y_ref: float, y: float | None) -> float:
         """Observe the output of the last drive, None where there was none, then the drive for a reference."""
         with self.core.alone():
             core, compensator = self.core.block, self._compensator.block
-            x, brought = face.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None)
-            if brought:
-                self._follow(Brought(brought))
-                x, _ = face.learner_step(core, compensator, y_ref, math.nan, False)
+            x, events = bindings.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None)
+            if events:
+                self._follow(BlockEvent(events))
+                x, _ = bindings.learner_step(core, compensator, y_ref, math.nan, False)
             return float(x)
 
     def drive(self, y_ref: Vector) -> Vector:
         """Drives (N,) for references, N at most `samples_until_change`; their outputs are to be observed next."""
         with self.core.alone():
             x = np.empty_like(y_ref)
-            face.learner_drive(self.core.block, self._compensator.block, y_ref, x)
+            bindings.learner_drive(self.core.block, self._compensator.block, y_ref, x)
             return x
 
     def observe(self, x: Vector, y: Vector) -> None:
         """Learn from drive samples and the outputs that they produced."""
         with self.core.alone():
-            done, brought = 0, np.zeros(1, dtype=np.int64)
+            done, events = 0, np.zeros(1, dtype=np.int64)
             while done < x.size:
-                done = face.learner_observe(self.core.block, self._compensator.block, y, x, done, brought)
-                if brought[0]:
-                    self._follow(Brought(int(brought[0])))
+                done = bindings.learner_observe(self.core.block, self._compensator.block, y, x, done, events)
+                if events[0]:
+                    self._follow(BlockEvent(int(events[0])))
 
     def replay(self, y_ref: Vector, y: Vector) -> Vector:
         """Drive samples (N,), each followed by learning from the output (N,) that it produced."""
         with self.core.alone():
-            done, brought, x = 0, np.zeros(1, dtype=np.int64), np.empty_like(y_ref)
+            done, events, x = 0, np.zeros(1, dtype=np.int64), np.empty_like(y_ref)
             while done < x.size:
-                done = face.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done, brought)
-                if brought[0]:
-                    self._follow(Brought(int(brought[0])))
+                done = bindings.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done, events)
+                if events[0]:
+                    self._follow(BlockEvent(int(events[0])))
             return x
 
-    def _follow(self, brought: Brought) -> None:
-        """Note what a block brought, and do what is Python's part."""
-        if Brought.SENSOR_FAULT in brought:
+    def _follow(self, events: BlockEvent) -> None:
+        """Note what a block events, and do what is Python's part."""
+        if BlockEvent.SENSOR_FAULT in events:
             self._driven.interrupt()
             self._note("sensor", "the output jumped, froze or left its range; learning waits")
-        if Brought.PROGRAM in brought:
+        if BlockEvent.PROGRAM in events:
             self._solve()
         for one, (what, message) in MESSAGES.items():
-            if one in brought:
+            if one in events:
                 self._note(what, message)
         if self.cyclic:
-            self._follow_cycle(brought)
-        if Brought.LOOK in brought or Brought.CYCLE_OVER in brought:
+            self._follow_cycle(events)
+        if BlockEvent.LOOK in events or BlockEvent.CYCLE_OVER in events:
             self._follow_range()
 
-    def _follow_cycle(self, brought: Brought) -> None:
+    def _follow_cycle(self, events: BlockEvent) -> None:
         errors = (
             float(self.core["clock"][CLOCK.index("error_in_use")]),
             float(self.core["clock"][CLOCK.index("error_found")]),
         )
-        if Brought.UNEXCITED in brought:
+        if BlockEvent.UNEXCITED in events:
             low, high = self.core["covered"][:2]
             self._note(
                 "refused", f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed"
             )
-        elif Brought.NOT_A_NUMBER in brought:
+        elif BlockEvent.NOT_A_NUMBER in events:
             self._note("refused", f"the solver {self._settings.solver} found no finite weights")
-        elif Brought.WORSE in brought:
+        elif BlockEvent.WORSE in events:
             self._note("refused", "the new weights explain the data worse than the old ones", *errors)
-        elif Brought.CYCLE_OVER in brought:
+        elif BlockEvent.CYCLE_OVER in events:
             self._note("hand-over", "new weights", *errors)
 
     def _clock(self, name: str) -> int:
@@ -201,14 +203,14 @@ class Learner:
             start, c = core["start"].copy(), 0.5 * float(core["data"][0])
         else:
             P, q, lower = np.empty((s.d, s.d)), np.empty(s.d), np.empty(s.d)
-            face.learner_program(core.block, P, q, lower)
+            bindings.learner_program(core.block, P, q, lower)
             start, c = np.maximum(core["candidate"], lower), 0.5 * float(core["gram"][s.d * padded(s.d + 1) + s.d])
         try:
             found = program.answer(self._settings, P, q, lower, start, c)
         except Exception as error:  # whatever a library does, the drive goes on
             core["memory"][MEMORY.index("refusals")] += 1
             if self.cyclic:
-                face.cyclic_enter(core.block, RESET)
+                bindings.cyclic_enter(core.block, RESET)
             self._note("refused", f"the solver {self._settings.solver} failed: {error}")
             return
         if self.cyclic:
@@ -232,7 +234,7 @@ class Learner:
         self._compensator.change_model(carried_over(learned, new), self._settings.fade_s)
         core["in_use"][:] = new.inverse_slope_map @ self._compensator.model.weights
         core["memory"][MEMORY.index("level")] = level
-        face.learner_begin(core.block, self._compensator.block, state.play, state.creep, False)
+        bindings.learner_begin(core.block, self._compensator.block, state.play, state.creep, False)
         if self.cyclic:
             core["clock"][CLOCK.index("past_share")] = 0.0
         self._note("range", "the thresholds follow the range that was driven")
@@ -250,7 +252,7 @@ class Learner:
             if found["core"].dtype != np.uint8 or found["core"].size != self.core.block.size:
                 raise ValueError("the state of the core is that of another structure")
             self._driven.restore(found["driven"])
-            face.learner_restore(self.core.block, aligned(found["core"]))
+            bindings.learner_restore(self.core.block, aligned(found["core"]))
             stepping = self.cyclic and self._clock("phase") == LEARN
             self._problem = (
                 program.gathered(self.core, self._compensator.model.structure, self._settings.proximal)

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from solvers.arrays import Vector
 
 Verdicts = NDArray[np.int64]
@@ -45,5 +45,5 @@ class SensorGuard:
     def judge(self, x: Vector, y: Vector) -> Verdicts:
         """Verdicts (N,) on samples (N,), see :class:`Verdict`; the guard remembers what it needs of them."""
         verdicts = np.empty(x.size, dtype=np.int64)
-        face.guard_judge(self.memory, x, y, verdicts)
+        bindings.guard_judge(self.memory, x, y, verdicts)
         return verdicts

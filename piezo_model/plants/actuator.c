@@ -1,5 +1,5 @@
 /* Creep that grows like log t, as of actuator.py. */
-#include "face_model.h"
+#include "bindings_model.h"
 #include "operators.h"
 
 static void log_creep(int64_t samples, int64_t states, const double *u, const double *gain, double *z, double *before,
@@ -16,7 +16,7 @@ static void log_creep(int64_t samples, int64_t states, const double *u, const do
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(log_creep, "u[n], a[j], z[j]=, u_previous[1]=, K[n]=", "creep of an actuator.", SAMPLES_LAST,                    \
       log_creep(LENGTH(n), LENGTH(j), REALS(0), REALS(1), REALS(2), REALS(3), REALS(4)))
-MAKE_FACES(actuator)
+MAKE_BINDINGS(actuator)

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.operators import creep_gain
 from piezo_model.plants.protocol import Memory, Plant, replace
 from solvers.arrays import Vector
@@ -121,7 +121,7 @@ class Actuator(Plant):
     def _with_log_creep(self, hysteresis: Vector, u: Vector) -> Vector:
         """Mix the answer of a hysteresis operator, (N,) and in [−1, 1], with the creep of the module."""
         K = np.empty_like(u)
-        face.log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"], K)
+        bindings.log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"], K)
         return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
 
     def _rest_of_log_creep(self) -> Memory:

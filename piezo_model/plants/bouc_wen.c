@@ -1,5 +1,5 @@
 /* The Bouc-Wen equation along a path, as of bouc_wen.py. */
-#include "face_model.h"
+#include "bindings_model.h"
 
 #include <math.h>
 
@@ -39,8 +39,8 @@ static void bouc_wen(const BoucWen *p, int64_t samples, const double *u, double 
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(bouc_wen, "u[n], A, beta, gamma, n, h[1]=, u_before[1]=, path[n]=", "h along u.", SAMPLES_LAST,                  \
       bouc_wen(&(BoucWen){NUMBER(1), NUMBER(2), NUMBER(3), NUMBER(4)}, LENGTH(n), REALS(0), REALS(5), REALS(6),        \
                REALS(7)))
-MAKE_FACES(bouc_wen)
+MAKE_BINDINGS(bouc_wen)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Memory
 from solvers.arrays import Vector
@@ -94,5 +94,5 @@ class BoucWen(Actuator):
 
     def _h_along(self, u: Vector, h: Vector, u_before: Vector) -> Vector:
         path = np.empty_like(u)
-        face.bouc_wen(u, self.loading_slope, self.beta, self.gamma, self.exponent, h, u_before, path)
+        bindings.bouc_wen(u, self.loading_slope, self.beta, self.gamma, self.exponent, h, u_before, path)
         return path

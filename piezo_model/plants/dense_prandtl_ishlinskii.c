@@ -1,5 +1,5 @@
 /* The sum of many plays and creep operators, as of dense_prandtl_ishlinskii.py. */
-#include "face_model.h"
+#include "bindings_model.h"
 #include "operators.h"
 
 /* n plays of thresholds r and weights w_H and w_K, and creep at so many rates of each. */
@@ -27,9 +27,9 @@ static void plays_and_creep(const Dense *p, int64_t samples, const double *u, do
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(plays_and_creep, "u[n], r[i], w_H[i], w_K[i], a[j], z_play[i]=, z_creep[i,j]=, u_previous[1]=, total[n]=",       \
       "their weighted sum along u.", SAMPLES_LAST,                                                                     \
       plays_and_creep(&(Dense){LENGTH(i), LENGTH(j), REALS(1), REALS(2), REALS(3), REALS(4)}, LENGTH(n), REALS(0),     \
                       REALS(5), REALS(6), REALS(7), REALS(8)))
-MAKE_FACES(dense)
+MAKE_BINDINGS(dense)

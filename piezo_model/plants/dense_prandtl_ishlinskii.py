@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory
 from solvers.arrays import Vector
@@ -79,7 +79,7 @@ class DensePrandtlIshlinskii(Actuator):
     def _respond(self, u: Vector) -> Vector:
         memory = self._memory
         v = np.empty_like(u)
-        face.plays_and_creep(
+        bindings.plays_and_creep(
             u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"], memory["u_previous"], v
         )
         return curved(v, self.saturation, self.asymmetry)

@@ -1,5 +1,5 @@
 /* The deviation of the Duhem actuator along a path, as of duhem.py. */
-#include "face_model.h"
+#include "bindings_model.h"
 
 #include <math.h>
 
@@ -13,7 +13,7 @@ static void deviation(double alpha, double b, int64_t samples, const double *u, 
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(deviation, "u[n], alpha, b, e[1]=, u_before[1]=, path[n]=", "deviation along u.", SAMPLES_LAST,                  \
       deviation(NUMBER(1), NUMBER(2), LENGTH(n), REALS(0), REALS(3), REALS(4), REALS(5)))
-MAKE_FACES(duhem)
+MAKE_BINDINGS(duhem)

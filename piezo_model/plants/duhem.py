@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory
 from solvers.arrays import Vector
@@ -71,7 +71,7 @@ class Duhem(Actuator):
     def _deviation(self, u: Vector, e: Vector, u_before: Vector) -> Vector:
         """e (N,) along u (N,); advances e (1,) and u_before (1,)."""
         path = np.empty_like(u)
-        face.deviation(u, self.alpha, self.slope_after_turn, e, u_before, path)
+        bindings.deviation(u, self.alpha, self.slope_after_turn, e, u_before, path)
         return path
 
     @staticmethod

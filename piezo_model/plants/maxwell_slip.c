@@ -1,5 +1,5 @@
 /* The charge of a chain of springs and sliders along a path of the voltage, as of maxwell_slip.py. */
-#include "face_model.h"
+#include "bindings_model.h"
 
 #include <math.h>
 
@@ -56,8 +56,8 @@ static void charge(const Chain *p, int64_t samples, const double *u, double *q, 
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(charge, "u[n], spring, k[j], f[j], force[j]=, q[1]=, u_before[1]=, path[n]=", "charge along u.", SAMPLES_LAST,   \
       charge(&(Chain){NUMBER(1), REALS(2), REALS(3), REALS(4), SIZE(j)}, LENGTH(n), REALS(0), REALS(5), REALS(6),      \
              REALS(7)))
-MAKE_FACES(maxwell_slip)
+MAKE_BINDINGS(maxwell_slip)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator, curved
 from piezo_model.plants.protocol import Memory
 from solvers.arrays import Vector
@@ -70,7 +70,7 @@ class MaxwellSlip(Actuator):
 
     def _charge(self, u: Vector, memory: Memory) -> Vector:
         path = np.empty_like(u)
-        face.charge(u, self._spring, self._k, self._f, memory["force"], memory["q"], memory["u_before"], path)
+        bindings.charge(u, self._spring, self._k, self._f, memory["force"], memory["q"], memory["u_before"], path)
         return path
 
     def _rest(self) -> Memory:

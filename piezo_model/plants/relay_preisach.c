@@ -1,5 +1,5 @@
 /* The sum over lines of relays, as of relay_preisach.py: each is a play and the distribution function of its line. */
-#include "face_model.h"
+#include "bindings_model.h"
 #include "operators.h"
 
 typedef struct {
@@ -21,10 +21,10 @@ static void relay_lines(const Lines *p, int64_t samples, const double *u, double
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(relay_lines,                                                                                                     \
       "u[n], r[i], c[i], sigma[i], gain[i], shift, z[i]=, total[n]=", "sum over lines of relays along u.",             \
       SAMPLES_LAST,                                                                                                    \
       relay_lines(&(Lines){SIZE(i), REALS(1), REALS(2), REALS(3), REALS(4), NUMBER(5)}, LENGTH(n), REALS(0), REALS(6), \
                   REALS(7)))
-MAKE_FACES(relay_preisach)
+MAKE_BINDINGS(relay_preisach)

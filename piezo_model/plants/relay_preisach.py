@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Memory
 from solvers.arrays import Vector
@@ -93,7 +93,7 @@ class RelayPreisach(Actuator):
 
     def _respond(self, u: Vector) -> Vector:
         relays = np.empty_like(u)
-        face.relay_lines(u, self._r, self._c, self._sigma, self._gain, self._shift, self._memory["z_play"], relays)
+        bindings.relay_lines(u, self._r, self._c, self._sigma, self._gain, self._shift, self._memory["z_play"], relays)
         return self._with_log_creep(self.reversible_share * u + (1.0 - self.reversible_share) * relays, u)
 
     @staticmethod

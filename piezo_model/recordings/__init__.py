@@ -3,7 +3,7 @@
 A voltage on its way from a file to a weight passes
 
     formats/*           ``batches``: text by Arrow, after `dialect` and `text_rows`; binary formats by their libraries,
-                        in a child process (`apart`)
+                        in a child process (`subprocess_reader`)
     tables              ``Table.pieces``: float64, (columns, rows)
     roles, profile      which column is what, by names, and by values where these do not say it
     scan                ``scan``: values and clock checked (`checks`, `clocks`, `time_rounding`), held, streamed, or
@@ -15,7 +15,7 @@ A voltage on its way from a file to a weight passes
 and enters none of these files twice but where a recording is too long to be held.
 """
 
-from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.recording import Recording, Reference, read_reference
 from piezo_model.recordings.writer import write_table
 

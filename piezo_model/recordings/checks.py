@@ -19,7 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from piezo_model.recordings.pieces import ABSURD, RecordingError, check_sample_time
+from piezo_model.recordings.chunks import ABSURD, RecordingError, check_sample_time
 from piezo_model.recordings.time_rounding import Rounding, printed_digit
 from solvers.arrays import Vector
 

@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from piezo_model.recordings.arrow_columns import numbers
-from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.chunks import RecordingError
 from solvers.arrays import Vector
 
 _GAP = "[\\s\u00a0\u202f]*"

@@ -10,11 +10,11 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from piezo_model.recordings.pieces import RecordingError, first_line
-from piezo_model.recordings.tables import HEAD_BYTES, Reading, Table
+from piezo_model.recordings.chunks import RecordingError, first_line
+from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions, Table
 
 
-def open_table(path: str | Path, reading: Reading | None = None) -> Table:
+def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
     """Open a table of any known format.
 
     Raises
@@ -31,7 +31,7 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
         if not head:
             raise RecordingError(f"{path}: is an empty file")
         known = next(module for module in _registered() if module.recognises(path, head))
-        reading = reading or Reading()
+        reading = reading or ReadOptions()
         for name in ("header_row", "decimal", "sheet"):
             if getattr(reading, name) is not None and name not in getattr(known, "READS", ()):
                 raise RecordingError(f"{path}: is {known.NAME}, for which no {name.replace('_', ' ')} can be given")
@@ -41,9 +41,9 @@ def open_table(path: str | Path, reading: Reading | None = None) -> Table:
                     f"{path}: is {known.NAME}, which is read in a process of its own, Linux only; text and Parquet are "
                     "read everywhere"
                 )
-            from piezo_model.recordings import apart
+            from piezo_model.recordings import subprocess_reader
 
-            return apart.open_table(known, path, reading)
+            return subprocess_reader.open_table(known, path, reading)
         table: Table = known.open_table(path, reading)
         return table
     except ModuleNotFoundError as error:

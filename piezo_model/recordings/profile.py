@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recordings.pieces import ABSURD, rechunk
+from piezo_model.recordings.chunks import ABSURD, rechunk
 from piezo_model.recordings.tables import Table
 from solvers.arrays import Matrix
 

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, ValueCheck
+from piezo_model.recordings.chunks import RecordingError, check_sample_time, rechunk
 from piezo_model.recordings.opening import open_table
-from piezo_model.recordings.pieces import RecordingError, check_sample_time, rechunk
 from piezo_model.recordings.roles import choose_roles
 from piezo_model.recordings.scan import Scan, scan
-from piezo_model.recordings.tables import Column, Reading
+from piezo_model.recordings.tables import Column, ReadOptions
 from piezo_model.structure import SMALLEST
 from piezo_model.units import canonical, quantity, shown
 from solvers.arrays import Matrix, Vector
@@ -102,7 +102,7 @@ class Recording(Source):
             Share of the sampling period by which an interval may differ from it, on top of the rounding of printed
             times.
         sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
-            What the file does not say, as in :class:`piezo_model.recordings.tables.Reading`.
+            What the file does not say, as in :class:`piezo_model.recordings.tables.ReadOptions`.
         hold : int
             Samples up to which the recording stays in memory; a longer one is read again whenever it is looked at.
 
@@ -121,7 +121,7 @@ class Recording(Source):
         >>> recording.sample_time, recording.length, recording.x_range, recording.output_unit
         (0.005, 3, (0.0, 2.0), 'um')
         """
-        reading = Reading(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+        reading = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
         source, found, (x, y) = _read(
             path, {"time": time, "input": input, "output": output}, reading, time_tolerance, hold
         )
@@ -317,14 +317,14 @@ def read_reference(
     RecordingError
         With one sentence that names file, column and row.
     """
-    reading = Reading(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+    reading = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
     source, found, (signal,) = _read(path, {"time": time, role: column}, reading, time_tolerance, sys.maxsize)
     unit = _unit(reading.input_unit if role == "input" else reading.output_unit, signal)
     return Reference(**source, values=next(rechunk(found.signals(), found.length))[0], unit=unit)
 
 
 def _read(
-    path: str | Path, named: Mapping[str, str | None], reading: Reading, tolerance: float, hold: int
+    path: str | Path, named: Mapping[str, str | None], reading: ReadOptions, tolerance: float, hold: int
 ) -> tuple[dict[str, Any], Scan, list[Column]]:
     """Fields of a `Source`, the samples of a file and the columns of its signals."""
     table = open_table(path, reading)

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from piezo_model.recordings.pieces import RecordingError
+from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.profile import Profile, input_first, profiles
 from piezo_model.recordings.tables import Column, Table
 from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES, seconds

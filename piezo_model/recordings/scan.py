@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from piezo_model.recordings.checks import CHUNK, ClockCheck, ValueCheck
-from piezo_model.recordings.pieces import RecordingError, check_sample_time, limited, rechunk
+from piezo_model.recordings.chunks import RecordingError, check_sample_time, limited, rechunk
 from piezo_model.recordings.roles import Roles, seconds_per_unit
-from piezo_model.recordings.tables import Reading, Table
+from piezo_model.recordings.tables import ReadOptions, Table
 from piezo_model.units import quantity
 from solvers.arrays import Matrix
 
@@ -46,7 +46,7 @@ class Scan:
 
 
 def scan(
-    table: Table, roles: Roles, reading: Reading, tolerance: float, hold: int = 0, length: int | None = None
+    table: Table, roles: Roles, reading: ReadOptions, tolerance: float, hold: int = 0, length: int | None = None
 ) -> Scan:
     """Check a time column and signal columns in one pass.
 
@@ -56,7 +56,7 @@ def scan(
         Opened table.
     roles : Roles
         Its columns.
-    reading : Reading
+    reading : ReadOptions
         What the user says of them.
     tolerance : float
         Allowed deviation of an interval, as a share of the sampling period.

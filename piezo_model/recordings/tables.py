@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.pieces import Elapsed, RecordingError, check_sample_time, first_line
+from piezo_model.recordings.chunks import Elapsed, RecordingError, check_sample_time, first_line
 from piezo_model.units import canonical, split_unit
 from solvers.arrays import Matrix
 
@@ -34,7 +34,7 @@ KINDS_OF_ARRAYS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """What the user says about a file because the file does not."""
 
     sample_time: float | None = None

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from piezo_model.recordings.chunks import BUFFER_BYTES, RecordingError
 from piezo_model.recordings.dialect import Dialect
-from piezo_model.recordings.pieces import BUFFER_BYTES, RecordingError
 
 LONGEST_LINE = 1 << 20
 LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")

@@ -1,5 +1,5 @@
 /* Lever and structure of an axis, as of axis.py: the exact answer of a damped oscillator to forces that are held. */
-#include "face_model.h"
+#include "bindings_model.h"
 
 static void structure_response(const double *F, int64_t samples, const double *f, double *s, double *z)
 {
@@ -11,7 +11,7 @@ static void structure_response(const double *F, int64_t samples, const double *f
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(structure_response, "f[n], F[2,2], s[2]=, z[n]=", "positions while forces are held.", SAMPLES_LAST,              \
       structure_response(REALS(1), LENGTH(n), REALS(0), REALS(2), REALS(3)))
-MAKE_FACES(axis)
+MAKE_BINDINGS(axis)

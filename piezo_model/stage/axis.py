@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from piezo_model.core import face
+from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.protocol import Memory, Plant, replace
 from piezo_model.plants.sensor import gain_from
@@ -129,7 +129,7 @@ class Axis(Plant):
         )
         samples += force.size
         p = np.empty_like(force)
-        face.structure_response(
+        bindings.structure_response(
             self.lever * (self._centre + gain * (force - self._centre)), self._F, self._memory["structure"], p
         )
         return p

@@ -10,7 +10,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from solvers.codegen._embedded import OurOwn
-from solvers.core import face
+from solvers.core import bindings
 
 
 class BoxActiveSet(OurOwn):
@@ -23,4 +23,4 @@ class BoxActiveSet(OurOwn):
     core = ("box_data", "box_inverse", "box_exchange", "block_pivoting", "box_pivoting", "box_dual")
 
     def memory(self, d: int) -> int:  # noqa: D102
-        return int(face.box_bytes(d))
+        return int(bindings.box_bytes(d))

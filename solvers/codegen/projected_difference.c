@@ -7,7 +7,7 @@ static union {
     double number;
     char bytes[MEMORY_BYTES];
 } memory __attribute__((aligned(64)));
-static Descent solver;
+static ProjectedGradient solver;
 static double ratio;
 static long steps;
 static int status;

@@ -11,7 +11,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from solvers.codegen._embedded import OurOwn
-from solvers.core import face
+from solvers.core import bindings
 from solvers.kernel import projected_difference as kernel
 
 
@@ -28,4 +28,4 @@ class ProjectedDifference(OurOwn):
     core = ("descent", "eigenvalue")
 
     def memory(self, d: int) -> int:  # noqa: D102
-        return int(face.descent_bytes(d))
+        return int(bindings.descent_bytes(d))

@@ -1,8 +1,8 @@
 """The solvers' arithmetic in C99, and the extension module through which Python calls it.
 
-The headers of this folder say what each function does, README.md how the whole is built and extended. ``face`` is the
-extension module for the best instruction set that this processor has; PIEZOBENCH_ISA=v2 (v3, v4) asks for another, for
-tests and figures.
+The headers of this folder say what each function does, README.md how the whole is built and extended. ``bindings`` is
+the extension module for the best instruction set that this processor has; PIEZOBENCH_ISA=v2 (v3, v4) asks for another,
+for tests and figures.
 """
 
 from __future__ import annotations
@@ -100,6 +100,6 @@ def parts(state: NDArray[np.uint8], places: Mapping[str, tuple[int, int]]) -> di
     return {name: state[at : at + 8 * length].view(np.float64) for name, (at, length) in places.items()}
 
 
-face: Any = load(Path(__file__).parents[1])
-BUILT_WITH = f"{face.compiler}, {face.instructions}"
+bindings: Any = load(Path(__file__).parents[1])
+BUILT_WITH = f"{bindings.compiler}, {bindings.instructions}"
 """Compiler and instruction set, which figures depend on and answers do not."""

@@ -15,7 +15,7 @@
 
 /* It ends where the projected gradient (y - w)/eta is no longer than tolerance times max(|q|, |P w(0) + q|), 2-norms.
  */
-int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance)
+int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
     real t = 1, threshold, linear, gradient;

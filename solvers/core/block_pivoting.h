@@ -7,7 +7,7 @@
 #define CORE_BLOCK_PIVOTING_H
 
 #include "factor.h"
-#include "room.h"
+#include "arena.h"
 
 enum {
     MOST_ROUNDS = 24, /* systems after which a program is left to whoever can do more */
@@ -32,23 +32,23 @@ CORE_INLINE int64_t pivoting_bytes(int d)
     const int rows = WIDTH == 1 ? d : 0; /* of the whole P */
     return factor_bytes(d) + (int64_t)sizeof(num) * (symmetric_nums(d + 1) + (10 + rows) * NUMS(d));
 }
-CORE_INLINE Pivoting pivoting_at(Room *room, int d)
+CORE_INLINE Pivoting pivoting_at(Arena *arena, int d)
 {
     Pivoting s;
     s.d = d;
-    s.data = nums(room, symmetric_nums(d + 1));
-    s.q = nums(room, NUMS(d));
-    s.diagonal = nums(room, NUMS(d));
-    s.lb = nums(room, NUMS(d));
-    s.ub = nums(room, NUMS(d));
-    s.x = nums(room, NUMS(d));
-    s.g = nums(room, NUMS(d));
-    s.side = nums(room, NUMS(d));
-    s.scale = nums(room, NUMS(d));
-    s.free = nums(room, NUMS(d));
-    s.step = nums(room, NUMS(d));
-    s.factor = factor_at(room, d);
-    s.whole = WIDTH == 1 ? nums(room, d * NUMS(d)) : NULL;
+    s.data = nums(arena, symmetric_nums(d + 1));
+    s.q = nums(arena, NUMS(d));
+    s.diagonal = nums(arena, NUMS(d));
+    s.lb = nums(arena, NUMS(d));
+    s.ub = nums(arena, NUMS(d));
+    s.x = nums(arena, NUMS(d));
+    s.g = nums(arena, NUMS(d));
+    s.side = nums(arena, NUMS(d));
+    s.scale = nums(arena, NUMS(d));
+    s.free = nums(arena, NUMS(d));
+    s.step = nums(arena, NUMS(d));
+    s.factor = factor_at(arena, d);
+    s.whole = WIDTH == 1 ? nums(arena, d * NUMS(d)) : NULL;
     return s;
 }
 

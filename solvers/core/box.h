@@ -13,7 +13,7 @@
 #ifndef CORE_BOX_H
 #define CORE_BOX_H
 
-#include "room.h"
+#include "arena.h"
 #include "status.h"
 
 enum { BOX_KIND = 0x424f5831 };

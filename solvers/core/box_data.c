@@ -16,7 +16,7 @@ int64_t box_bytes(int d)
 Box box_at(void *memory)
 {
     Box s;
-    Room room = after_head(memory);
+    Arena arena = after_head(memory);
     real **const names[BOX_VECTORS] = {&s.answer,   &s.scale,
                                        &s.q,        &s.lo,
                                        &s.hi,       &s.raw_q,
@@ -33,14 +33,14 @@ Box box_at(void *memory)
     s.head = memory;
     s.d = VARIABLES(s.head);
     s.ld = padded(s.d);
-    name_vectors(&room, s.ld, names, BOX_VECTORS);
-    s.side = integers(&room, s.d);
-    s.pair = reals(&room, 2, s.ld);
-    s.factor = reals(&room, 2, s.ld);
-    s.share = reals(&room, 2, s.ld);
-    s.P = reals(&room, even(s.d), s.ld);
-    s.M = reals(&room, even(s.d), s.ld);
-    s.U = reals(&room, 2 * s.ld, s.ld);
+    name_vectors(&arena, s.ld, names, BOX_VECTORS);
+    s.side = integers(&arena, s.d);
+    s.pair = reals(&arena, 2, s.ld);
+    s.factor = reals(&arena, 2, s.ld);
+    s.share = reals(&arena, 2, s.ld);
+    s.P = reals(&arena, even(s.d), s.ld);
+    s.M = reals(&arena, even(s.d), s.ld);
+    s.U = reals(&arena, 2 * s.ld, s.ld);
     s.fallback = s.U;
     return s;
 }
@@ -93,7 +93,7 @@ int box_take_bounds(Box *s, const real *lb, const real *ub)
 void box_rescale(Box *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
-        const vec8 scale = load(s->scale + j), inverse = over(splat(1), scale);
+        const vec8 scale = load(s->scale + j), inverse = divide(splat(1), scale);
         store(s->q + j, mul(load(s->raw_q + j), scale));
         store(s->lo + j, mul(load(s->lb + j), inverse));
         store(s->hi + j, mul(load(s->ub + j), inverse));

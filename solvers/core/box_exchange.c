@@ -57,7 +57,7 @@ static void free_all(const Box *s, Search *search)
     affine(s->M, s->ld, s->d, s->q, s->zero, s->x);
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 basic = sub(zeros(), load(s->x + b)), diagonal = load(s->inverse_diagonal + b);
-        const vec8 weight = over(splat(1), magnitude(diagonal));
+        const vec8 weight = divide(splat(1), magnitude(diagonal));
         store(s->basic + b, basic);
         store(s->low + b, sub(zeros(), load(s->hi + b)));
         store(s->high + b, sub(zeros(), load(s->lo + b)));
@@ -134,7 +134,7 @@ CORE_INLINE vec8 exchange_blocks(const Box *s, const Exchange *e, int count, int
         const vec8 s2 = splat(at_j[2 * ld] * factor[2]), s3 = splat(at_j[3 * ld] * factor[3]);
         for (int i = 0; i < blocks; ++i) {
             const real *const u = U + b + LANES * i;
-            const vec8 even = less_product(less_product(w[i], load(u), s0), load(u + 2 * ld), s2);
+            const vec8 even = sub_mul(sub_mul(w[i], load(u), s0), load(u + 2 * ld), s2);
             w[i] = sub(even, plus_product(mul(load(u + ld), s1), load(u + 3 * ld), s3));
         }
     }
@@ -143,7 +143,7 @@ CORE_INLINE vec8 exchange_blocks(const Box *s, const Exchange *e, int count, int
         const vec8 basic = with_lane(plus_product(load(s->basic + b), w[i], splat(e->step)), lane, e->basic);
         const vec8 square = mul(mul(w[i], splat(e->inverse)), w[i]);
         const vec8 diagonal = with_lane(sub(load(s->diagonal + b), square), lane, e->diagonal);
-        const vec8 weight = over(splat(1), magnitude(diagonal));
+        const vec8 weight = divide(splat(1), magnitude(diagonal));
         store(s->basic + b, basic);
         store(s->diagonal + b, diagonal);
         store(s->weight + b, weight);
@@ -194,7 +194,7 @@ static void newton_step(const Box *s, int count)
     for (int b = 0; b < ld; b += LANES) {
         vec8 step = load(s->step + b);
         for (int k = 0; k < count; ++k) {
-            step = less_product(step, load(s->U + (size_t)k * (size_t)ld + b), splat(s->share[k]));
+            step = sub_mul(step, load(s->U + (size_t)k * (size_t)ld + b), splat(s->share[k]));
         }
         store(s->x + b, plus_product(load(s->x + b), load(s->is_free + b), step));
     }
@@ -208,7 +208,7 @@ static int refine(const Box *s, Search *search)
     real x_size, q_size, rounding;
     vec8 tolerance;
     for (int b = 0; b < ld; b += LANES) {
-        store(s->x + b, less_product(load(s->held + b), load(s->is_free + b), load(s->basic + b)));
+        store(s->x + b, sub_mul(load(s->held + b), load(s->is_free + b), load(s->basic + b)));
     }
     affine(s->P, ld, d, s->x, s->q, s->g);
     newton_step(s, search->count);

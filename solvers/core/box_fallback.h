@@ -20,12 +20,12 @@ typedef struct {
 CORE_INLINE int64_t fallback_bytes(int d) { return pivoting_bytes(d) + 2 * (int64_t)sizeof(real) * padded(d); }
 CORE_INLINE Fallback fallback_at(const Box *s)
 {
-    Room room = {s->fallback};
+    Arena arena = {s->fallback};
     Fallback f;
     f.head = s->head;
-    f.multiplier = reals(&room, 1, padded(s->d));
-    f.centre = reals(&room, 1, padded(s->d));
-    f.program = pivoting_at(&room, s->d);
+    f.multiplier = reals(&arena, 1, padded(s->d));
+    f.centre = reals(&arena, 1, padded(s->d));
+    f.program = pivoting_at(&arena, s->d);
     return f;
 }
 

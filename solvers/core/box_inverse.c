@@ -1,6 +1,6 @@
 /* P^-1 of the scaled data of a box problem, by sweeps on two variables at a time.
  *
- * Swept on the variables F, with R the others, P becomes the symmetric matrix M with
+ * Recursive on the variables F, with R the others, P becomes the symmetric matrix M with
  *
  *     M_FF = -P_FF^-1,    M_FR = P_FF^-1 P_FR,    M_RR = P_RR - P_RF P_FF^-1 P_FR,
  *
@@ -44,7 +44,7 @@ CORE_INLINE real copy_scaled(Box *s, const real *P, int ld)
             along_v = plus_product(along_v, entries, load(s->v + j));
             along_w = plus_product(along_w, entries, load(s->w + j));
         }
-        skew = less_product(plus_product(skew, along_w, splat(s->v[i])), along_v, splat(s->w[i]));
+        skew = sub_mul(plus_product(skew, along_w, splat(s->v[i])), along_v, splat(s->w[i]));
     }
     return sum8(skew);
 }
@@ -58,8 +58,8 @@ CORE_INLINE void reduce_rows(const Box *s, const real *from, const real *u, int 
     real *const to = s->M + (size_t)i * (size_t)ld;
     for (int b = 0; b < ld; b += LANES) {
         const vec8 ub = load(u + b), vb = load(v + b);
-        store(to + b, less_product(less_product(load(row + b), f0, ub), g0, vb));
-        store(to + ld + b, less_product(less_product(load(row + ld + b), f1, ub), g1, vb));
+        store(to + b, sub_mul(sub_mul(load(row + b), f0, ub), g0, vb));
+        store(to + ld + b, sub_mul(sub_mul(load(row + ld + b), f1, ub), g1, vb));
     }
 }
 

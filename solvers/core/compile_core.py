@@ -126,7 +126,7 @@ def _compile(package: Path, target: Path, command: list[str], instructions: str,
     machine = [] if instructions == "native" else [f"-{'mcpu' if zig else 'march'}={name}"]
     own = package / "core" / "module.c"
     others = [file for folder in folders(package) for file in sorted(folder.glob("*.c")) if file.name != own.name]
-    others = [file for file in others if package in file.parents or not file.name.startswith("face_")]
+    others = [file for file in others if package in file.parents or not file.name.startswith("bindings_")]
     flags = [*FLAGS, *(f"-I{folder}" for folder in folders(package)), *(SANITIZERS if debug else ())]
     words = {"CORE_SOURCES": digest(package), "CORE_COMPILER": _version(command), "CORE_INSTRUCTIONS": instructions}
     sources = {own: [f'-D{key}="{value}"' for key, value in words.items()], **dict.fromkeys(others, machine)}

@@ -20,25 +20,25 @@ enum { VECTORS = 12, LOOK_EVERY = 16 };
 
 int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real); }
 
-Descent descent_at(void *memory)
+ProjectedGradient descent_at(void *memory)
 {
-    Descent s;
-    Room room = after_head(memory);
+    ProjectedGradient s;
+    Arena arena = after_head(memory);
     real **const names[VECTORS] = {&s.w,        &s.next, &s.shift, &s.carry, &s.lower, &s.upper,
                                    &s.momentum, &s.D,    &s.lb,    &s.ub,    &s.q,     &s.answer};
     s.head = memory;
     s.d = VARIABLES(s.head);
     s.ld = padded(s.d);
-    name_vectors(&room, s.ld, names, VECTORS);
-    s.columns = reals(&room, s.d, s.ld);
-    s.copy = reals(&room, s.d, s.ld);
+    name_vectors(&arena, s.ld, names, VECTORS);
+    s.columns = reals(&arena, s.d, s.ld);
+    s.copy = reals(&arena, s.d, s.ld);
     return s;
 }
 
 int descent_setup(void *memory, int d, const real *lb, const real *ub)
 {
     const int64_t bytes = descent_bytes(d);
-    Descent s;
+    ProjectedGradient s;
     memset(memory, 0, (size_t)bytes);
     s.head = memory;
     s.head->kind = DESCENT_KIND;
@@ -58,7 +58,7 @@ int descent_setup(void *memory, int d, const real *lb, const real *ub)
 }
 
 /* D P D to `copy`, checked. */
-static int scale(Descent *s, const real *P, int scaled)
+static int scale(ProjectedGradient *s, const real *P, int scaled)
 {
     const int d = s->d, ld = s->ld;
     for (int j = 0; j < d; ++j) {
@@ -89,7 +89,7 @@ static int scale(Descent *s, const real *P, int scaled)
     return OK;
 }
 
-int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled)
+int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
 {
     const int d = s->d, ld = s->ld;
     if (q != NULL) {
@@ -134,7 +134,7 @@ int descent_take(Descent *s, const real *P, const real *q, real ratio, int scale
 }
 
 /* Move to the projection of the next point, which may be projected already. */
-static void go_to_next(Descent *s)
+static void go_to_next(ProjectedGradient *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
@@ -143,7 +143,7 @@ static void go_to_next(Descent *s)
     }
 }
 
-void descent_start(Descent *s, const real *x)
+void descent_start(ProjectedGradient *s, const real *x)
 {
     for (int j = 0; j < s->d; ++j) {
         s->next[j] = x != NULL ? x[j] / s->D[j] : 0;
@@ -151,7 +151,7 @@ void descent_start(Descent *s, const real *x)
     go_to_next(s);
 }
 
-void descent_answer(Descent *s)
+void descent_answer(ProjectedGradient *s)
 {
     for (int j = 0; j < s->d; ++j) {
         const real x = s->w[j] * s->D[j], up = x > s->lb[j] ? x : s->lb[j], inside = up < s->ub[j] ? up : s->ub[j];
@@ -162,7 +162,7 @@ void descent_answer(Descent *s)
 
 /* Where tolerance >= 0, it ends at a step, of every sixteenth, whose projected gradient, (w(k) - w(k+1))/eta, is no
  * longer than that times |q| (2-norms). */
-int64_t projected_steps(Descent *s, int64_t steps, real tolerance)
+int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
     real threshold = 0;

@@ -6,7 +6,7 @@
 #ifndef CORE_DESCENT_H
 #define CORE_DESCENT_H
 
-#include "room.h"
+#include "arena.h"
 #include "status.h"
 
 enum { DESCENT_KIND = 0x44534331 };
@@ -18,10 +18,10 @@ typedef struct {
     double eta;
     int64_t taken; /* steps of the last run */
     int32_t met;   /* whether it ended by its tolerance */
-} DescentHead;
+} ProjectedGradientHead;
 
 typedef struct {
-    DescentHead *head;
+    ProjectedGradientHead *head;
     int d, ld;                      /* number of variables, and rounded up to a multiple of eight */
     real *w, *next;                 /* where it stands, and the point to project; both by D */
     real *shift, *carry;            /* -eta D q, and w (or the point with momentum) plus that */
@@ -29,23 +29,23 @@ typedef struct {
     real *D, *lb, *ub, *q, *answer; /* in the variables x */
     real *columns;                  /* of -eta D P D, d of ld numbers */
     real *copy;                     /* of D P D, room for the eigenvalue */
-} Descent;
+} ProjectedGradient;
 
 CORE_API int64_t descent_bytes(int d);
-CORE_API Descent descent_at(void *memory);
+CORE_API ProjectedGradient descent_at(void *memory);
 /* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q =
  * 0. */
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 /* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or
  * INDEFINITE. */
-CORE_API int descent_take(Descent *s, const real *P, const real *q, real ratio, int scaled);
+CORE_API int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), of 0 for NULL. */
-CORE_API void descent_start(Descent *s, const real *x);
+CORE_API void descent_start(ProjectedGradient *s, const real *x);
 /* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */
-CORE_API int64_t projected_steps(Descent *s, int64_t steps, real tolerance);
-CORE_API int64_t accelerated_steps(Descent *s, int64_t steps, real tolerance);
+CORE_API int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance);
+CORE_API int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance);
 /* x (d) for w, at a bound to the last bit where w is at it; in s->answer. */
-CORE_API void descent_answer(Descent *s);
+CORE_API void descent_answer(ProjectedGradient *s);
 
 /* |a - b|^2 over ld entries. */
 CORE_INLINE real distance_squared(const real *a, const real *b, int ld)

@@ -31,14 +31,14 @@ CORE_INLINE int64_t factor_bytes(int d)
 {
     return (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 2 * NUMS(d)) + 8 * padded(d);
 }
-CORE_INLINE Factor factor_at(Room *room, int d)
+CORE_INLINE Factor factor_at(Arena *arena, int d)
 {
     Factor f;
     f.d = d;
-    f.U = nums(room, symmetric_nums(d + 1));
-    f.inverse = nums(room, NUMS(d));
-    f.L = nums(room, NUMS(d));
-    f.rows = integers(room, d);
+    f.U = nums(arena, symmetric_nums(d + 1));
+    f.inverse = nums(arena, NUMS(d));
+    f.L = nums(arena, NUMS(d));
+    f.rows = integers(arena, d);
     return f;
 }
 
@@ -54,7 +54,7 @@ CORE_INLINE void strip_of_row(Factor f, const num *P, int place, int j, int vect
         const num *const above = f.U + symmetric_row(f.d + 1, f.rows[k]);
         const vec8 share = SPREAD(f.L[k]);
         for (int c = 0; c < vectors; ++c) {
-            sum[c] = less_product(sum[c], share, vector(above, j + c));
+            sum[c] = sub_mul(sum[c], share, vector(above, j + c));
         }
     }
     for (int c = 0; c < vectors; ++c) {

@@ -28,18 +28,19 @@ static int processor_level(void)
 static int processor_level(void) { return 0; }
 #endif
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(processor_level, "", "level of the x86-64 instruction set here, 2 to 4; 0 on other processors.", 0,              \
       WHOLE_RESULT = processor_level())
-MAKE_FACES(processor)
+MAKE_BINDINGS(processor)
 
 void measure_state(Arguments *a, const void *state) { SIZE_OF(a, d) = ((const StateHead *)state)->d; }
 
-extern PyMethodDef box_faces[], descent_faces[], lanes_faces[], swept_faces[], library_faces[], daqp_faces[];
+extern PyMethodDef box_bindings[], descent_bindings[], lanes_bindings[], recursive_bindings[], library_bindings[],
+    daqp_bindings[];
 
 PyObject *PyInit__core(void)
 {
-    PyMethodDef *const tables[] = {processor_faces, box_faces,     descent_faces, lanes_faces,
-                                   swept_faces,     library_faces, daqp_faces,    NULL};
+    PyMethodDef *const tables[] = {processor_bindings, box_bindings,     descent_bindings, lanes_bindings,
+                                   recursive_bindings, library_bindings, daqp_bindings,    NULL};
     return make_module(tables);
 }

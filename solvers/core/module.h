@@ -5,7 +5,7 @@
 #ifndef CORE_MODULE_H
 #define CORE_MODULE_H
 
-#include "face.h"
+#include "bindings.h"
 
 PY_EXPORT PyObject *PyInit__core(void);
 

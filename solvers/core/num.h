@@ -7,7 +7,7 @@
 #ifndef CORE_NUM_H
 #define CORE_NUM_H
 
-#include "room.h"
+#include "arena.h"
 
 #ifdef CORE_TILE
 typedef vec8 num;
@@ -60,9 +60,9 @@ CORE_INLINE num constant(real a) { return splat(a); }
 CORE_INLINE num plus(num a, num b) { return add(a, b); }
 CORE_INLINE num minus(num a, num b) { return sub(a, b); }
 CORE_INLINE num times(num a, num b) { return mul(a, b); }
-CORE_INLINE num divided(num a, num b) { return over(a, b); }
+CORE_INLINE num divided(num a, num b) { return divide(a, b); }
 CORE_INLINE num plus_times(num c, num a, num b) { return plus_product(c, a, b); }
-CORE_INLINE num minus_times(num c, num a, num b) { return less_product(c, a, b); }
+CORE_INLINE num minus_times(num c, num a, num b) { return sub_mul(c, a, b); }
 CORE_INLINE num greatest(num a, num b) { return larger(a, b); } /* b where either is NaN */
 CORE_INLINE num lowest(num a, num b) { return smaller(a, b); }
 CORE_INLINE num absolute(num a) { return magnitude(a); }
@@ -124,7 +124,7 @@ CORE_INLINE num choose(num which, num a, num b) { return if_less(constant(0), wh
 CORE_INLINE num is_finite(num a) { return less(absolute(a), constant(REAL_INFINITY)); }
 CORE_INLINE num within(num a, num low, num high) { return greatest(lowest(a, high), low); }
 
-CORE_INLINE num *nums(Room *room, int count) { return (num *)(void *)reals(room, count, WIDTH); }
+CORE_INLINE num *nums(Arena *arena, int count) { return (num *)(void *)reals(arena, count, WIDTH); }
 
 /* Change *to where `which` is 1. */
 CORE_INLINE void set_where(num which, num *to, num a) { *to = choose(which, a, *to); }

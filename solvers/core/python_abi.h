@@ -1,4 +1,4 @@
-/* What the faces use of Python's stable ABI of version 3.11, declared here so that they build without Python.h.
+/* What the bindings use of Python's stable ABI of version 3.11, declared here so that they build without Python.h.
  *
  * A test compiles these lines after the real Python.h, where a declaration that differs is an error, and compares the
  * layout of the structs and the values of the constants.

@@ -226,7 +226,7 @@ CORE_INLINE vec8 mul(vec8 a, vec8 b)
 }
 #undef ONE_OF
 #define ONE_OF(p, i) a.p / b.p
-CORE_INLINE vec8 over(vec8 a, vec8 b)
+CORE_INLINE vec8 divide(vec8 a, vec8 b)
 {
     const vec8 r = ALL(ONE_OF);
     return r;
@@ -298,7 +298,7 @@ CORE_INLINE vec8 load_first(const real *source, int count)
 CORE_INLINE vec8 zeros(void) { return splat((real)0); }
 /* c + a b and c - a b, the product rounded first. */
 CORE_INLINE vec8 plus_product(vec8 c, vec8 a, vec8 b) { return add(c, mul(a, b)); }
-CORE_INLINE vec8 less_product(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
+CORE_INLINE vec8 sub_mul(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
 CORE_INLINE vec8 magnitude(vec8 a) { return larger(a, sub(zeros(), a)); }
 CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return smaller(larger(a, lower), upper); }
 

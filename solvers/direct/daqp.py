@@ -19,7 +19,7 @@ from qpsolvers import Problem, Solution
 
 from solvers import backend as known
 from solvers.backend import LibrarySolver
-from solvers.core import face
+from solvers.core import bindings
 from solvers.protocol import Matrix, Unsupported, Vector
 from solvers.rows import Program
 
@@ -64,7 +64,7 @@ class Daqp(LibrarySolver):
         p = self.program
         if warm_start is not None:
             x = np.ascontiguousarray(warm_start, dtype=np.float64)
-            face.active_rows(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
+            bindings.active_rows(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
             self._model.update(sense=self._sense)
         elif not self._is_cold:
             self._model.update(sense=self._cold)

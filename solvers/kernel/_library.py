@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from solvers.arrays import address
 from solvers.backend import LibrarySolver
-from solvers.core import face
+from solvers.core import bindings
 from solvers.protocol import Lane, Matrix, Nanoseconds, Timings, Vector
 from solvers.timed_calls import follow_rows, time_calls
 
-CORE = ctypes.CDLL(face.__file__)
+CORE = ctypes.CDLL(bindings.__file__)
 """The module of the core once more, for what its C files export by name."""
 TYPES = {"int": ctypes.c_int, "double": ctypes.c_double}
 Function = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -126,7 +126,7 @@ class CompiledLibrary(LibrarySolver):
         return self.x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        flag, timings = time_calls(partial(face.time_library, self._places), P, q, warm_start, most_ns)
+        flag, timings = time_calls(partial(bindings.time_library, self._places), P, q, warm_start, most_ns)
         last = timings[0].size - 1
         self.program.take(P[last], q[last])
         self.state[:2] = _home(self.program)  # the data of the loop go when it ends
@@ -141,7 +141,7 @@ class CompiledLibrary(LibrarySolver):
         if self.found:
             self._last[:] = self.x
         flag, answers, nanoseconds = follow_rows(
-            partial(face.library_follow, self._places, self._last), p.P, p.q, rows, forgetting
+            partial(bindings.library_follow, self._places, self._last), p.P, p.q, rows, forgetting
         )
         self.refuse(flag)
         self._finish(answers[-1].copy())

@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import face
-from solvers.descent import Descent
+from solvers.core import bindings
+from solvers.descent import ProjectedGradient
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Solver, Timings, Vector, box_solution, dense, only_box
 
@@ -70,7 +70,7 @@ class AcceleratedProjection(Ours, Solver):
         self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
         self._scaled = bool(self.settings.get("diagonal_scaling", True))
         self._P, self._q = dense(problem)
-        self._method = Descent(self._lb, self._ub, self.name)
+        self._method = ProjectedGradient(self._lb, self._ub, self.name)
         self.update(self._P, self._q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -84,13 +84,13 @@ class AcceleratedProjection(Ours, Solver):
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is ``warm_start``, or 0, clipped."""
         self._method.start(warm_start)
-        face.accelerated_steps(self._method.state, self._steps, self._tolerance)
+        bindings.accelerated_steps(self._method.state, self._steps, self._tolerance)
         return self._method.answer()
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
         timings = self._method.time(
-            face.time_accelerated, self._steps, self._tolerance, 0.5, self._scaled, P, q, warm_start, most_ns
+            bindings.time_accelerated, self._steps, self._tolerance, 0.5, self._scaled, P, q, warm_start, most_ns
         )
         last = timings[0].size - 1
         self._P[:], self._q[:] = P[last], q[last]

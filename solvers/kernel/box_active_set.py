@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, OK, REASONS, block, face, padded, parts
+from solvers.core import CAPPED, OK, REASONS, bindings, block, padded, parts
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import follow_rows, time_calls
@@ -88,9 +88,9 @@ class BoxActiveSet(Ours, Solver):
         self._lb, self._ub = only_box(problem, self.name)
         P, q = dense(problem)
         self._warm = bool(self.settings.get("warm", False))
-        self.state = block(face.box_bytes(q.size))
-        _accept(face.box_setup(self.state, self._lb, self._ub))
-        self._parts = parts(self.state, face.box_places(self.state))
+        self.state = block(bindings.box_bytes(q.size))
+        _accept(bindings.box_setup(self.state, self._lb, self._ub))
+        self._parts = parts(self.state, bindings.box_places(self.state))
         self._answer = self._parts["answer"]
         self.counts("cap")[0] = int(self.settings.get("most_exchanges", 0))
         self._status = OK
@@ -100,9 +100,9 @@ class BoxActiveSet(Ours, Solver):
         """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem
         behind."""
         try:
-            status = face.box_take(self.state, P, q)
+            status = bindings.box_take(self.state, P, q)
         except (TypeError, ValueError, BufferError):  # not as C wants them, which need not be wrong
-            status = face.box_take(self.state, self._like(P, 2), self._like(q, 1))
+            status = bindings.box_take(self.state, self._like(P, 2), self._like(q, 1))
         if status:
             _accept(status)
 
@@ -124,23 +124,25 @@ class BoxActiveSet(Ours, Solver):
         """
         warm = self._warm
         if warm_start is not None:
-            _accept(face.box_start(self.state, self._like(warm_start, 1)))
+            _accept(bindings.box_start(self.state, self._like(warm_start, 1)))
             warm = True
-        self._status = face.box_solve(self.state, warm)
+        self._status = bindings.box_solve(self.state, warm)
         if self._status:
             _accept(self._status)
         return self._answer
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Take each P and q and solve from cold (warm with that setting) or from ``warm_start``, timed."""
-        self._status, timings = time_calls(partial(face.time_box, self.state, self._warm), P, q, warm_start, most_ns)
+        self._status, timings = time_calls(
+            partial(bindings.time_box, self.state, self._warm), P, q, warm_start, most_ns
+        )
         _accept(self._status)
         return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
         self._status, answers, nanoseconds = follow_rows(
-            partial(face.box_follow, self.state), *self._data(), rows, forgetting
+            partial(bindings.box_follow, self.state), *self._data(), rows, forgetting
         )
         _accept(self._status)
         return answers, nanoseconds

@@ -2,7 +2,7 @@
  * touches. */
 #include "library.h"
 
-#include "face.h"
+#include "bindings.h"
 
 enum { UPDATE_RINV = 1, UPDATE_V = 4, UPDATE_SENSE = 16 };
 
@@ -52,12 +52,12 @@ static void mark_active(const Rows *r, double tolerance, const double *x, const 
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(active_rows, "R[n,d], l[n], u[n], tolerance, x[d], cold[n]i, sense[n]i=",                                        \
       "which rows x touches, as DAQP has it: 1 above, 3 below.", 0,                                                    \
       mark_active(&(Rows){REALS(0), REALS(1), REALS(2), LENGTH(n), SIZE(d)}, NUMBER(3), REALS(4), MEMORY(5),           \
                   MEMORY(6)))
-MAKE_FACES(daqp)
+MAKE_BINDINGS(daqp)
 
 /* The library reads the data where they are. */
 static int update_problem(State *s, int mask, int *sense)

@@ -18,8 +18,8 @@ from typing import Any, ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import OK, REASONS, face
-from solvers.descent import Descent
+from solvers.core import OK, REASONS, bindings
+from solvers.descent import ProjectedGradient
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box_solution, dense, only_box
 from solvers.timed_calls import Timings, follow_rows
@@ -99,7 +99,7 @@ class ProjectedDifference(Ours, Solver):
                 f"{self._ratio}; allow_divergence=True permits more"
             )
         self._P, self._q = dense(problem)
-        self._descent = Descent(self._lb, self._ub, self.name)
+        self._descent = ProjectedGradient(self._lb, self._ub, self.name)
         self.update(self._P, self._q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -131,7 +131,7 @@ class ProjectedDifference(Ours, Solver):
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
         timings = self._descent.time(
-            face.time_projected, self._steps, self._tolerance, self._ratio, self._scaled, P, q, warm_start, most_ns
+            bindings.time_projected, self._steps, self._tolerance, self._ratio, self._scaled, P, q, warm_start, most_ns
         )
         last = timings[0].size - 1
         self._P[:], self._q[:] = P[last], q[last]
@@ -142,7 +142,7 @@ class ProjectedDifference(Ours, Solver):
         the data."""
         if self._scaled or self._tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        loop = partial(face.projected_follow, self._descent.state, self._ratio, self._steps)
+        loop = partial(bindings.projected_follow, self._descent.state, self._ratio, self._steps)
         status, answers, nanoseconds = follow_rows(loop, self._P, self._q, rows, forgetting)
         if status != OK:
             raise ValueError(f"{self.name}: {REASONS[status]}")

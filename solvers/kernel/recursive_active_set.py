@@ -2,13 +2,13 @@
 
     P ← λ P + μ ξ ξᵀ,   q ← λ q + μ ξ x     at every row (ξ, x),   minimise ½ vᵀP v + qᵀv over lb ≤ v ≤ ub
 
-The method stands in ``solvers/core/swept.h``: the Gram matrix swept on the free variables follows each row by a matrix
-of rank one, and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
+The method stands in ``solvers/core/recursive.h``: the Gram matrix swept on the free variables follows each row by a
+matrix of rank one, and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
 
-An answer is never refused where there is one. The factor is made anew by the refresh rule of ``swept_rows.c``, which
-bounds its drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew at
-once; where that does not help, the cold exact solver is asked (``swept_refresh.c``). An error is left for data that
-have no minimum.
+An answer is never refused where there is one. The factor is made anew by the refresh rule of ``recursive_rows.c``,
+which bounds its drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew
+at once; where that does not help, the cold exact solver is asked (``recursive_refresh.c``). An error is left for
+data that have no minimum.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from typing import ClassVar
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, block, face, padded, parts
+from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, bindings, block, padded, parts
 from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import time_calls
 
 LARGEST = 1e100
-"""LARGEST_ENTRY of swept.h: size from which a number of a row is refused."""
+"""LARGEST_ENTRY of recursive.h: size from which a number of a row is refused."""
 FOUND = 1e-12
 """Relative violation of the optimality conditions above which an answer does not count as found."""
 
@@ -85,12 +85,12 @@ class RecursiveActiveSet(Ours, Solver):
         if not 0.0 <= proximal < np.inf:
             raise ValueError(f"{self.name}: proximal must not be negative, but it is {proximal}")
         d = lb.size
-        state, (P, q) = block(face.swept_bytes(d)), dense(problem)
-        self._accept(face.swept_setup(state, lb, ub, forgetting, weight, proximal))
-        places = face.swept_places(state)
+        state, (P, q) = block(bindings.recursive_bytes(d)), dense(problem)
+        self._accept(bindings.recursive_setup(state, lb, ub, forgetting, weight, proximal))
+        places = bindings.recursive_places(state)
         found = parts(state, places)
         found["cap"].view(np.int32)[0] = int(self.settings.get("most_exchanges", 0))
-        self._accept(face.swept_begin(state, P, q))
+        self._accept(bindings.recursive_begin(state, P, q))
         self._lb, self._ub, self._P, self._q, self.state, self._places, self._parts = lb, ub, P, q, state, places, found
         self._row, self._answer, self._forgetting, self._capped = (
             np.zeros(d + 1),
@@ -105,7 +105,7 @@ class RecursiveActiveSet(Ours, Solver):
         q = self._q if q is None else np.array(q, dtype=np.float64)
         if P.shape != self._P.shape or q.shape != self._q.shape:
             raise ValueError(f"{self.name}: P {P.shape} and q {q.shape} are not of the size of the problem set up")
-        self._accept(face.swept_begin(self.state, P, q))
+        self._accept(bindings.recursive_begin(self.state, P, q))
         self._P, self._q, self._capped = P, q, False
 
     def append(self, row: Vector, target: float) -> None:
@@ -114,7 +114,7 @@ class RecursiveActiveSet(Ours, Solver):
         if np.shape(row) != self._q.shape:
             raise ValueError(f"{self.name}: a row has {self._q.size} numbers, not shape {np.shape(row)}")
         self._row[:-1], self._row[-1] = row, target
-        status = face.swept_take(self.state, self._row)
+        status = bindings.recursive_take(self.state, self._row)
         if status == NOT_FINITE:
             raise ValueError(f"{self.name}: the row holds a number that is not finite, or above {LARGEST:g}")
         self._capped = status == CAPPED
@@ -123,7 +123,7 @@ class RecursiveActiveSet(Ours, Solver):
 
     def recover(self) -> None:
         """Begin anew from the data so far, by the cold exact solver."""
-        self._accept(face.swept_recover(self.state))
+        self._accept(bindings.recursive_recover(self.state))
 
     def append_many(self, rows: Matrix) -> tuple[Matrix, Nanoseconds]:
         """Take rows (ξ, x), shape (N, d + 1), in one compiled call.
@@ -145,7 +145,7 @@ class RecursiveActiveSet(Ours, Solver):
                 f"{self.name}: row {int(np.argmin(usable))} holds a number that is not finite, or above {LARGEST:g}"
             )
         answers, nanoseconds = np.empty((rows.shape[0], d)), np.empty(rows.shape[0], dtype=np.int64)
-        status = face.swept_take_rows(self.state, rows, answers, nanoseconds)
+        status = bindings.recursive_take_rows(self.state, rows, answers, nanoseconds)
         self._capped = status == CAPPED
         self._accept(status)
         return answers, nanoseconds
@@ -159,7 +159,7 @@ class RecursiveActiveSet(Ours, Solver):
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Start anew from each P and q, which includes finding the optimum, timed as solves; there is no update
         apart."""
-        status, timings = time_calls(partial(face.time_swept, self.state), P, q, warm_start, most_ns)
+        status, timings = time_calls(partial(bindings.time_recursive, self.state), P, q, warm_start, most_ns)
         self._accept(status)
         last = timings[0].size - 1
         self._P, self._q, self._capped = np.array(P[last]), np.array(q[last]), status == CAPPED
@@ -186,7 +186,7 @@ class RecursiveActiveSet(Ours, Solver):
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
 
     def part(self, name: str) -> Vector:
-        """Return a view of a vector of the state by its name in swept.h."""
+        """Return a view of a vector of the state by its name in recursive.h."""
         return self._parts[name]
 
     def solution(self) -> Solution:
@@ -200,12 +200,12 @@ class RecursiveActiveSet(Ours, Solver):
         """
         state, capped = block(self.state.size), self._capped
         state[:] = self.state
-        for renew in (face.swept_refresh, face.swept_recover):
-            if not capped and not face.swept_error(state) <= FOUND:
+        for renew in (bindings.recursive_refresh, bindings.recursive_recover):
+            if not capped and not bindings.recursive_error(state) <= FOUND:
                 capped = renew(state) == CAPPED
         found = parts(state, self._places)
         exchanges, refreshes, cold_starts, _ = found["counts"].view(np.uint32).tolist()
-        error, x = face.swept_error(state), found["answer"].copy()
+        error, x = bindings.recursive_error(state), found["answer"].copy()
         return box_solution(
             self._problem_of(found),
             x,

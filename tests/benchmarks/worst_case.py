@@ -21,7 +21,7 @@ from bench.report.console import print_table
 from bench.timing.percentiles import tail_cells
 from bench.timing.schedule import PERIOD_NS
 from solvers.arrays import Nanoseconds
-from solvers.core import face
+from solvers.core import bindings
 
 SAMPLES = 1_000_000
 STREAM = 4_000
@@ -48,7 +48,7 @@ def main(samples: int = SAMPLES) -> None:
     for n, m in ORDERS:
         d, taken = solver_steps(n, m, samples)
         floor = np.zeros(samples, dtype=np.int64)
-        face.time_nothing(int(np.median(taken)), floor)
+        bindings.time_nothing(int(np.median(taken)), floor)
         rows += [
             (what, *tail_cells(ns), str(int((ns > PERIOD_NS).sum())))
             for what, ns in (

@@ -24,7 +24,7 @@ from piezo_model import (
     ModelStructure,
     SelfLearningCompensator,
 )
-from solvers.core import face
+from solvers.core import bindings
 from solvers.core.compile_core import instruction_sets
 
 Vector = NDArray[np.float64]
@@ -394,7 +394,7 @@ print(hashlib.sha256(x.tobytes()).hexdigest())
 
 @pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
 def test_every_instruction_set_gives_the_same_bits() -> None:
-    asked = [each for each in instruction_sets() if int(each[1:]) <= face.processor_level()]
+    asked = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
     said = [
         subprocess.run(
             [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)],

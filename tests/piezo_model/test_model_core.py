@@ -12,9 +12,9 @@ import pytest
 from programs import program
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, ModelStructure, core
-from piezo_model.core import face
+from piezo_model.core import bindings
+from solvers.core import bindings as solvers_bindings
 from solvers.core import compile_core
-from solvers.core import face as solvers_face
 
 PACKAGE = Path(core.__file__).parents[1]
 FOLDERS = compile_core.folders(PACKAGE)
@@ -140,20 +140,20 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
         np.zeros(STRUCTURE.lanes),
         np.zeros(3 * STRUCTURE.lanes),
     )
-    face.model_simulate(model._core.block, play, creep, x, y)
-    face.basis_update(basis._core.block, x, y)
+    bindings.model_simulate(model._core.block, play, creep, x, y)
+    bindings.basis_update(basis._core.block, x, y)
     for k in range(samples):
-        drive[k] = face.compensator_step(compensator._core.block, float(y[k]))
+        drive[k] = bindings.compensator_step(compensator._core.block, float(y[k]))
         if k == samples // 2:
             weights = compensator.model.all_weights.copy()
             weights[-1] *= 2.0
-            face.compensator_take(compensator._core.block, weights)
+            bindings.compensator_take(compensator._core.block, weights)
     expected = drive.tobytes() + basis._core.block.tobytes() + compensator._core.block.tobytes()
 
     source, target = tmp_path / "main.c", tmp_path / "program"
     source.write_text(MAIN, encoding="utf-8")
     words = [f"-DSAMPLES={samples}", f"-DSIZES={','.join(map(str, sizes))}"]
-    sets = [f"-march=x86-64-v{level}" for level in range(2, solvers_face.processor_level() + 1)] or ["-DCORE_PLAIN"]
+    sets = [f"-march=x86-64-v{level}" for level in range(2, solvers_bindings.processor_level() + 1)] or ["-DCORE_PLAIN"]
     for options in [
         ["-O0", sets[-1]],
         ["-O1", sets[-1], SHAPE],
@@ -198,10 +198,10 @@ def test_copies_deep_or_pickled_go_on_by_themselves_with_the_same_bits() -> None
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda block: face.basis_update(block, np.zeros(3), np.zeros(2)), "argument 3 has not the shape"),
-        (lambda block: face.basis_advance(block[:-8].copy(), np.zeros(3)), "not the state"),
-        (lambda block: face.compensator_run(block, np.zeros(3), np.zeros(3)), "argument 1 is not the state"),
-        (lambda block: face.basis_setup(block[:1000], 5, 7, 3, 0, 1.0), "has room for 1000 bytes and needs"),
+        (lambda block: bindings.basis_update(block, np.zeros(3), np.zeros(2)), "argument 3 has not the shape"),
+        (lambda block: bindings.basis_advance(block[:-8].copy(), np.zeros(3)), "not the state"),
+        (lambda block: bindings.compensator_run(block, np.zeros(3), np.zeros(3)), "argument 1 is not the state"),
+        (lambda block: bindings.basis_setup(block[:1000], 5, 7, 3, 0, 1.0), "has room for 1000 bytes and needs"),
     ],
 )
 def test_a_state_of_another_kind_and_arrays_that_do_not_fit_are_refused(call, message: str) -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.tables import ArrayTable, Column, Reading, parsed
+from piezo_model.recordings.tables import ArrayTable, Column, ReadOptions, parsed
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     match path.read_text():
         case "crash":
             os.kill(os.getpid(), signal.SIGSEGV)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import Unsupported, get
-from solvers.descent import Descent
+from solvers.descent import ProjectedGradient
 
 
 def random_problem(seed, d, decades):
@@ -129,6 +129,6 @@ def test_an_answer_at_a_bound_of_the_scaled_variables_is_at_the_bound_and_has_it
 @given(seed=seeds, d=st.integers(0, 25), decades=st.floats(0, 12), size=st.floats(-200, 200))
 def test_the_step_is_one_over_the_largest_eigenvalue(seed, d, decades, size):
     P, q, lb, ub = random_problem(seed, d, decades) if d else (np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
-    descent = Descent(lb, ub, "test")
+    descent = ProjectedGradient(lb, ub, "test")
     descent.take(P * 10**size, q, 0.5, scaled=False)
     assert descent.eta == pytest.approx(1 / (np.linalg.eigvalsh(P)[-1] * 10**size) if d else 1, rel=1e-13)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import Unsupported, get
-from solvers.core import OK, block, face
+from solvers.core import OK, bindings, block
 
 EPS = np.finfo(float).eps
 quick = settings(max_examples=60, deadline=None)
@@ -352,7 +352,7 @@ def test_the_dual_active_set_alone_reaches_the_optimum_from_any_sides(seed, d):
     sides = np.where(lb == ub, 2, np.where(best <= lb, -1, np.where(best >= ub, 1, 0)))
     for i in np.flatnonzero(lb < ub):
         sides[i] = rng.choice([0, *([-1] if lb[i] > -INF else []), *([1] if ub[i] < INF else [])])
-    assert face.box_dual_from(s.state, sides) == OK
+    assert bindings.box_dual_from(s.state, sides) == OK
     np.testing.assert_allclose(s.part("x") * s.part("scale"), best, rtol=0, atol=1e-9)
     assert np.isfinite(s.part("g")).all()
 
@@ -472,8 +472,8 @@ def test_a_cap_of_exchanges_ends_at_a_feasible_point_from_which_warm_solves_reac
 
 
 def test_the_core_takes_a_problem_without_variables_which_the_protocol_refuses():
-    nothing, state = np.zeros(0), block(face.box_bytes(0))
-    assert face.box_setup(state, nothing, nothing) == face.box_take(state, np.zeros((0, 0)), nothing) == OK
-    assert face.box_solve(state, 0) == face.box_solve_factorised(state, 1) == OK
+    nothing, state = np.zeros(0), block(bindings.box_bytes(0))
+    assert bindings.box_setup(state, nothing, nothing) == bindings.box_take(state, np.zeros((0, 0)), nothing) == OK
+    assert bindings.box_solve(state, 0) == bindings.box_solve_factorised(state, 1) == OK
     with pytest.raises(Unsupported, match="without variables"):
         solver(np.zeros((0, 0)), nothing, nothing, nothing)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
-from solvers.core import INDEFINITE, NOT_FINITE, OK, block, face
+from solvers.core import INDEFINITE, NOT_FINITE, OK, bindings, block
 
 Matrix = NDArray[np.float64]
 
@@ -24,7 +24,9 @@ def programs(count: int, d: int, seed: int) -> tuple[Matrix, Matrix, Matrix, Mat
 def solve(P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> tuple[Matrix, NDArray[np.int32], int]:
     count, d = q.shape
     x, statuses = np.empty((count, d)), np.empty(count, np.int32)
-    alone = face.box_many(q, P.reshape(count, d * d), lb, ub, x, statuses, block(face.box_many_bytes(d)), 0, count, 1)
+    alone = bindings.box_many(
+        q, P.reshape(count, d * d), lb, ub, x, statuses, block(bindings.box_many_bytes(d)), 0, count, 1
+    )
     return x, statuses, alone
 
 

@@ -1,4 +1,4 @@
-"""The C core: the stable ABI as it is declared, its build, its face."""
+"""The C core: the stable ABI as it is declared, its build, its bindings."""
 
 import importlib.machinery
 import importlib.util
@@ -14,12 +14,12 @@ from programs import lacking, program
 
 import piezo_model.core
 from solvers import core
-from solvers.core import block, compile_core, face
+from solvers.core import bindings, block, compile_core
 
 FOLDER = Path(core.__file__).parent
 FOLDERS = compile_core.folders(FOLDER.parent)
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
-ALGORITHMS = [file for file in FOLDER.glob("*.c") if not file.name.startswith(("face", "module", "clock"))]
+ALGORITHMS = [file for file in FOLDER.glob("*.c") if not file.name.startswith(("bindings", "module", "clock"))]
 """What an exported folder may hold."""
 STRUCTS = {
     "Py_buffer": "buf obj len itemsize readonly ndim format shape strides suboffsets internal",
@@ -109,7 +109,7 @@ def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_sqrt_and
 
 
 def test_the_instruction_set_can_be_chosen_and_what_the_processor_lacks_is_refused(monkeypatch):
-    for level in range(2, face.processor_level() + 1):
+    for level in range(2, bindings.processor_level() + 1):
         monkeypatch.setenv("PIEZOBENCH_ISA", f"v{level}")
         assert core.load(FOLDER.parent).instructions == f"v{level}"
     monkeypatch.setenv("PIEZOBENCH_ISA", "v9")
@@ -130,7 +130,7 @@ def test_a_library_beside_other_sources_or_none_is_refused_in_one_sentence(tmp_p
             (package / folder.name / file.name).write_bytes(file.read_bytes())
     for file in (FOLDER / "compile_core.py", compile_core.library(FOLDER.parent, least)):
         (package / "core" / file.name).write_bytes(file.read_bytes())
-    assert core.load(package).descent_bytes(3) == face.descent_bytes(3)
+    assert core.load(package).descent_bytes(3) == bindings.descent_bytes(3)
     (package / "core" / "descent.c").write_text("/* changed */", encoding="utf-8")
     with pytest.raises(ImportError, match=r"^the C sources in solvers/core have changed since their library was built"):
         core.load(package)
@@ -155,7 +155,7 @@ def variants(tmp_path_factory):
     Beside them those that are installed, for every instruction set of this processor.
     """
     folder, installed = tmp_path_factory.mktemp("variants"), {}
-    for level in range(2, face.processor_level() + 1):
+    for level in range(2, bindings.processor_level() + 1):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PIEZOBENCH_ISA", f"v{level}")
             installed[f"installed for v{level}"] = core.load(FOLDER.parent)
@@ -178,7 +178,7 @@ def variants(tmp_path_factory):
         return module
 
     with ThreadPoolExecutor(2) as pool:
-        names = [name for name in VARIANTS if not name.startswith(f"level {face.processor_level() + 1}")]
+        names = [name for name in VARIANTS if not name.startswith(f"level {bindings.processor_level() + 1}")]
         return {**installed, **dict(zip(names, pool.map(build, names), strict=True))}
 
 
@@ -198,19 +198,19 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
     """What every function of the core makes of data: states and answers as bytes."""
     d, out = q.size, []
     for P, linear in programs:
-        box, swept = block(c.box_bytes(d)), block(c.swept_bytes(d))
+        box, swept = block(c.box_bytes(d)), block(c.recursive_bytes(d))
         out.append(
             [c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve_factorised(box, 0)]
         )
         out.append(box.tobytes())
-        out.append([c.swept_setup(swept, lb, ub, 0.9, 1.0, 1e-10), c.swept_begin(swept, P, linear)])
+        out.append([c.recursive_setup(swept, lb, ub, 0.9, 1.0, 1e-10), c.recursive_begin(swept, P, linear)])
         answers, nanoseconds = np.empty((40, d)), np.empty(40, np.int64)
         out.append(
             [
-                c.swept_take_rows(swept, rows, answers, nanoseconds),
+                c.recursive_take_rows(swept, rows, answers, nanoseconds),
                 answers.tobytes(),
                 swept.tobytes(),
-                c.swept_error(swept),
+                c.recursive_error(swept),
             ]
         )
         for method in (c.projected_steps, c.accelerated_steps):
@@ -226,7 +226,7 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
 @pytest.mark.parametrize("d", [1, 2, 7, 16, 18, 33, 60])
 def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(variants, d):
     data = random_data(d)
-    expected = bits_of_everything(face, *data)
+    expected = bits_of_everything(bindings, *data)
     for name, module in variants.items():
         assert bits_of_everything(module, *data) == expected, name
 
@@ -249,25 +249,29 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(var
 )
 def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, error, message):
     with pytest.raises(error, match=message):
-        face.descent_setup(*arguments)
+        bindings.descent_setup(*arguments)
 
 
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: face.descent_bytes(-1), ValueError, "argument 1 must be from 0 to 10000, not -1"),
-        (lambda: face.descent_bytes(10_001), ValueError, "argument 1 must be from 0 to 10000, not 10001"),
-        (lambda: face.descent_bytes(2.5), TypeError, "float"),
-        (lambda: face.descent_bytes(2, 3), TypeError, "takes 1 arguments, not 2"),
-        (lambda: face.processor_level(1), TypeError, "takes 0 arguments, not 1"),
-        (lambda: face.projected_steps(a_state(), 1, "a"), TypeError, "must be real number"),
-        (lambda: face.projected_steps(a_state(), -1, 0.0), ValueError, "argument 2 must be from 0 to"),
-        (lambda: face.descent_take(a_state(), np.eye(2), None, 0.5, 1), ValueError, "argument 2 has not the shape"),
-        (lambda: face.descent_take(a_state(), None, np.ones(2), 0.5, 1), ValueError, "argument 3 has not the shape"),
+        (lambda: bindings.descent_bytes(-1), ValueError, "argument 1 must be from 0 to 10000, not -1"),
+        (lambda: bindings.descent_bytes(10_001), ValueError, "argument 1 must be from 0 to 10000, not 10001"),
+        (lambda: bindings.descent_bytes(2.5), TypeError, "float"),
+        (lambda: bindings.descent_bytes(2, 3), TypeError, "takes 1 arguments, not 2"),
+        (lambda: bindings.processor_level(1), TypeError, "takes 0 arguments, not 1"),
+        (lambda: bindings.projected_steps(a_state(), 1, "a"), TypeError, "must be real number"),
+        (lambda: bindings.projected_steps(a_state(), -1, 0.0), ValueError, "argument 2 must be from 0 to"),
+        (lambda: bindings.descent_take(a_state(), np.eye(2), None, 0.5, 1), ValueError, "argument 2 has not the shape"),
+        (
+            lambda: bindings.descent_take(a_state(), None, np.ones(2), 0.5, 1),
+            ValueError,
+            "argument 3 has not the shape",
+        ),
         (lambda: absorbed(np.zeros((2, 3)), np.zeros((1, 3))), ValueError, "argument 1 has not the shape"),
         (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 2))), ValueError, "argument 4 has not the shape"),
         (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 3)), frozen(1)), ValueError, "read-only|not writable"),
-        (lambda: face.time_nothing(0, np.zeros(1)), TypeError, "argument 2 holds numbers of type d, not lq"),
+        (lambda: bindings.time_nothing(0, np.zeros(1)), TypeError, "argument 2 holds numbers of type d, not lq"),
         (lambda: many(P=5, last=1), ValueError, "argument 2 has not the shape"),
         (lambda: many(P=4, last=2), ValueError, "argument 9 must be from 0 to 1, not 2"),
         (lambda: many(P=4, last=1, room=8), ValueError, "not the state|has room for"),
@@ -280,8 +284,8 @@ def test_each_mark_of_an_argument_is_checked(call, error, message):
 
 
 def a_state(d=3):
-    state = block(face.descent_bytes(d))
-    face.descent_setup(state, np.zeros(d), np.ones(d))
+    state = block(bindings.descent_bytes(d))
+    bindings.descent_setup(state, np.zeros(d), np.ones(d))
     return state
 
 
@@ -292,19 +296,19 @@ def frozen(size):
 
 
 def absorbed(P, rows, c=None):
-    face.absorb(P, np.zeros(2), np.zeros(1) if c is None else c, rows, 0.9)
+    bindings.absorb(P, np.zeros(2), np.zeros(1) if c is None else c, rows, 0.9)
 
 
 def many(P, last, room=100_000):
     vector = np.zeros((1, 2))
-    face.box_many(vector, np.zeros((1, P)), vector, vector, vector, np.zeros(1, np.int32), block(room), 0, last, 1)
+    bindings.box_many(vector, np.zeros((1, P)), vector, vector, vector, np.zeros(1, np.int32), block(room), 0, last, 1)
 
 
 def factored(width):
-    face.factor_solve(block(face.factor_bytes(2)), np.ones(2), np.zeros((2, width)), 0.0, np.zeros(2))
+    bindings.factor_solve(block(bindings.factor_bytes(2)), np.ones(2), np.zeros((2, width)), 0.0, np.zeros(2))
 
 
-@pytest.mark.parametrize("module", [face, piezo_model.core.face], ids=["solvers", "piezo_model"])
+@pytest.mark.parametrize("module", [bindings, piezo_model.core.bindings], ids=["solvers", "piezo_model"])
 def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
     functions = [function for function in vars(module).values() if callable(function) and function.__doc__]
     functions = [function for function in functions if function.__doc__.startswith(f"{function.__name__}(")]
@@ -320,25 +324,25 @@ def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
 
 
 def test_a_block_that_is_no_state_or_was_cut_off_is_refused():
-    state = block(face.descent_bytes(3))
+    state = block(bindings.descent_bytes(3))
     with pytest.raises(ValueError, match="not the state"):
-        face.descent_answer(state)
-    face.descent_setup(state, np.zeros(3), np.ones(3))
-    face.descent_answer(state)
+        bindings.descent_answer(state)
+    bindings.descent_setup(state, np.zeros(3), np.ones(3))
+    bindings.descent_answer(state)
     with pytest.raises(ValueError, match="not the state"):
-        face.descent_answer(state[:-8].copy())
+        bindings.descent_answer(state[:-8].copy())
 
 
 def test_a_state_copied_byte_by_byte_goes_on_with_the_same_bits():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(20, 9))
-    one = block(face.descent_bytes(9))
-    face.descent_setup(one, np.zeros(9), np.full(9, np.inf))
-    face.descent_take(one, A.T @ A, rng.normal(size=9), 0.5, 1)
-    face.projected_steps(one, 10, -1.0)
+    one = block(bindings.descent_bytes(9))
+    bindings.descent_setup(one, np.zeros(9), np.full(9, np.inf))
+    bindings.descent_take(one, A.T @ A, rng.normal(size=9), 0.5, 1)
+    bindings.projected_steps(one, 10, -1.0)
     other = block(one.size)
     other[:] = np.frombuffer(one.tobytes(), np.uint8)
     for state in (one, other):
-        face.projected_steps(state, 25, -1.0)
-        face.descent_answer(state)
+        bindings.projected_steps(state, 25, -1.0)
+        bindings.descent_answer(state)
     assert (one == other).all()

@@ -7,7 +7,7 @@ from box_programs import Array, seeds, spectrum_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solvers.core import block, face, padded
+from solvers.core import bindings, block, padded
 
 quick = settings(max_examples=60, deadline=None)
 
@@ -17,7 +17,7 @@ def solve(P: Array, right: Array, free: Array, least: float = 0.0) -> tuple[bool
     d = right.size
     rows, x = np.full((d, padded(d + 1)), np.nan), np.full(d, np.nan)
     rows[:, :d], rows[:, d] = np.triu(P) + np.tril(np.full((d, d), np.nan), -1), right
-    return bool(face.factor_solve(block(face.factor_bytes(d)), free.astype(float), rows, least, x)), x
+    return bool(bindings.factor_solve(block(bindings.factor_bytes(d)), free.astype(float), rows, least, x)), x
 
 
 @quick

@@ -10,12 +10,12 @@ from qpsolvers import Problem
 
 from solvers import Unsupported, get
 from solvers.certificate import certify, exact_cost_gap
-from solvers.core import BREAKDOWN, face
+from solvers.core import BREAKDOWN, bindings
 from solvers.exact.program import RoundingDecides
 from solvers.kernel.recursive_active_set import LARGEST
 
 REFRESH = 256
-"""SWEPT_REFRESH of swept.h."""
+"""RECURSIVE_REFRESH of recursive.h."""
 forgettings = st.sampled_from([1.0, 0.999, 0.99, 0.9, 0.5])
 quick = settings(max_examples=25, deadline=None)
 
@@ -162,7 +162,7 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
         assert nanoseconds.shape == (len(part),)
         assert nanoseconds.min() > 0
         if forgetting < 1.0:
-            face.absorb(P, q, c, part, forgetting)
+            bindings.absorb(P, q, c, part, forgetting)
         else:
             P, q = P + part[:, :-1].T @ part[:, :-1] * weight, q + part[:, :-1].T @ part[:, -1] * weight
         assert gap(Problem(P, q, lb=lb, ub=ub), answers[-1]) < 1e-12
@@ -184,7 +184,7 @@ def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
     row_weight, root_weight = s.part("row_weight")
     carried, root = M.copy(), root_weight**2 / row_weight
     free = np.append(s.part("free") > 0, False)
-    face.swept_refresh(s.state)
+    bindings.recursive_refresh(s.state)
     carried, fresh = carried.reshape(-1, ld)[:19, :19], M.reshape(-1, ld)[:19, :19].copy()
     assert (np.append(s.part("free") > 0, False) == free).all()
     fresh[np.ix_(free, free)] /= root
@@ -229,8 +229,8 @@ def test_exchanges_that_do_not_end_fall_back_on_the_cold_solver(monkeypatch):
     P, q, lb = np.eye(d), rng.normal(size=d), np.zeros(d)
     s = recursive(P, q, lb, proximal=0.0)
     # What the step returns where both refreshes end in vain; the row is in the Gram matrix by then.
-    taken = face.swept_take
-    monkeypatch.setattr(face, "swept_take", lambda *arrays: max(taken(*arrays), BREAKDOWN))
+    taken = bindings.recursive_take
+    monkeypatch.setattr(bindings, "recursive_take", lambda *arrays: max(taken(*arrays), BREAKDOWN))
     for k in range(5):
         row = rng.normal(size=d + 1)
         s.append(row[:-1], row[-1])

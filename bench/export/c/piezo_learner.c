@@ -94,13 +94,13 @@ void piezo_learner_begin(void *learner, const double *weights)
 static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
-    void *const room = workspace_of(l).exact;
+    void *const memory = workspace_of(l).exact;
     Box box;
     int status;
-    if (box_setup(room, l->d, c->lower, c->upper) != OK) {
+    if (box_setup(memory, l->d, c->lower, c->upper) != OK) {
         return 0;
     }
-    box = box_at(room);
+    box = box_at(memory);
     if (box_take_hessian(&box, c->P) != OK || box_take_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
         return 0;
     }
@@ -112,7 +112,7 @@ static int solve_cycle(const Learner *l)
 static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
-    Descent descent = c->descent;
+    ProjectedGradient descent = c->descent;
     if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
         || descent_take(&descent, c->P, c->q, 0.5, 1) != OK) {
         return 0;

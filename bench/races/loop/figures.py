@@ -14,7 +14,7 @@ import pandas as pd
 
 from bench.derived.accuracy import least_good, worst
 from bench.races.chosen_settings import tier_label
-from bench.report.words import apart, gap, joined, marked, number, settings_label
+from bench.report.words import format_distinct, gap, joined, marked, number, settings_label
 from bench.stage.setup import RANGE_UM
 
 NOTICED = 1.1
@@ -117,7 +117,7 @@ def notes(table: pd.DataFrame) -> Iterator[str]:
         learned = part[part.cost_gap.notna()]
         exact = learned[(learned.cost_gap <= EXACT) & (learned.refused <= learned.refused.head(1).max())]
         if len(exact) > 1:
-            least, most = apart(1e3 * exact.rms_um.min(), 1e3 * exact.rms_um.max())
+            least, most = format_distinct(1e3 * exact.rms_um.min(), 1e3 * exact.rms_um.max())
             yield (
                 f"On the {problem} stage the {len(exact)} learners with a cost gap of at most {EXACT:g} leave "
                 + (f"{least} nm" if least == most else f"{least} to {most} nm")

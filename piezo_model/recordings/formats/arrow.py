@@ -11,8 +11,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from piezo_model.recordings.arrow_columns import arrays_of, column_of
-from piezo_model.recordings.pieces import RecordingError, first_line
-from piezo_model.recordings.tables import Reading, Table
+from piezo_model.recordings.chunks import RecordingError, first_line
+from piezo_model.recordings.tables import ReadOptions, Table
 
 NAME = "a stream of Arrow batches"
 ORDER = 11
@@ -54,7 +54,7 @@ def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
         raise RecordingError(f"{path}: is an Arrow stream without a whole batch")
 
 
-def open_table(path: Path, reading: Reading) -> StreamTable:
+def open_table(path: Path, reading: ReadOptions) -> StreamTable:
     """Read the columns of the first batch and count the rows of all."""
     schemas, rows = zip(*((batch.schema, batch.num_rows) for batch in whole_batches(path)), strict=True)
     return StreamTable(path, "Arrow stream", tuple(column_of(field, sum(rows)) for field in schemas[0]))

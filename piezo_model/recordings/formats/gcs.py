@@ -12,7 +12,7 @@ from pathlib import Path
 
 from piezo_model.recordings.formats import text
 from piezo_model.recordings.formats.text import TextTable
-from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading
+from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions
 
 NAME = "a GCS array"
 ORDER = 20
@@ -24,7 +24,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.lstrip().startswith(b"#") and b"END_HEADER" in head and b"SEPARATOR" in head
 
 
-def open_table(path: Path, reading: Reading) -> TextTable:
+def open_table(path: Path, reading: ReadOptions) -> TextTable:
     """Read rows and sampling period as of any text, whose comments the header is, and from that names and units."""
     with path.open("rb") as file:
         header = dict(ENTRY.findall(file.read(HEAD_BYTES).decode("latin-1")))

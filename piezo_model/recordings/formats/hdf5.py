@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model.recordings.sampling_remark import only, sample_time_of
-from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an HDF5 file"
 ORDER = 30
@@ -27,7 +27,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """List the datasets, which keep the file open and are read in slices where they are plain columns."""
     import h5py
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.recordings.sampling_remark import sample_time_in_scalars
-from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a MATLAB file"
 ORDER = 25
@@ -29,7 +29,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith(b"MATLAB ") or version_4
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Read every variable."""
     with path.open("rb") as file:
         modern = file.read(10) == b"MATLAB 7.3"

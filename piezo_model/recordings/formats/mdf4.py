@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an MDF file"
 ORDER = 70
@@ -16,7 +16,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith((b"MDF     ", b"UnFinMF "))
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Read the channels of numbers."""
     from asammdf import MDF
 

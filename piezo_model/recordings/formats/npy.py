@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a NumPy file"
 ORDER = 40
@@ -17,7 +17,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith(b"\x93NUMPY")
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Open an array of rows and columns, or a structured array."""
     with parsed(path, "NumPy"):
         array = np.load(path, mmap_mode="r", allow_pickle=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_model.recordings.sampling_remark import sample_time_in_scalars
-from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an archive of NumPy"
 ORDER = 45
@@ -23,7 +23,7 @@ def recognises(path: Path, head: bytes) -> bool:
         return any(name.endswith(".npy") for name in archive.namelist())
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Read every array."""
     with parsed(path, "NumPy"), np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}

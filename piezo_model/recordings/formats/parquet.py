@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pyarrow.parquet import ParquetFile
 
 from piezo_model.recordings.arrow_columns import arrays_of, column_of
-from piezo_model.recordings.pieces import BUFFER_BYTES, RecordingError, ahead, first_line
-from piezo_model.recordings.tables import Reading, Table
+from piezo_model.recordings.chunks import BUFFER_BYTES, RecordingError, ahead, first_line
+from piezo_model.recordings.tables import ReadOptions, Table
 
 NAME = "a Parquet file"
 ORDER = 10
@@ -57,7 +57,7 @@ def damage(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: is a damaged Parquet file: {first_line(error)}") from None
 
 
-def open_table(path: Path, reading: Reading) -> ParquetTable:
+def open_table(path: Path, reading: ReadOptions) -> ParquetTable:
     """Read the columns from the footer."""
     with path.open("rb") as file:
         file.seek(-min(4, path.stat().st_size), io.SEEK_END)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.tables import ArrayTable, Reading, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a TDMS file"
 ORDER = 60
@@ -22,7 +22,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith(b"TDSm")
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Read the channels."""
     from nptdms import TdmsFile
     from nptdms.log import log_manager

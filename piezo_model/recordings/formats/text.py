@@ -18,11 +18,11 @@ import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 
 from piezo_model.recordings.arrow_columns import numbers
+from piezo_model.recordings.chunks import RecordingError, first_line
 from piezo_model.recordings.clocks import ClockReader
 from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
-from piezo_model.recordings.pieces import RecordingError, first_line
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import HEAD_BYTES, Column, Reading, Table
+from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions, Table
 from piezo_model.recordings.text_rows import LINE, LONGEST_LINE, TextRows, end_of_rows
 
 NAME = "plain text"
@@ -104,7 +104,7 @@ class TextTable(Table):
         return f"{self.path}: cannot be read as a table: {first_line(error)}"
 
 
-def open_table(path: Path, reading: Reading) -> TextTable:
+def open_table(path: Path, reading: ReadOptions) -> TextTable:
     """Find encoding, dialect, header and the first and last row."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.dialect import Layout, layout_of
-from piezo_model.recordings.pieces import RecordingError
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import ArrayTable, Column, Reading, parsed
+from piezo_model.recordings.tables import ArrayTable, Column, ReadOptions, parsed
 
 NAME = "an Excel workbook"
 ORDER = 50
@@ -30,7 +30,7 @@ def recognises(path: Path, head: bytes) -> bool:
         return "xl/workbook.xml" in archive.namelist()
 
 
-def open_table(path: Path, reading: Reading) -> ArrayTable:
+def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Read a sheet as the table of a text is read: header, units and first row are found alike."""
     import openpyxl
 
@@ -60,7 +60,7 @@ def open_table(path: Path, reading: Reading) -> ArrayTable:
     return ArrayTable(path, said, tuple(columns), arrays)
 
 
-def _layout(rows: list[tuple[Any, ...]], reading: Reading) -> tuple[Layout, int] | None:
+def _layout(rows: list[tuple[Any, ...]], reading: ReadOptions) -> tuple[Layout, int] | None:
     """Find the table as in a text of which every cell is a field; and how many empty columns stand left of it."""
     used = [k for row in rows for k, cell in enumerate(row) if cell is not None]
     if not used:

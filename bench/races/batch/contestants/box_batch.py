@@ -12,11 +12,11 @@ class Batch(Ours, Contestant):
     """The public batch solver."""
 
     algorithm = "primal-dual active set"
-    in_lanes = False
+    simd_batched = False
 
     def __init__(self, d: int, threads: int) -> None:
         super().__init__(d, threads)
-        self._batch = BoxBatch(d, threads, self.in_lanes)
+        self._batch = BoxBatch(d, threads, self.simd_batched)
 
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:  # noqa: D102
         return self._batch.solve(P, q, lb, ub)[0]

@@ -10,4 +10,4 @@ class Lanes(box_batch.Batch):
     """The batch solver on lanes."""
 
     algorithm = "block pivoting in lanes"
-    in_lanes = True
+    simd_batched = True

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.child_process import Child, LateError, LostError, limit_memory
-from piezo_model.recordings.pieces import RecordingError
-from piezo_model.recordings.tables import ArrayTable, Column, Reading
+from piezo_model.recordings.chunks import RecordingError
+from piezo_model.recordings.tables import ArrayTable, Column, ReadOptions
 
 T = TypeVar("T")
 
@@ -39,7 +39,7 @@ class File:
 
     path: Path
     module: str
-    reading: Reading
+    reading: ReadOptions
     size: int
     changed_ns: int
 
@@ -56,7 +56,7 @@ class Rows:
         return _ask(_read, self.file, self.at, rows)
 
 
-def open_table(module: ModuleType, path: Path, reading: Reading) -> ArrayTable:
+def open_table(module: ModuleType, path: Path, reading: ReadOptions) -> ArrayTable:
     """List the columns; the errors are those of :func:`piezo_model.recordings.tables.open_table`."""
     found = path.stat()
     file = File(path.absolute(), module.__name__, reading, found.st_size, found.st_mtime_ns)

@@ -16,14 +16,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_files import signals
 
-from piezo_model.recordings import Recording, RecordingError, apart
-from piezo_model.recordings.tables import Reading
+from piezo_model.recordings import Recording, RecordingError, subprocess_reader
+from piezo_model.recordings.tables import ReadOptions
 
 
 def opened(path: Path, what: str) -> str:
     path.write_text(what)
     with pytest.raises(RecordingError) as caught:
-        apart.open_table(unruly_format, path, Reading())
+        subprocess_reader.open_table(unruly_format, path, ReadOptions())
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -46,13 +46,13 @@ def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_
 
 
 def test_a_file_that_is_read_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(apart, "LEAST_S", 1.5)
+    monkeypatch.setattr(subprocess_reader, "LEAST_S", 1.5)
     assert "takes longer than 2 s to be read" in opened(tmp_path / "stage.rec", "hang")
 
 
 def test_a_channel_that_crashes_when_its_rows_are_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "stage.rec").write_text("crash later")
-    table = apart.open_table(unruly_format, tmp_path / "stage.rec", Reading())
+    table = subprocess_reader.open_table(unruly_format, tmp_path / "stage.rec", ReadOptions())
     with pytest.raises(RecordingError, match="ended with SIGSEGV"):
         list(table.pieces([0]))
 
@@ -71,8 +71,8 @@ def test_a_file_that_was_changed_after_it_was_opened_is_read_as_it_was_listed_or
 def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "stage.mat", signals())
     (tmp_path / "script.py").write_text(
-        "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import apart\n"
-        "print(Recording.open('stage.mat').length, apart._child(os.getpid())._process.pid)\n"
+        "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import subprocess_reader\n"
+        "print(Recording.open('stage.mat').length, subprocess_reader._child(os.getpid())._process.pid)\n"
     )
     said = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     length, child = map(int, said.stdout.split())
@@ -84,9 +84,10 @@ def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_pat
 def test_a_child_that_is_busy_ends_with_its_parent_however_that_ends(tmp_path: Path, ending: signal.Signals) -> None:
     (tmp_path / "stage.rec").write_text("hang")
     program = (
-        "import sys; from pathlib import Path; import unruly_format; from piezo_model.recordings import apart; "
-        "from piezo_model."
-        "recordings.tables import Reading; apart.open_table(unruly_format, Path('stage.rec'), Reading())"
+        "import sys; from pathlib import Path; import unruly_format; "
+        "from piezo_model.recordings.tables import ReadOptions; "
+        "from piezo_model.recordings import subprocess_reader as reader; "
+        "reader.open_table(unruly_format, Path('stage.rec'), ReadOptions())"
     )
     parent = subprocess.Popen(
         [sys.executable, "-c", program],

@@ -1,8 +1,8 @@
-/* What the faces of this package share. */
-#ifndef CORE_FACE_MODEL_H
-#define CORE_FACE_MODEL_H
+/* What the bindings of this package share. */
+#ifndef CORE_BINDINGS_MODEL_H
+#define CORE_BINDINGS_MODEL_H
 
-#include "face.h"
+#include "bindings.h"
 #include "shape.h"
 
 /* A shape as four arguments, the first of which has number i. */

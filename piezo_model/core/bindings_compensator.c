@@ -1,6 +1,6 @@
 /* The compensator as Python calls it; see compensator.h. */
 #include "compensator.h"
-#include "face_model.h"
+#include "bindings_model.h"
 
 #define COMPENSATOR ((Compensator[]){compensator_at(MEMORY(0))})
 
@@ -33,7 +33,7 @@ static void run(const Compensator *c, int64_t samples, const double *y_ref, doub
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(compensator_bytes, SHAPED, "size of a compensator.", 0, WHOLE_RESULT = compensator_bytes(SHAPE_AT(0)))           \
     F(compensator_setup, "state@, " SHAPED, "make a block a compensator; where its vectors stand.",                    \
       NEED_BYTES(0, compensator_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1)))                               \
@@ -47,4 +47,4 @@ static void run(const Compensator *c, int64_t samples, const double *y_ref, doub
       NUMBER_RESULT = compensator_step(COMPENSATOR, NUMBER(1), NULL))                                                  \
     F(compensator_run, "state@COM2, y_ref[n], x[n]=", "drives for references.", SAMPLES_LAST,                          \
       run(COMPENSATOR, LENGTH(n), REALS(1), REALS(2)))
-MAKE_FACES(compensator)
+MAKE_BINDINGS(compensator)

@@ -1,5 +1,5 @@
 /* Elementary operators and the model as Python calls them. */
-#include "face_model.h"
+#include "bindings_model.h"
 #include "model.h"
 
 static void plays(int64_t samples, int n, const double *x, const double *r, double *z, double *out)
@@ -40,7 +40,7 @@ static void set_up(Arguments *a, void *memory, Shape s, double offset)
     RETURN_PARTS(memory, parts);
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(play, "x[n], r[i], z[i]=, out[n,i]=", "play operators over samples; z moves on.", SAMPLES_LAST,                  \
       plays(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3)))                                               \
     F(creep, "x[n], r[i], a[i], z[i]=, out[n,i]=", "creep operators over samples; z moves on.", SAMPLES_LAST,          \
@@ -52,4 +52,4 @@ static void set_up(Arguments *a, void *memory, Shape s, double offset)
       NEED_BYTES(0, model_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
     F(model_simulate, "state@MOD1, play[l]=, creep[c]=, x[n], y[n]=", "outputs for inputs; the states move on.",       \
       SAMPLES_LAST, model_simulate((Model[]){model_at(MEMORY(0))}, REALS(3), LENGTH(n), REALS(1), REALS(2), REALS(4)))
-MAKE_FACES(model)
+MAKE_BINDINGS(model)

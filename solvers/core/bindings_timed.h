@@ -1,8 +1,8 @@
 /* The arguments of the timed loops, which are the last ones of every function that times a solver. */
-#ifndef CORE_FACE_TIMED_H
-#define CORE_FACE_TIMED_H
+#ifndef CORE_BINDINGS_TIMED_H
+#define CORE_BINDINGS_TIMED_H
 
-#include "face.h"
+#include "bindings.h"
 #include "forgetting.h"
 #include "timed_calls.h"
 

@@ -1,11 +1,11 @@
 /* A function that Python calls, and its arguments: a line of a table says what they are, and one function takes them
  * all.
  *
- * FACES(F) lists the functions of a file, each as
+ * BINDINGS(F) lists the functions of a file, each as
  *
  *     F(name, "arguments", "what help() says of it", whether it lasts, call)
  *
- * and MAKE_FACES(file) makes them of it. Arguments are names, separated by ", ", with what each has to be:
+ * and MAKE_BINDINGS(file) makes them of it. Arguments are names, separated by ", ", with what each has to be:
  *
  *     name           a number
  *     name#0:9       a whole number from 0 to 9; either may be missing
@@ -20,8 +20,8 @@
  * WHOLE_RESULT or NUMBER_RESULT is returned, else 0; a Python object may be OBJECT_RESULT. Where the expression `lasts`
  * is not 0, the interpreter may run other threads meanwhile: for what takes longer than some microseconds.
  */
-#ifndef CORE_FACE_H
-#define CORE_FACE_H
+#ifndef CORE_BINDINGS_H
+#define CORE_BINDINGS_H
 
 #include "python_abi.h"
 
@@ -90,7 +90,7 @@ PyObject *finish(Arguments *a);
 #define OBJECT_RESULT a.object_result
 #define NUMBER_RESULT a.is_number = 1, a.number_result
 
-#define FACE_FUNCTION(name, arguments, text, lasts, call)                                                              \
+#define BINDING_FUNCTION(name, arguments, text, lasts, call)                                                           \
     static PyObject *enter_##name(PyObject *module, PyObject *const *given, Py_ssize_t count)                          \
     {                                                                                                                  \
         Arguments a;                                                                                                   \
@@ -103,11 +103,11 @@ PyObject *finish(Arguments *a);
         }                                                                                                              \
         return finish(&a);                                                                                             \
     }
-#define FACE_METHOD(name, arguments, text, lasts, call)                                                                \
+#define BINDING_METHOD(name, arguments, text, lasts, call)                                                             \
     {#name, (PyCFunction)(void (*)(void))enter_##name, METH_FASTCALL, #name "(" arguments "): " text},
-#define MAKE_FACES(file)                                                                                               \
-    FACES(FACE_FUNCTION)                                                                                               \
-    extern PyMethodDef file##_faces[];                                                                                 \
-    PyMethodDef file##_faces[] = {FACES(FACE_METHOD){NULL, NULL, 0, NULL}};
+#define MAKE_BINDINGS(file)                                                                                            \
+    BINDINGS(BINDING_FUNCTION)                                                                                         \
+    extern PyMethodDef file##_bindings[];                                                                              \
+    PyMethodDef file##_bindings[] = {BINDINGS(BINDING_METHOD){NULL, NULL, 0, NULL}};
 
 #endif

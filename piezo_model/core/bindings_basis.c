@@ -1,6 +1,6 @@
 /* The data basis as Python calls it; see data_basis.h. */
 #include "data_basis.h"
-#include "face_model.h"
+#include "bindings_model.h"
 
 #define BASIS ((Basis[]){basis_at(MEMORY(0))})
 
@@ -56,7 +56,7 @@ static void write_rows(const Basis *b, int64_t samples, const double *x, const d
 }
 
 #define NEED_ROWS NEED_SIZE(r, row_nums(BASIS->shape))
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(basis_bytes, SHAPED, "size of a data basis.", 0, WHOLE_RESULT = basis_bytes(SHAPE_AT(0)))                        \
     F(basis_setup, "state@, " SHAPED ", forgetting", "make a block a data basis; where its vectors stand.",            \
       NEED_BYTES(0, basis_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
@@ -66,10 +66,10 @@ static void write_rows(const Basis *b, int64_t samples, const double *x, const d
     F(basis_advance, "state@BAS1, x[n]", "move the states on and count nothing.", SAMPLES_LAST,                        \
       move_on(BASIS, LENGTH(n), REALS(1)))                                                                             \
     F(basis_gram, "state@BAS1, rows[b,r]=, gram[g,p]=",                                                                \
-      "the Gram matrix with the rows that wait; rows is room, and nothing of the basis changes.",                      \
+      "the Gram matrix with the rows that wait; rows is workspace, and nothing of the basis changes.",                 \
       (NEED_ROWS, NEED_SIZE(b, BASIS_BLOCK), NEED_SIZE(g, row_width(BASIS->shape)),                                    \
        NEED_SIZE(p, padded(row_width(BASIS->shape)))),                                                                 \
       gram_of(BASIS, REALS(1), REALS(2)))                                                                              \
     F(basis_rows, "state@BAS1, x[n], y[n], rows[n,r]=", "the rows of samples; the states move on, nothing counts.",    \
       (NEED_ROWS, SAMPLES_LAST), write_rows(BASIS, LENGTH(n), REALS(1), REALS(2), REALS(3)))
-MAKE_FACES(basis)
+MAKE_BINDINGS(basis)

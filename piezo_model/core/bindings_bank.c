@@ -1,7 +1,7 @@
 /* The bank as Python calls it; see bank.h. */
 #define CORE_TILE
 #include "bank.h"
-#include "face_model.h"
+#include "bindings_model.h"
 
 #define BANK ((Bank[]){bank_at(MEMORY(0))})
 
@@ -78,11 +78,11 @@ static void restore(Arguments *a, const Bank *b, void *other)
     memcpy(b->head, other, (size_t)b->head->shaped.bytes);
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(bank_bytes, SHAPED ", tiles#0:16777216, block#1:10000", "size of a bank.", 0,                                    \
       WHOLE_RESULT = bank_bytes(SHAPE_AT(0), WHOLE(4), INT(5)))                                                        \
-    F(bank_room_bytes, SHAPED ", block#1:10000", "size of the room that each thread needs.", 0,                        \
-      WHOLE_RESULT = bank_room_bytes(SHAPE_AT(0), INT(4)))                                                             \
+    F(bank_workspace_bytes, SHAPED ", block#1:10000", "size of the workspace that each thread needs.", 0,              \
+      WHOLE_RESULT = bank_workspace_bytes(SHAPE_AT(0), INT(4)))                                                        \
     F(bank_setup, "state@, " SHAPED ", tiles#1:16777216, block#1:10000",                                               \
       "make a block a bank; where its parts stand.", NEED_BYTES(0, bank_bytes(SHAPE_AT(1), WHOLE(5), INT(6))),         \
       set_up(&a, MEMORY(0), SHAPE_AT(1), WHOLE(5), INT(6)))                                                            \
@@ -92,9 +92,9 @@ static void restore(Arguments *a, const Bank *b, void *other)
     F(bank_begin, "state@BANL, tile#0:e, which[8]",                                                                    \
       "lanes where which is 1 learn anew from the weights that they have.", 0,                                         \
       tile_begin(BANK, WHOLE(1), load(REALS(2))))                                                                      \
-    F(bank_run, "state@BANL, y_ref[n,w], y[n,w], x[n,w]=, room@, first#0:t, last#0:t",                                 \
+    F(bank_run, "state@BANL, y_ref[n,w], y[n,w], x[n,w]=, workspace@, first#0:t, last#0:t",                            \
       "drives of the tiles from first up to last for references, learning from the outputs of the drives before.",     \
-      (NEED_SIZE(w, LENGTH(t) * LANES), NEED_BYTES(4, bank_room_bytes(BANK->shape, BANK->head->block)),                \
+      (NEED_SIZE(w, LENGTH(t) * LANES), NEED_BYTES(4, bank_workspace_bytes(BANK->shape, BANK->head->block)),           \
        LENGTH(n) * (WHOLE(6) - WHOLE(5)) > 8),                                                                         \
       bank_step(BANK, WHOLE(5), WHOLE(6), REALS(1), REALS(2), REALS(3), LENGTH(n), MEMORY(4)))
-MAKE_FACES(bank)
+MAKE_BINDINGS(bank)

@@ -1,7 +1,7 @@
 /* The exact solver as Python calls it; see box.h. */
 #include "box_fallback.h"
 #include "clock.h"
-#include "face_timed.h"
+#include "bindings_timed.h"
 
 enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than giving the interpreter away and back */
 
@@ -60,8 +60,8 @@ static int dual_from(const Box *s, const int64_t *sides)
 
 static int factor_solve(void *memory, int d, const double *free, const double *P, double least, double *x)
 {
-    Room room = {memory};
-    const Factor f = factor_at(&room, d);
+    Arena arena = {memory};
+    const Factor f = factor_at(&arena, d);
     int safe, count = 0;
     for (int i = 0; i < d; ++i) {
         f.rows[count] = i;
@@ -90,7 +90,7 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
     }
 }
 
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(box_bytes, "d#0:10000", "size of the state of the exact solver.", 0, WHOLE_RESULT = box_bytes(INT(0)))           \
     F(box_places, "state@BOX1", "where its vectors and counts stand.", 0, places(&a, BOX))                             \
     F(box_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, box_bytes(SIZE(d))),         \
@@ -104,8 +104,9 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
       WHOLE_RESULT = box_solve_factorised(BOX, INT(1)))                                                                \
     F(box_dual_from, "state@BOX1, sides[d]q", "solve by the dual method alone; a status.", 0,                          \
       WHOLE_RESULT = dual_from(BOX, WHOLES(1)))                                                                        \
-    F(factor_bytes, "d#1:1000", "size of the room that factor_solve needs.", 0, WHOLE_RESULT = factor_bytes(INT(0)))   \
-    F(factor_solve, "room@, free[d], P[d,w], least, x[d]=",                                                            \
+    F(factor_bytes, "d#1:1000", "size of the workspace that factor_solve needs.", 0,                                   \
+      WHOLE_RESULT = factor_bytes(INT(0)))                                                                             \
+    F(factor_solve, "workspace@, free[d], P[d,w], least, x[d]=",                                                       \
       "solve by the factor of P_FF, the right-hand side in column d of P; 1 if every pivot is safe.",                  \
       (NEED_BYTES(0, factor_bytes(SIZE(d))), NEED_SIZE(w, padded(SIZE(d) + 1))),                                       \
       WHOLE_RESULT = factor_solve(MEMORY(0), SIZE(d), REALS(1), REALS(2), NUMBER(3), REALS(4)))                        \
@@ -117,4 +118,4 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
       absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))                              \
     F(time_nothing, "lasting#0:, nanoseconds[n]q=", "time steps that wait so many nanoseconds and do nothing else.",   \
       1, time_nothing(WHOLE(0), LENGTH(n), WHOLES(1)))
-MAKE_FACES(box)
+MAKE_BINDINGS(box)

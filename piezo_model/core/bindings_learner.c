@@ -1,7 +1,7 @@
 /* The step and the learner of one actuator, and the guard of its sensor, as Python calls them: the learner runs at the
  * end of each block, in the same call. See controller.h and learner.h. */
 #include "controller.h"
-#include "face_model.h"
+#include "bindings_model.h"
 #include "learner.h"
 
 #define LEARNER ((Learner[]){learner_at(MEMORY(0))})
@@ -104,7 +104,7 @@ static int sound(const Learner *l, const LearnerHead *head)
     const MailboxHead *const m = l->mailbox.head;
     const LearnerSettings *const p = l->settings;
     const LearnerClock *const t = l->clock;
-    const DescentHead *const steps = l->cyclic.descent.head;
+    const ProjectedGradientHead *const steps = l->cyclic.descent.head;
     const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
     const int cyclic = head->way == CYCLIC, gram = symmetric_nums(l->d + 1);
     return m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0
@@ -151,8 +151,8 @@ static int observe(const Loop *loop, double y)
  * before the drive. */
 static PyObject *step(const Loop *loop, double y_ref, double y, int observes)
 {
-    const int brought = observes ? observe(loop, y) : 0;
-    return Py_BuildValue("(di)", brought ? 0.0 : controller_drive(&loop->controller, y_ref), brought);
+    const int events = observes ? observe(loop, y) : 0;
+    return Py_BuildValue("(di)", events ? 0.0 : controller_drive(&loop->controller, y_ref), events);
 }
 
 static void drive(const Loop *loop, int64_t samples, const double *y_ref, double *x)
@@ -165,23 +165,23 @@ static void drive(const Loop *loop, int64_t samples, const double *y_ref, double
 
 /* From number k on up to where there is something to tell; how many are done then. */
 static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, const double *x, int64_t k,
-                           int64_t *brought)
+                           int64_t *events)
 {
     const Learner *const l = &loop->learner;
     const Shape s = l->shape;
     const DriveSettings *const p = loop->controller.compensator.settings;
     const Block block = block_at(&l->mailbox, l->mailbox.head->published); /* the ring of Python has one */
-    *brought = 0;
+    *events = 0;
     memcpy(l->seen_play, block.play, sizeof(double) * (size_t)lanes(s));
     memcpy(l->seen_creep, block.creep, sizeof(double) * (size_t)creep_lanes(s));
     for (int i = 0; i < l->mailbox.head->filled; ++i) {
         advance(l->regressors.operators, s, block.x[i], l->seen_play, l->seen_creep);
     }
-    for (; k < samples && *brought == 0; ++k) {
+    for (; k < samples && *events == 0; ++k) {
         const double unit = (x[k] - p->x_centre) / p->x_scale;
         advance(l->regressors.operators, s, unit, l->seen_play, l->seen_creep);
         if (controller_observe(&loop->controller, unit, y[k])) {
-            *brought = learner_learn(l) & ~TAKE_OVER;
+            *events = learner_learn(l) & ~TAKE_OVER;
             controller_begin_block(&loop->controller, l->seen_play, l->seen_creep);
         }
     }
@@ -189,12 +189,12 @@ static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, c
 }
 
 static int64_t replay(const Loop *loop, int64_t samples, const double *y, const double *y_ref, double *x, int64_t k,
-                      int64_t *brought)
+                      int64_t *events)
 {
-    *brought = 0;
-    for (; k < samples && *brought == 0; ++k) {
+    *events = 0;
+    for (; k < samples && *events == 0; ++k) {
         x[k] = controller_drive(&loop->controller, y_ref[k]);
-        *brought = observe(loop, y[k]);
+        *events = observe(loop, y[k]);
     }
     return k;
 }
@@ -214,7 +214,7 @@ static void judge(SensorGuard *guard, int64_t samples, const double *x, const do
 
 #define SIZED SHAPED ", block#1:10000, blocks#1:10000, way#0:1"
 #define BYTES_AT(i) learner_bytes(SHAPE_AT(i), INT(i + 4), INT(i + 5), INT(i + 6))
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(learner_bytes, SIZED, "size of a learner; way 0 is continuous, 1 cyclic.", 0, WHOLE_RESULT = BYTES_AT(0))        \
     F(exported_learner_bytes, SIZED ", each#4:8", "the same with a mailbox of numbers of so many bytes each.", 0,      \
       WHOLE_RESULT = BYTES_AT(0) - mailbox_bytes(SHAPE_AT(0), INT(4), INT(5))                                          \
@@ -235,13 +235,13 @@ static void judge(SensorGuard *guard, int64_t samples, const double *x, const do
       OBJECT_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4)))                                                        \
     F(learner_drive, "state@LEAR, compensator@COM2, y_ref[n], x[n]=", "drives until weights may be due.",              \
       SAMPLES_LAST, drive(LOOP, LENGTH(n), REALS(2), REALS(3)))                                                        \
-    F(learner_observe, "state@LEAR, compensator@COM2, y[n], x[n], first#0:n, brought[1]q=",                            \
+    F(learner_observe, "state@LEAR, compensator@COM2, y[n], x[n], first#0:n, events[1]q=",                             \
       "learn until there is something to tell; samples done.", LENGTH(n) - WHOLE(4) > 20,                              \
       WHOLE_RESULT = observe_all(LOOP, LENGTH(n), REALS(2), REALS(3), WHOLE(4), WHOLES(5)))                            \
     F(learner_replay,                                                                                                  \
-      "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, brought[1]q=", "drive and learn; the same.",    \
+      "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, events[1]q=", "drive and learn; the same.",     \
       LENGTH(n) - WHOLE(5) > 20,                                                                                       \
       WHOLE_RESULT = replay(LOOP, LENGTH(n), REALS(2), REALS(3), REALS(4), WHOLE(5), WHOLES(6)))                       \
     F(guard_judge, "memory[m]=, x[n], y[n], verdicts[n]q=", "which samples can be learned from.",                      \
       NEED_SIZE(m, sizeof(SensorGuard) / sizeof(real)), judge(MEMORY(0), LENGTH(n), REALS(1), REALS(2), WHOLES(3)))
-MAKE_FACES(learner)
+MAKE_BINDINGS(learner)

@@ -1,30 +1,30 @@
 /* Gradient methods as Python calls them; see descent.h. */
 #include "clock.h"
 #include "descent.h"
-#include "face_timed.h"
+#include "bindings_timed.h"
 
-#define DESCENT ((Descent[]){descent_at(MEMORY(0))})
-#define TIMED_DESCENT(...) (&(TimedSolver){(TimedDescent[]){{DESCENT, __VA_ARGS__}}, SIZE(d), update, solve})
+#define DESCENT ((ProjectedGradient[]){descent_at(MEMORY(0))})
+#define TIMED_DESCENT(...) (&(TimedSolver){(TimedProjectedGradient[]){{DESCENT, __VA_ARGS__}}, SIZE(d), update, solve})
 
 typedef struct {
-    Descent *s;
-    int64_t (*method)(Descent *s, int64_t steps, real tolerance);
+    ProjectedGradient *s;
+    int64_t (*method)(ProjectedGradient *s, int64_t steps, real tolerance);
     double ratio;
     int scaled;
     int64_t steps;
     double tolerance;
     int goes_on; /* from where the last steps ended, or from the point that is given */
-} TimedDescent;
+} TimedProjectedGradient;
 
 static int update(void *solver, const double *P, const double *q)
 {
-    const TimedDescent *const t = solver;
+    const TimedProjectedGradient *const t = solver;
     return descent_take(t->s, P, q, t->ratio, t->scaled);
 }
 
 static int solve(void *solver, const double *start, double *x)
 {
-    const TimedDescent *const t = solver;
+    const TimedProjectedGradient *const t = solver;
     if (!t->goes_on) {
         descent_start(t->s, start);
     }
@@ -37,14 +37,14 @@ static int solve(void *solver, const double *start, double *x)
 }
 
 /* Where the vectors that Python looks at begin. */
-static void places(Arguments *a, const Descent *s)
+static void places(Arguments *a, const ProjectedGradient *s)
 {
     const Part parts[] = {{"w", s->w, s->d}, {"D", s->D, s->d}, {"answer", s->answer, s->d}};
     RETURN_PARTS(s->head, parts);
 }
 
 #define TIMED_METHOD "state@DSC1, ratio, scaled#0:1, steps#0:, tolerance, " TIMED
-#define FACES(F)                                                                                                       \
+#define BINDINGS(F)                                                                                                    \
     F(descent_bytes, "d#0:10000", "size of the state of a gradient method.", 0, WHOLE_RESULT = descent_bytes(INT(0)))  \
     F(descent_places, "state@DSC1", "where its vectors stand.", 0, places(&a, DESCENT))                                \
     F(descent_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, descent_bytes(SIZE(d))), \
@@ -63,4 +63,4 @@ static void places(Arguments *a, const Descent *s)
       WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(accelerated_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))         \
     F(projected_follow, "state@DSC1, ratio, steps#0:, " FOLLOWED, "so many steps after each row, as box_follow.", 1,   \
       WHOLE_RESULT = FOLLOWED_BY(3, TIMED_DESCENT(projected_steps, NUMBER(1), 0, WHOLE(2), -1, 1), NULL))
-MAKE_FACES(descent)
+MAKE_BINDINGS(descent)

@@ -1,6 +1,6 @@
-/* The swept Gram matrix (swept.h) made anew: on the set of free variables as it is, or from a cold exact solve.
+/* The swept Gram matrix (recursive.h) made anew: on the set of free variables as it is, or from a cold exact solve.
  *
- * Rounding errors of M grow with the rows added to it (swept_rows.c says when they are not let grow further). G, to
+ * Rounding errors of M grow with the rows added to it (recursive_rows.c says when they are not let grow further). G, to
  * which rows are added and nothing else, has errors of its last bits only. So M is swept afresh from
  *
  *     G + diag(rho),    rho_j (z_j - c_j)^2/2 the proximal term about c, the z of now,
@@ -13,16 +13,16 @@
  * G, and that where G_jj = 0: a variable on a large scale must not hold those on a small one. Where G_FF is singular to
  * rounding even so, or the exchanges afterwards do not end, M is made anew with rho_j at least FLOOR G_jj.
  *
- * If the exchanges do not end even so, swept_recover hands P and q, read back from G, to the cold exact solver (which
- * knows when a problem is unbounded) and M is swept on its active set; so every start begins too. There a step of
- * refinement is taken back where it leaves a larger error than the cold answer has: the inverse of what is all but
+ * If the exchanges do not end even so, recursive_recover hands P and q, read back from G, to the cold exact solver
+ * (which knows when a problem is unbounded) and M is swept on its active set; so every start begins too. There a step
+ * of refinement is taken back where it leaves a larger error than the cold answer has: the inverse of what is all but
  * singular has no digit to refine with. What is left as an error is a problem that has no minimum: unbounded, or P
  * indefinite.
  *
  * Sources: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, chapter 12 (iterative refinement); R. T.
  * Rockafellar, SIAM J. Control Optim. 14 (1976) 877 (proximal point).
  */
-#include "swept.h"
+#include "recursive.h"
 
 /* Refinement ends where a step gains less than SETTLED times the one before, or RESOLVED times the cost; G_FF counts as
  * singular where that is still more than TOLERATED times the cost, or 1e-4 of what z = 0 costs. */
@@ -36,7 +36,7 @@
 #endif
 
 /* Multiply G so that the coming row enters with its own weight, and fill in its lower triangle. */
-static void unwind(Swept *s)
+static void unwind(Recursive *s)
 {
     const vec8 shrink = splat((real)(s->head->row_weight / (s->head->root_weight * s->head->root_weight)));
     s->head->root_weight = sqrt(s->head->row_weight);
@@ -46,10 +46,10 @@ static void unwind(Swept *s)
             store(row + b, mul(load(row + b), shrink));
         }
     }
-    swept_complete(s, s->G);
+    recursive_complete(s, s->G);
 }
 
-void swept_unswept(Swept *s, real floor)
+void recursive_unswept(Recursive *s, real floor)
 {
     const int d = s->d;
     real trace = 0;
@@ -72,13 +72,13 @@ void swept_unswept(Swept *s, real floor)
 }
 
 /* Sweep M on F from G + diag(rho) and q - rho c; the last row is left at z = c. OK or SINGULAR. */
-static int factorise(Swept *s, real floor)
+static int factorise(Recursive *s, real floor)
 {
     s->head->since_refresh = s->head->renewing = 0;
-    s->head->surprise = floor > 0 ? SPENT : 1;
+    s->head->growth = floor > 0 ? SPENT : 1;
     ++s->head->refreshes;
-    swept_unswept(s, floor);
-    if (!swept_sweep_free(s)) {
+    recursive_unswept(s, floor);
+    if (!recursive_sweep_free(s)) {
         return SINGULAR;
     }
     for (int j = 0; j < s->d; ++j) {
@@ -91,7 +91,7 @@ static int factorise(Swept *s, real floor)
 
 /* g = q + (G + diag rho) z - diag(rho) c, of which the blocks of G from the diagonal on are read, each for its
  * transpose, too. */
-static void residual(Swept *s)
+static void residual(Recursive *s)
 {
     const real *const last = last_row(s);
     real *const z = s->u;
@@ -115,7 +115,7 @@ static void residual(Swept *s)
     }
 }
 
-real swept_refine(Swept *s)
+real recursive_refine(Recursive *s)
 {
     const int d = s->d;
     real *const last = last_row(s), gain = 0;
@@ -124,7 +124,7 @@ real swept_refine(Swept *s)
         const vec8 free = load(s->free + b);
         store(last + b, plus_product(mul(free, load(last + b)), sub(splat(1), free), load(s->g + b)));
     }
-    swept_subtract_free(s, s->M, s->g, last);
+    recursive_subtract_free(s, s->M, s->g, last);
     for (int j = 0; j < d; ++j) {
         gain += s->free[j] * s->g[j] * (last[j] - row_of(s, s->M, j)[d]);
         row_of(s, s->M, j)[d] = last[j];
@@ -132,14 +132,14 @@ real swept_refine(Swept *s)
     return gain;
 }
 
-int swept_tolerable(const Swept *s, real gain)
+int recursive_tolerable(const Recursive *s, real gain)
 {
     const real cost = MAGNITUDE(last_row(s)[s->d]), q_cost = row_of(s, s->G, s->d)[s->d];
     return gain <= TOLERATED * (cost > (real)1e-4 * q_cost ? cost : (real)1e-4 * q_cost);
 }
 
 /* Make M anew with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or CYCLING. */
-int swept_refresh(Swept *s)
+int recursive_refresh(Recursive *s)
 {
     const real *const last = last_row(s);
     int status = SINGULAR;
@@ -154,18 +154,18 @@ int swept_refresh(Swept *s)
         }
         status = factorise(s, floored ? FLOOR : 0);
         while (status == OK && exchanges != s->head->exchanges) {
-            real before, wrong = swept_refine(s), enough;
+            real before, wrong = recursive_refine(s), enough;
             exchanges = s->head->exchanges;
             for (int k = 0; k < 3; ++k) {
                 before = wrong;
-                wrong = swept_refine(s);
+                wrong = recursive_refine(s);
                 enough = RESOLVED * MAGNITUDE(last[s->d]);
                 enough = enough > SETTLED * before ? enough : SETTLED * before;
                 if (!(wrong > enough)) {
                     break;
                 }
             }
-            status = !floored && !swept_tolerable(s, wrong) ? SINGULAR : swept_exchange(s);
+            status = !floored && !recursive_tolerable(s, wrong) ? SINGULAR : recursive_exchange(s);
         }
         if (status == OK || status == CAPPED) {
             return status;
@@ -175,7 +175,7 @@ int swept_refresh(Swept *s)
 }
 
 /* Where the cold solver put variable j: the bound that z is measured from, and z if j is free. */
-static void place_variable(Swept *s, int j)
+static void place_variable(Recursive *s, int j)
 {
     const real lb = s->lb[j], ub = s->ub[j];
     const int side = s->cold.side[j], is_free = side == FREE && lb < ub;
@@ -189,7 +189,7 @@ static void place_variable(Swept *s, int j)
 }
 
 /* The last row at z = c, with the gradient there. */
-static void stand_at_centre(Swept *s)
+static void stand_at_centre(Recursive *s)
 {
     for (int j = 0; j < s->d; ++j) {
         last_row(s)[j] = -s->centre[j]; /* zero at A */
@@ -200,7 +200,7 @@ static void stand_at_centre(Swept *s)
     }
 }
 
-int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
+int recursive_begin(Recursive *s, const real *P, const real *q, real constant, int warm)
 {
     const int d = s->d;
     int status = box_take_hessian(&s->cold, P);
@@ -234,26 +234,26 @@ int swept_begin(Swept *s, const real *P, const real *q, real constant, int warm)
     }
     row_of(s, s->G, d)[d] = constant;
     s->head->root_weight = sqrt(s->head->row_weight);
-    swept_list_free(s);
+    recursive_list_free(s);
     if (factorise(s, 0) != OK) {
         factorise(s, FLOOR);
     }
-    swept_refine(s);
-    refined = swept_error(s);
+    recursive_refine(s);
+    refined = recursive_error(s);
     memcpy(s->row, last_row(s), (size_t)s->ld * sizeof(real));
     stand_at_centre(s);
-    if (refined <= swept_error(s)) {
+    if (refined <= recursive_error(s)) {
         memcpy(last_row(s), s->row, (size_t)s->ld * sizeof(real));
         for (int j = 0; j < d; ++j) {
             row_of(s, s->M, j)[d] = s->row[j];
         }
     } else {
-        s->head->surprise = SPENT;
+        s->head->growth = SPENT;
     }
     return OK;
 }
 
-int swept_recover(Swept *s)
+int recursive_recover(Recursive *s)
 {
     const int d = s->d;
     real constant;
@@ -271,10 +271,10 @@ int swept_recover(Swept *s)
         constant -= s->origin[i] * (s->q[i] + s->sign[i] * row_of(s, s->G, i)[d]);
     }
     ++s->head->cold_starts;
-    return swept_begin(s, s->P, s->q, constant, 1);
+    return recursive_begin(s, s->P, s->q, constant, 1);
 }
 
-real swept_error(Swept *s)
+real recursive_error(Recursive *s)
 {
     const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
     real worst = 0;

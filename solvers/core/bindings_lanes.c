@@ -7,7 +7,7 @@
 #define CORE_TILE
 #include "block_pivoting.h"
 #include "box.h"
-#include "face.h"
+#include "bindings.h"
 
 static void put(num *to, int i, int l, real a) { ((real *)(to + i))[l] = a; }
 
@@ -46,7 +46,7 @@ static void solve_one(Batch *many, Box *single, int b)
 }
 
 /* Eight at a time: a lane whose program is done takes the next one, so that none waits for another. */
-static void solve_in_lanes(Batch *many, const Pivoting *s, Box *single, int first, int last)
+static void solve_simd_batched(Batch *many, const Pivoting *s, Box *single, int first, int last)
 {
     const int d = many->d;
     int next = first, busy = 0, program[LANES], rounds[LANES] = {0};
@@ -92,33 +92,34 @@ static void solve_in_lanes(Batch *many, const Pivoting *s, Box *single, int firs
     } while (busy > 0 || next < last);
 }
 
-/* The programs from `first` up to `last`, in a room for eight and then for the exact solver; how many were solved
+/* The programs from `first` up to `last`, in a workspace for eight and then for the exact solver; how many were solved
  * alone. In lanes a P is taken for symmetric and bounds for lb < ub. */
-static int solve_many(Batch *many, void *memory, int first, int last, int in_lanes)
+static int solve_many(Batch *many, void *memory, int first, int last, int simd_batched)
 {
     const size_t vector = (size_t)first * (size_t)many->d;
-    Room room = {memory};
-    const Pivoting lanes = pivoting_at(&room, many->d);
+    Arena arena = {memory};
+    const Pivoting lanes = pivoting_at(&arena, many->d);
     if (first < last) {
-        box_setup(room.at, many->d, many->lb + vector, many->ub + vector);
-        Box single = box_at(room.at);
-        if (in_lanes) {
-            solve_in_lanes(many, &lanes, &single, first, last);
+        box_setup(arena.at, many->d, many->lb + vector, many->ub + vector);
+        Box single = box_at(arena.at);
+        if (simd_batched) {
+            solve_simd_batched(many, &lanes, &single, first, last);
         }
-        for (int b = first; b < last && !in_lanes; ++b) {
+        for (int b = first; b < last && !simd_batched; ++b) {
             solve_one(many, &single, b);
         }
     }
     return many->alone;
 }
 
-#define FACES(F)                                                                                                       \
-    F(box_many_bytes, "d#1:1000", "size of the room that box_many needs.", 0,                                          \
+#define BINDINGS(F)                                                                                                    \
+    F(box_many_bytes, "d#1:1000", "size of the workspace that box_many needs.", 0,                                     \
       WHOLE_RESULT = pivoting_bytes(INT(0)) + box_bytes(INT(0)))                                                       \
-    F(box_many, "q[n,d], P[n,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, room@, first#0:n, last#0:n, lanes#0:1",    \
+    F(box_many,                                                                                                        \
+      "q[n,d], P[n,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, workspace@, first#0:n, last#0:n, lanes#0:1",         \
       "minimisers x of programs from first up to last, one by one or in lanes; how many one by one.",                  \
       NEED_BYTES(6, pivoting_bytes(SIZE(d)) + box_bytes(SIZE(d))) + 1,                                                 \
       WHOLE_RESULT =                                                                                                   \
           solve_many(&(Batch){SIZE(d), 0, REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)},         \
                      MEMORY(6), INT(7), INT(8), INT(9)))
-MAKE_FACES(lanes)
+MAKE_BINDINGS(lanes)

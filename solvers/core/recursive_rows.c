@@ -1,5 +1,5 @@
-/* The optimum of a box problem after every row (swept.h): the row in, the swept matrix moved by rank one, the optimum
- * out.
+/* The optimum of a box problem after every row (recursive.h): the row in, the swept matrix moved by rank one, the
+ * optimum out.
  *
  * One more row xi changes G by xi xi', and M by a matrix of rank one as well (Sherman-Morrison on each block):
  *
@@ -9,21 +9,21 @@
  * of that, and the exact optimum is there after every sample. Forgetting is in the weights: row k enters with
  * lambda^(-k/2); the clock k is put back where the weights have grown to RESCALED^2.
  *
- * Refresh rule. M is made anew a little at each row (swept_renewal.c) so that no M is in use for much longer than
- * SWEPT_REFRESH rows; at once (swept_refresh.c) at the row that would bring the product of the sigma since then, det
- * G_FF after over before, to MOST_SURPRISE. A row that says what the data left open has a large sigma, and adding it to
- * M cancels log10 sigma digits of the entries; so between two refreshes M loses six digits and 2 SWEPT_REFRESH
- * roundings at most, and the cost errs to second order in that. A sigma below one, which takes a lost positive
- * definiteness, and exchanges that do not end are answered at once, too.
+ * Refresh rule. M is made anew a little at each row (recursive_renewal.c) so that no M is in use for much longer than
+ * RECURSIVE_REFRESH rows; at once (recursive_refresh.c) at the row that would bring the product of the sigma since
+ * then, det G_FF after over before, to MOST_SURPRISE. A row that says what the data left open has a large sigma, and
+ * adding it to M cancels log10 sigma digits of the entries; so between two refreshes M loses six digits and 2
+ * RECURSIVE_REFRESH roundings at most, and the cost errs to second order in that. A sigma below one, which takes a lost
+ * positive definiteness, and exchanges that do not end are answered at once, too.
  *
  * Source: L. Ljung, System Identification, 1999, chapter 11 (recursive least squares).
  */
-#include "swept.h"
+#include "recursive.h"
 
 #define RESCALED ((real)8192) /* 2^13 */
 #define MOST_SURPRISE 1e6
 
-int swept_move(Swept *s)
+int recursive_move(Recursive *s)
 {
     const int ld = s->ld;
     const real *const row = s->row;
@@ -31,15 +31,15 @@ int swept_move(Swept *s)
     vec8 dot = zeros();
     for (int b = 0; b < ld; b += LANES) {
         const vec8 xi = load(row + b);
-        store(u + b, less_product(xi, load(s->free + b), xi));
+        store(u + b, sub_mul(xi, load(s->free + b), xi));
     }
-    swept_subtract_free(s, s->M, row, u);
+    recursive_subtract_free(s, s->M, row, u);
     for (int b = 0; b < ld; b += LANES) {
         dot = plus_product(dot, mul(load(s->free + b), load(row + b)), load(u + b));
     }
     sigma = 1 + sum8(dot);
-    s->head->surprise *= (double)sigma;
-    if (!(sigma > (real)0.999 && s->head->surprise < MOST_SURPRISE)) { /* NaN does not fit */
+    s->head->growth *= (double)sigma;
+    if (!(sigma > (real)0.999 && s->head->growth < MOST_SURPRISE)) { /* NaN does not fit */
         return 0;
     }
     inverse = 1 / sigma;
@@ -54,7 +54,7 @@ int swept_move(Swept *s)
 }
 
 /* G <- G + xi xi'. */
-static void add_row(Swept *s)
+static void add_row(Recursive *s)
 {
     const real *const row = s->row;
     for (int i = 0; i <= s->d; ++i) {
@@ -68,7 +68,7 @@ static void add_row(Swept *s)
 
 /* Divide all weights by RESCALED^2, a power of two, so that nothing is rounded: G shrinks, and with it M_AA, but M_FF
  * grows. */
-static void rescale(Swept *s)
+static void rescale(Recursive *s)
 {
     const vec8 shrink = splat(1 / (RESCALED * RESCALED));
     for (int j = 0; j < s->ld; ++j) {
@@ -88,7 +88,7 @@ static void rescale(Swept *s)
     s->head->renewing = 0;
 }
 
-int swept_take(Swept *s, const real *row)
+int recursive_take(Recursive *s, const real *row)
 {
     const int d = s->d;
     real target = row[d], weight;
@@ -102,7 +102,7 @@ int swept_take(Swept *s, const real *row)
     while (s->head->root_weight * s->head->root_weight >= (double)(RESCALED * RESCALED) * s->head->row_weight) {
         rescale(s);
     }
-    fits = swept_use_renewed(s);
+    fits = recursive_use_renewed(s);
     s->head->root_weight *= s->head->root_growth;
     weight = (real)s->head->root_weight;
     for (int j = 0; j < d; ++j) {
@@ -110,24 +110,24 @@ int swept_take(Swept *s, const real *row)
         s->row[j] = weight * s->sign[j] * row[j];
     }
     s->row[d] = weight * target;
-    fits = swept_move(s) && fits;
+    fits = recursive_move(s) && fits;
     add_row(s);
     ++s->head->since_refresh;
-    if (!fits || s->head->since_refresh >= 2 * SWEPT_REFRESH) {
-        return swept_refresh(s);
+    if (!fits || s->head->since_refresh >= 2 * RECURSIVE_REFRESH) {
+        return recursive_refresh(s);
     }
     exchanges = s->head->exchanges;
-    if (swept_violated(s)) {
-        status = swept_exchange(s);
+    if (recursive_violated(s)) {
+        status = recursive_exchange(s);
         if (status != OK && status != CAPPED) {
-            return swept_refresh(s);
+            return recursive_refresh(s);
         }
     }
-    swept_renew(s, s->head->exchanges != exchanges);
+    recursive_renew(s, s->head->exchanges != exchanges);
     return status;
 }
 
-void swept_answer(Swept *s)
+void recursive_answer(Recursive *s)
 {
     const real *const last = last_row(s);
     for (int b = 0; b < s->ld; b += LANES) {

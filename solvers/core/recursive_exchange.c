@@ -1,4 +1,5 @@
-/* Exchanges between free variables and bounds until a box problem with a swept Gram matrix (swept.h) is at its optimum.
+/* Exchanges between free variables and bounds until a box problem with a swept Gram matrix (recursive.h) is at its
+ * optimum.
  *
  * A variable whose entry of the last row of M has the wrong sign is exchanged, the one with the largest e^2/|M_jj|
  * first, e being what is wrong: half of that is what leaving the bound gains, or what keeping it costs. The rule ends
@@ -7,7 +8,7 @@
  *
  * Source: R. W. Cottle, "Principal pivoting method of quadratic programming", 1968.
  */
-#include "swept.h"
+#include "recursive.h"
 
 enum { LIMIT = 20 }; /* a row of a stream takes none or one */
 /* Share of the optimal cost below which what an exchange would gain is left alone, and with a free variable, which is
@@ -15,7 +16,7 @@ enum { LIMIT = 20 }; /* a row of a stream takes none or one */
 #define NEGLIGIBLE ((real)1e-15)
 
 /* Whether any entry of the last row of M has the wrong sign. */
-int swept_violated(const Swept *s)
+int recursive_violated(const Recursive *s)
 {
     const real *const last = last_row(s);
     vec8 worst = zeros();
@@ -29,7 +30,7 @@ int swept_violated(const Swept *s)
 
 /* Measure the free variable j from its other bound, z_j <- width - z_j: xi_j changes sign, and x becomes x + width
  * xi_j. */
-static void reflect(Swept *s, int j)
+static void reflect(Recursive *s, int j)
 {
     const int d = s->d;
     const real width = s->width[j];
@@ -38,7 +39,7 @@ static void reflect(Swept *s, int j)
     s->sign[j] = -s->sign[j];
     s->centre[j] = width - s->centre[j];
     s->head->renewing = 0;
-    swept_complete(s, s->G);
+    recursive_complete(s, s->G);
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 entries = load(row + b);
         store(last + b, plus_product(load(last + b), splat(width), entries));
@@ -56,7 +57,7 @@ static void reflect(Swept *s, int j)
 }
 
 /* Exchange variables until z is optimal, the one that gains most first; OK, CAPPED, SINGULAR or CYCLING. */
-int swept_exchange(Swept *s)
+int recursive_exchange(Recursive *s)
 {
     const int d = s->d;
     const real *const last = last_row(s);
@@ -86,13 +87,13 @@ int swept_exchange(Swept *s)
             reflect(s, chosen);
         }
         is_free = s->free[chosen] > 0;
-        if (!(is_free ? row_of(s, s->M, chosen)[chosen] < 0 : swept_definite(s, chosen))) {
+        if (!(is_free ? row_of(s, s->M, chosen)[chosen] < 0 : recursive_definite(s, chosen))) {
             return SINGULAR;
         }
-        swept_sweep(s, chosen);
+        recursive_sweep(s, chosen);
         s->free[chosen] = is_free ? 0 : 1;
         s->side[chosen] = -s->side[chosen];
-        swept_list_free(s);
+        recursive_list_free(s);
         ++s->head->exchanges;
     }
     return CYCLING;
