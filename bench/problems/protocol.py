@@ -108,7 +108,7 @@ class Validation:
     """Standard deviation of the sensor's noise."""
 
     def error_percent(self, w: Vector) -> float:
-        """RMS error of the model with weights w, as a share of the output's range; NaN where w is no valid model."""
+        """RMS error of the model with weights w, as a share of the output's range; NaN where w is not a valid model."""
         try:
             model = HysteresisCreepModel.from_weights(self.structure, w)
         except ValueError:

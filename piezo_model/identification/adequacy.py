@@ -147,9 +147,8 @@ def _refusal(
     if undersampled:
         period = 2.0 * math.pi / math.acos(max(1.0 - alternative_models.roughness(u), -1.0))
         return Refusal(
-            f"the drive has only {period:.1f} samples a period or is aliased, so its turns lie between samples, "
-            "and hysteresis "
-            f"depends on them: {compared}"
+            f"the drive is undersampled, with {period:.1f} samples a period, or aliased: its turning points, on which "
+            f"hysteresis depends, are lost; {compared}"
         )
     seconds = s.sample_time
     if not few and error > MUCH_BETTER * line:

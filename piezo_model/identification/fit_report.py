@@ -168,8 +168,7 @@ class FitReport:
                 fit.skipped_max_percent,
                 (
                     f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
-                    "they "
-                    "hold a transient that no "
+                    "they hold a transient that no "
                     f"start explains: the error there reaches {percent(fit.skipped_max_percent)}."
                 ),
             )
@@ -189,8 +188,7 @@ class FitReport:
                 90.0,
                 (
                     "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
-                    "barely be separated "
-                    "from curvature."
+                    "barely be separated from curvature."
                 ),
             )
         if self.offset is not None and self.offset.pays:
@@ -206,8 +204,7 @@ class FitReport:
         if self.resting_input is not None:
             yield (
                 f"Creep starts as if the actuator had rested at {quantity(self.resting_input, s.input_unit, 3)}, "
-                "which fits the data "
-                f"best."
+                f"which fits the data best."
             )
         if self.offset is not None and not self.offset.pays:
             yield _offset_sentence(self.offset, s.input_unit)
@@ -226,8 +223,7 @@ class FitReport:
         b = self.baseline
         yield (
             f"On data left out, every second block of the drive: {percent(b.line_percent)} with a line, "
-            f"{percent(b.cubic_percent)} "
-            f"with a cubic, {percent(b.model_percent)} with this model."
+            f"{percent(b.cubic_percent)} with a cubic, {percent(b.model_percent)} with this model."
         )
         if self.certificate is None:
             yield "The model is the best straight line, since the fit of (6) is no better on data left out."
@@ -261,8 +257,7 @@ class FitReport:
 def _offset_sentence(offset: Offset, unit: str) -> str:
     return (
         f"The sensor has an offset, {quantity(offset.value, unit, 3)} of the input; without it the RMS error of "
-        "the drive is "
-        f"{percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}."
+        f"the drive is {percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}."
     )
 
 
@@ -273,8 +268,7 @@ def _lag_sentence(lag: Lag, sample_time: float) -> str:
         else f"{lag.samples:.2f} samples"
     )
     how = (
-        f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the drive "
-        "is "
+        f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the drive is "
         f"{lag.error_percent:.3f} % with the lag and {lag.error_without_lag_percent:.3f} % without"
     )
     return how + ("; it was removed before the fit." if lag.removed else ".")

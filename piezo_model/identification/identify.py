@@ -249,8 +249,7 @@ def check_direction(recording: Recording) -> Recording:
     if any(report["one_way"] for report in reports) or errors[1] < errors[0] <= CLEAR * errors[1]:
         raise RecordingError(
             f"{recording.name}: cannot tell which column is the input and which the output: a model "
-            f"leaves {either}; name them "
-            f"with --input and --output"
+            f"leaves {either}; name them with --input and --output"
         )
     reason = (
         f"because a model leaves {percent(min(errors))} of the range that way and {percent(max(errors))} the "
@@ -290,8 +289,7 @@ def _fitted(
         )
     if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
         raise IdentificationError(
-            f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of "
-            "the "
+            f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
             f"structure is {structure.sample_time:g} s"
         )
     recording.require(structure.d + 1)

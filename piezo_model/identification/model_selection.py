@@ -92,8 +92,7 @@ class Selection:
         if (g := self.given_up) is not None:
             smallest += (
                 f"; n = {g.n}, m = {g.m} and {_said(g)} err less there, {g.error_percent:.3g} %, but more at "
-                "the output on data left "
-                "out"
+                "the output on data left out"
             )
         return (
             f"Cross-validation over {len(self.candidates)} structures takes n = {c.n}, m = {c.m} and {_said(c)}: "

@@ -68,8 +68,7 @@ class Validation:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
             yield (
-                f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up "
-                "to "
+                f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up to "
                 f"{percent(self.fit.skipped_max_percent)}."
             )
         if abs(self.shift) > 0.1 * self.fit.rms:
@@ -87,8 +86,7 @@ class Validation:
         if self.beyond_percent > 1.0:
             yield (
                 f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
-                "where the model "
-                f"extrapolates; an offset of the sensor is looked for within that range alone."
+                f"where the model extrapolates; an offset of the sensor is looked for within that range alone."
             )
 
 

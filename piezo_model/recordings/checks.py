@@ -69,7 +69,7 @@ class ValueCheck:
             return self._first_bad
         value = self._first_value
         kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
-        absurd = ", which nothing measures" if math.isfinite(value) else ""
+        absurd = ", which is too large for a measured value" if math.isfinite(value) else ""
         many = f"; in all {self.bad} of {self.count} values are missing, infinite or absurd" if self.bad > 1 else ""
         raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{absurd}{many}")
 

@@ -64,7 +64,7 @@ class ClockReader:
 
     def times(self, cells: Sequence[str | None]) -> NDArray[Any]:
         """Times of the next piece, datetime64 from the first date on or timedelta64 since midnight, NaT where a cell
-        is missing; RecordingError for a cell that is no clock of the column's form."""
+        is missing; RecordingError for a cell that is not a time in the column's form."""
         at = np.array([k for k, cell in enumerate(cells) if cell], dtype=int)
         result = np.full(len(cells), np.iinfo(np.int64).min)  # NaT
         if at.size:

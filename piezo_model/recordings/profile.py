@@ -95,5 +95,5 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], s
 
 
 def _sane(piece: Matrix) -> Matrix:
-    """NaN in place of what nothing measures, which would overflow in sums."""
+    """NaN in place of absurdly large values, which would overflow in sums."""
     return np.where(np.abs(piece) < ABSURD, piece, np.nan)

@@ -356,7 +356,7 @@ def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
     if low == high:
         raise RecordingError(f"{label} is constant, all {count} values are {low:g}")
     if high - low < 2.0 * SMALLEST:
-        raise RecordingError(f"{label} covers a range of {high - low:g}, which nothing measures")
+        raise RecordingError(f"{label}: the range, {high - low:g}, is too small")
 
 
 def _every(sample_time: float) -> str:

@@ -195,8 +195,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         named = {**named, "time": None}
     if sampled and named.get("time") is not None:
         raise RecordingError(
-            f"{table.path}: the sampling period is given, so that the time column {named['time']!r} "
-            "would not be read; "
+            f"{table.path}: the sampling period is given, so that the time column {named['time']!r} would not be read; "
             "give one of the two"
         )
     search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
@@ -341,14 +340,12 @@ def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str
     if list(missing) == ["time"]:
         return (
             f"{table.path}: cannot tell which column is the time; its columns are {listed}; name it with --time, "
-            "or say "
-            "--sample-time or --sample-rate if there is none"
+            "or say --sample-time or --sample-rate if there is none"
         )
     options = [f"--{role}" for role in asked]
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
-        f"{listed}; name "
-        f"them with {', '.join(options[:-1])} and {options[-1]}"
+        f"{listed}; name them with {', '.join(options[:-1])} and {options[-1]}"
     )
 
 
@@ -357,7 +354,7 @@ def seconds_per_unit(table: Table, column: Column) -> float:
     found = 1.0 if column.kind == "clock" else seconds(column.unit)
     if found is None:
         raise RecordingError(
-            f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is no unit of time"
+            f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is not a unit of time"
         )
     return found
 

@@ -132,8 +132,7 @@ def _refuse_other_clock(table: Table, time: int, by_clock: float, by_option: flo
             f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {column.name!r} and "
             f"{quantity(by_option, 's')} by "
             f"--sample-time {period:g}; leave out --sample-time, or give --resample where "
-            "the times are uneven, or "
-            "--time none where that column is no clock"
+            "the times are uneven, or --time none where that column is not a clock"
         )
 
 

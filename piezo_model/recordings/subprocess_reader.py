@@ -1,4 +1,5 @@
-"""Files whose formats are parsed by libraries in C are read in a child process: it may crash, hang or eat memory alone.
+"""Files whose formats are parsed by libraries in C are read in a child process: a parser that fails cannot affect
+the caller.
 
 The child keeps the file that it opened last; there is one for each process that reads, started by the first such file.
 """

@@ -125,4 +125,4 @@ def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None
 
 def test_times_in_another_unit_are_refused(tmp_path: Path) -> None:
     sentence = refusal(text_file(tmp_path, "time [furlong],u,y", "0,1,2", "1,2,3"))
-    assert "time column 'time [furlong]' is in 'fur', which is no unit of time" in sentence
+    assert "time column 'time [furlong]' is in 'fur', which is not a unit of time" in sentence

@@ -180,7 +180,7 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
     [
         (
             ("t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"),
-            "column 'u' is 9.91e+37 in row 3 (data row 2), which nothing measures",
+            "column 'u' is 9.91e+37 in row 3 (data row 2), which is too large for a measured value",
         ),
         (
             ("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"),
@@ -188,7 +188,7 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
         ),
         (
             ("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"),
-            "column 'u' is -1e+300 in row 3 (data row 2), which nothing measures",
+            "column 'u' is -1e+300 in row 3 (data row 2), which is too large for a measured value",
         ),
         (
             ("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"),

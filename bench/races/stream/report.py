@@ -165,7 +165,7 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
         notes=figures.notes(table, settings),
         tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
         definitions=definitions(settings),
-        limits=["The system is no real-time system."],
+        limits=["The operating system is not a real-time one."],
     )
 
 

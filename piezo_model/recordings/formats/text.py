@@ -35,7 +35,7 @@ ENCODING_NAMES = {"latin-1": "Latin-1", "utf-16-le": "UTF-16", "utf-16-be": "UTF
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whatever no other format claims."""
+    """Fallback: any other file."""
     return True
 
 
@@ -170,8 +170,7 @@ def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: La
     header, cells = layout.dialect.split(lines[layout.start - 1]), layout.dialect.split(lines[layout.start])
     if 1 < len(header) < len(cells) <= 2 * len(header) and all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells):
         raise RecordingError(
-            f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header "
-            "has "
+            f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header has "
             f"{len(header)}; its numbers seem to have decimal commas, write decimal points"
         )
 

@@ -85,8 +85,7 @@ def _values(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], sh
             except (TypeError, ValueError):
                 raise RecordingError(
                     f"{path}: column {layout.names[at]!r} holds {row[at]!r} in row "
-                    f"{layout.start + k + 1} of sheet "
-                    f"{sheet!r}, where a {kind} is needed"
+                    f"{layout.start + k + 1} of sheet {sheet!r}, where a {kind} is needed"
                 ) from None
     return values
 
