@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -203,3 +204,14 @@ def test_model_data_basis_and_compensator_need_numpy_msgspec_and_the_core_alone(
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     found = {name.partition(".")[0] for name in json.loads(done.stdout)}
     assert found <= {"numpy", "lazy_loader", "msgspec", "typing_extensions"}  # the last comes with msgspec
+
+
+def test_every_file_that_contributing_names_is_there_with_the_functions_named_beside_it():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    beside = re.findall(r"`([\w/]+\.(?:py|c|h))`((?:,? `\w+`)+)", text)
+    assert len(beside) > 15
+    for file, names in beside:
+        source = (ROOT / file).read_text()
+        for name in re.findall(r"\w+", names):
+            assert re.search(rf"(def|class) {name}\b|\b{name}\)?\(.*[^;]$", source, re.MULTILINE), (file, name)
+    assert [path for path in re.findall(r"`(\w+(?:/\w+)+\.\w+)`", text) if not (ROOT / path).is_file()] == []

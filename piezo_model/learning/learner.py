@@ -153,7 +153,7 @@ class Learner:
             return x
 
     def _follow(self, events: BlockEvent) -> None:
-        """Note what a block events, and do what is Python's part."""
+        """Note what came of a block, and do what is Python's part."""
         if BlockEvent.SENSOR_FAULT in events:
             self._driven.interrupt()
             self._note("sensor", "the output jumped, froze or left its range; learning waits")
