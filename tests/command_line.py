@@ -84,6 +84,7 @@ class Call:
     def wait(self) -> Finished:
         """Wait for its end."""
         self.server.ask("")
+        self.server.under_way = None
         return Finished(
             int(self.server.answer()), self.stdout.read_text(self.encoding), self.stderr.read_text(self.encoding)
         )
@@ -120,6 +121,7 @@ class CommandLine:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.calls = folder, 0
+        self.under_way: Call | None = None
         self.log = (folder / "server.log").open("w")
         self.server = subprocess.Popen(
             [sys.executable, "-c", SERVER],
@@ -145,6 +147,7 @@ class CommandLine:
 
     def start(self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8") -> Call:
         """Start a call, on a terminal of an encoding; wait for its end before the next one."""
+        self.end_call()
         self.calls += 1
         stdout, stderr = (self.folder / f"call{self.calls}.{name}" for name in ("stdout", "stderr"))
         for path in (stdout, stderr):
@@ -158,7 +161,14 @@ class CommandLine:
             "encoding": encoding,
         }
         self.ask(json.dumps(call))
-        return Call(self, int(self.answer()), stdout, stderr, encoding)
+        self.under_way = Call(self, int(self.answer()), stdout, stderr, encoding)
+        return self.under_way
+
+    def end_call(self) -> None:
+        """Kill a call that a test left under way when it failed."""
+        if self.under_way is not None:
+            self.under_way.kill()
+            self.under_way.wait()
 
     def __call__(
         self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8"
@@ -168,6 +178,7 @@ class CommandLine:
 
     def close(self) -> None:
         """End the server."""
+        self.end_call()
         assert self.server.stdin is not None
         assert self.server.stdout is not None
         self.server.stdin.close()

@@ -127,12 +127,15 @@ def in_shared_memory(session: int) -> set[Path]:
     return found
 
 
+def is_pacing(session: int) -> bool:
+    """Whether the C program of `realtime` runs."""
+    return any("/piezobench-realtime-" in words and "/loop-" in words for words in command_lines(of_session(session)))
+
+
 def is_at_work(kind: str, folder: Path, session: int) -> bool:
     """Whether a call has started and made what it should not leave."""
     if kind == "realtime":
-        return any(
-            "/realtime-" in words and "piezobench-realtime-" in words for words in command_lines(of_session(session))
-        )
+        return is_pacing(session)
     if kind == "fleet":
         return sum("loky" in words for words in command_lines(of_session(session))) >= 2
     return any((folder / "results" / "run" / "tasks").glob("[!.]*.npz"))
@@ -239,7 +242,7 @@ def test_a_call_that_was_started_with_nohup_goes_on_when_its_terminal_is_closed(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as call:
-        while not any("/realtime-" in words for words in command_lines(of_session(call.pid))):
+        while not is_pacing(call.pid):
             assert call.poll() is None
             time.sleep(0.01)
         call.send_signal(signal.SIGHUP)
