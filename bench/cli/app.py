@@ -14,9 +14,10 @@ import signal
 import sys
 from collections.abc import Callable, Collection
 from importlib import import_module
+from importlib.metadata import version as installed_version
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -58,9 +59,24 @@ def command_line(asked: Collection[str] = tuple(VERBS)) -> typer.Typer:
         rich_markup_mode=None,
         help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.",
     )
+    app.callback()(_options)
     for verb in VERBS:
         app.command(verb)(load(verb)) if verb in asked else app.command(verb, help=_docstring(verb))(_listed)
     return app
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"piezobench {installed_version('piezobench')}")
+        raise typer.Exit
+
+
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and end.")
+    ] = False,
+) -> None:
+    """Options of no verb."""
 
 
 def load(verb: str) -> Callable[..., Any]:

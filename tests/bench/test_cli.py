@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,11 @@ def test_every_verb_has_help_that_says_what_it_does_and_what_its_options_are(
     assert call.stdout.startswith(f"Usage: piezobench {verb}")
     for line in call.stdout.split("Options:")[1].splitlines():
         assert not line.strip().startswith("--") or len(line.split()) > 1
+
+
+def test_the_version_is_that_of_the_package(piezobench: CommandLine) -> None:
+    call = piezobench("--version")
+    assert (call.status, call.stdout, call.stderr) == (0, f"piezobench {version('piezobench')}\n", "")
 
 
 @pytest.mark.parametrize("words", [(), ("--help",)])
