@@ -16,10 +16,13 @@ from piezo_model import HysteresisCreepModel, ModelStructure
 
 LOW, HIGH, REST, RATE_LIMIT, RATE = 20.0, 100.0, 40.0, 2000.0, 1000
 STAGE = f"""
+#define _GNU_SOURCE
 #include "piezo_stage.h"
 
 #include <math.h>
 #include <stdio.h>
+#include <time.h>
+#include <unistd.h>
 
 const piezo_stage_limits piezo_stage = {{{LOW}, {HIGH}, {RATE_LIMIT}, {REST}}};
 static FILE *drives;
@@ -33,9 +36,13 @@ int piezo_stage_open(void)
 
 int piezo_stage_exchange(double x, double *y)
 {{
-    fprintf(drives, "%.17g\\n", x);
+    struct timespec t;
+    if (++samples % 150 == 0) {{
+        usleep(60000);
+    }}
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    fprintf(drives, "%.17g %.17g\\n", x, (double)t.tv_sec + 1e-9 * (double)t.tv_nsec);
     fflush(drives);
-    ++samples;
     *y = samples % 7 ? 0.2 * x - 15.0 : NAN;
     return FAILS;
 }}
@@ -44,23 +51,25 @@ void piezo_stage_close(void) {{ fclose(drives); }}
 """
 
 
+def built(folder: Path, settings: ExportSettings, stage: str) -> None:
+    """Export a controller to a folder and build the loop on a stage."""
+    structure = ModelStructure.equidistant(
+        n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(1.0,), sample_time=1.0 / RATE
+    )
+    write_files(folder, export(HysteresisCreepModel.from_weights(structure, structure.straight_line), settings))
+    (folder / "piezo_stage.c").write_text(stage)
+    done = subprocess.run([program("make"), "loop"], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")  # no warning
+
+
 @pytest.mark.needs("cc", "make")
 @pytest.mark.parametrize("solver", [None, "projected_difference", "recursive_active_set"])
 @pytest.mark.parametrize(("end", "status"), [("time", 0), ("SIGINT", 130), ("SIGTERM", 143), ("stage", 1)])
 def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     tmp_path: Path, solver: str | None, end: str, status: int
 ) -> None:
-    structure = ModelStructure.equidistant(
-        n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(1.0,), sample_time=1.0 / RATE
-    )
-    model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
     settings = ExportSettings(part="learning", solver=solver) if solver else ExportSettings()
-    write_files(tmp_path, export(model, settings))
-    fails = "samples == 300" if end == "stage" else "0"
-    (tmp_path / "piezo_stage.c").write_text(STAGE.replace("FAILS", fails))
-    built = subprocess.run([program("make"), "loop"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
-    assert not built.stderr  # no warning
+    built(tmp_path, settings, STAGE.replace("FAILS", "samples == 300" if end == "stage" else "0"))
     seconds = "0.5" if end in ("time", "stage") else "60"
     run = subprocess.Popen(
         ["./loop", str(RATE), seconds, "0", "-1", "times"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -73,11 +82,35 @@ def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     said = run.communicate(timeout=60)[1].decode()
     assert run.returncode == status, said
     assert ("the stage failed; its drive was brought to rest" in said) == (end == "stage")
-    drives = np.loadtxt(tmp_path / "drives.txt")
+    drives, moments = np.loadtxt(tmp_path / "drives.txt").T
     times = np.fromfile(tmp_path / "times", dtype=np.int64).reshape(-1, 2)
     assert drives.min() >= LOW
     assert drives.max() <= HIGH
     assert np.abs(np.diff(drives, prepend=REST)).max() <= RATE_LIMIT / RATE * (1 + 1e-12)
     assert drives[-1] == REST
+    # after a late sample, too, which the stage makes at every 150th
+    moved, lasted = np.abs(drives[30:] - drives[:-30]), moments[30:] - moments[:-30]
+    assert np.all(moved <= RATE_LIMIT * (lasted + 1.5 / RATE))
     assert len(times) == {"time": 500, "stage": 300}.get(end, len(times))
     assert len(times) <= len(drives)
+
+
+@pytest.mark.needs("cc", "make")
+@pytest.mark.parametrize(
+    ("limits", "sentence"),
+    [
+        ("{20.0, 100.0, 2000.0, 140.0}", "loop: piezo_stage needs low <= rest <= high and a rate limit above 0\n"),
+        ("{20.0, 100.0, 0.0, 40.0}", "loop: piezo_stage needs low <= rest <= high and a rate limit above 0\n"),
+        ("{20.0, 20.0, 2000.0, 20.0}", "loop: piezo_stage needs low < high\n"),
+    ],
+)
+def test_limits_that_cannot_be_kept_are_refused_before_the_stage_is_opened(
+    tmp_path: Path, limits: str, sentence: str
+) -> None:
+    own = f"{{{LOW}, {HIGH}, {RATE_LIMIT}, {REST}}}"
+    built(tmp_path, ExportSettings(), STAGE.replace(own, limits).replace("FAILS", "0"))
+    done = subprocess.run(
+        ["./loop", str(RATE), "1", "0", "-1", "times"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (2, sentence)
+    assert not (tmp_path / "drives.txt").exists()
