@@ -47,7 +47,7 @@ def _character(byte: int) -> str:
 def c_identifier(text: str) -> str:
     """The text, if C takes it for an identifier that is not reserved; ValueError otherwise."""
     if not (text.isascii() and text.isidentifier() and not text.startswith("_")):
-        raise ValueError(f"{text!r} is no identifier of C")
+        raise ValueError(f"{text!r} is not an identifier of C")
     return text
 
 

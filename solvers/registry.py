@@ -1,9 +1,10 @@
 """The folder is the registry: ``solvers/<lane>/<name>.py`` holds the solver <name> in the lane <lane>.
 
-Nothing else is touched to add one. Modules are imported only when asked for, since some solver libraries cannot
-live in one process, and one whose library is not installed is reported as absent with the reason. A file that
-serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers, cvxpy) it is ``solvers/<lane>_lane.py``
-and offers ``names()``, too; in a folder, ``<family>.py`` serves each of the ``<family>_<solver>.c`` beside it.
+Nothing else is touched to race one; one written for this project is named in ``OURS``. Modules are imported only when
+asked for, since some solver libraries cannot live in one process, and one whose library is not installed is reported as
+absent with the reason. A file that serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers,
+cvxpy) it is ``solvers/<lane>_lane.py`` and offers ``names()``, too; in a folder, ``<family>.py`` serves each of the
+``<family>_<solver>.c`` beside it.
 
 Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the
 solver and whose value is its class; what is not in a lane is in the lane direct:

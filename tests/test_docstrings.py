@@ -25,6 +25,6 @@ def test_the_examples_of_a_file_print_what_they_show(path: Path) -> None:
         module = importlib.import_module(path.stem)
     else:
         module = importlib.import_module(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
-    found = doctest.testmod(module)
+    found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert found.attempted > 0
     assert found.failed == 0

@@ -97,7 +97,7 @@ def run(words: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
-        return _refuse(verb, f"{other[0]} is no text in UTF-8, in which names of files are stored")
+        return _refuse(verb, f"{other[0]} is not text in UTF-8, in which names of files are stored")
     status = _do(words, verb)
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     try:

@@ -25,7 +25,7 @@ def experiment_verb(
     from bench.experiment.experiment import run  # the figures' library takes a while to load
 
     if out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"{out} is no folder", param_hint="--out")
+        raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")
     setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
     with progress_bar() as progress:
         found, written = run(out, setup, progress)

@@ -28,7 +28,7 @@ def literal(value: float, precision: Precision = "double") -> str:
     if math.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
     if math.isnan(value):
-        raise ValueError("NaN is no constant")
+        raise ValueError("NaN is not a constant")
     if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
         raise ExportError(
             f"the constant {value:g} does not fit into single precision; export it with --precision double"

@@ -143,7 +143,7 @@ class _Reading:
     def _element(self, head: str, name: str, text: str) -> None:
         value, quadratic = _number(text), self.section in QUADRATIC
         may_be_infinite = self.section == "RANGES" or (self.section == "RHS" and self.kinds.get(name) not in ("N", "E"))
-        require(may_be_infinite or np.isfinite(value), f"{text!r} is no finite number")
+        require(may_be_infinite or np.isfinite(value), f"{text!r} is not a finite number")
         for column in (head, name):
             require(not quadratic or column in self.columns, f"there is no column {column!r}")
         require(quadratic or name in self.kinds, f"there is no row {name!r}")

@@ -232,6 +232,7 @@ class Recording(Source):
             input_unit=self.output_unit,
             output_unit=self.input_unit,
             columns={other.get(role, role): name for role, name in self.columns.items()},
+            reasons={other.get(role, role): why for role, why in self.reasons.items()},
             _pieces=partial(_turned, self._pieces),
         )
 

@@ -10,7 +10,7 @@ import atexit
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -32,6 +32,8 @@ LEAST_S, BYTES_PER_S = 60.0, 5e6
 """Time that a question may take, and how fast a file is read at least."""
 _turn = Lock()
 _limit_memory = cache(limit_memory)  # once in a process
+_kept: dict[Any, ArrayTable] = {}
+"""In the child: the file that it opened last."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,8 @@ def _child(process: int) -> Child:
 def _answer(question: Callable[..., T], file: File, *more: Any) -> T | Exception:
     try:
         return question(file, *more)
+    except MemoryError:
+        return RecordingError(f"{file.path}: takes more than {MEMORY_MB} MB to be read")
     except Exception as error:
         return error
 
@@ -108,8 +112,9 @@ def _read(file: File, at: int, rows: slice) -> NDArray:
     return np.asarray(_opened(file).arrays[at][rows])
 
 
-@lru_cache(1)
 def _opened(file: File) -> ArrayTable:
-    _limit_memory(MEMORY_MB)
-    table: ArrayTable = import_module(file.module).open_table(file.path, file.reading)
-    return table
+    if file not in _kept:
+        _kept.clear()  # before the next one takes its memory
+        _limit_memory(MEMORY_MB)
+        _kept[file] = import_module(file.module).open_table(file.path, file.reading)
+    return _kept[file]

@@ -154,7 +154,9 @@ class ArrayTable(Table):
             )
         for start in range(0, max(lengths.values()), ARRAY_ROWS):
             with parsed(self.path, self.form):
-                batch = [self.arrays[k][start : start + ARRAY_ROWS] for k in at]
+                batch = [np.asarray(self.arrays[k][start : start + ARRAY_ROWS]) for k in at]
+                if len({len(values) for values in batch}) > 1:
+                    raise ValueError("its columns do not have the rows that it states")
             yield batch
 
 
@@ -163,7 +165,7 @@ def parsed(path: Path, form: str) -> Iterator[None]:
     """Say in a sentence that a file is damaged, whatever the library that parses the format makes of it."""
     try:
         yield
-    except (RecordingError, ModuleNotFoundError, FileNotFoundError, PermissionError):
+    except (RecordingError, ModuleNotFoundError, FileNotFoundError, PermissionError, MemoryError):
         raise
     except Exception as error:
         raise RecordingError(f"{path}: is a damaged {form.partition(',')[0]} file: {first_line(error)}") from None
@@ -184,6 +186,8 @@ def in_memory(
     columns, kept = [], []
     for name, array in arrays.items():
         period = sample_time.get(name) if isinstance(sample_time, Mapping) else sample_time
+        if period is not None:
+            check_sample_time(f"{path}: ", period)
         for label, values in columns_of(name, array):
             kind = KINDS_OF_ARRAYS[values.dtype.kind]
             columns.append(

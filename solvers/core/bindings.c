@@ -2,20 +2,22 @@
 
 #include <string.h>
 
-/* A size as the signature has it, which *at then stands behind; -1 for a letter that has met nothing yet. */
+/* A size as the signature has it, which *at then stands behind; -1 where a letter has met nothing yet. */
 static int64_t size_in(const Arguments *a, const char **at)
 {
     int64_t size = **at >= 'a';
+    int known = 1;
     for (; **at >= '0' && **at <= '9'; ++*at) {
         size = 10 * size + **at - '0';
     }
     for (; **at >= 'a' && **at <= 'z'; ++*at) {
+        known &= a->sizes[**at - 'a'] >= 0;
         size *= a->sizes[**at - 'a'];
     }
     for (; **at == '+'; *at += 2) {
         size += (*at)[1] - '0';
     }
-    return size;
+    return known ? size : -1;
 }
 
 void refuse(Arguments *a, const char *why)
@@ -57,8 +59,8 @@ static const Py_buffer *take_buffer(Arguments *a, PyObject *given, int flags, co
     Py_buffer *const view = &a->views[a->taken - 1];
     a->failed = PyObject_GetBuffer(given, view, flags | PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0;
     if (!a->failed
-        && (view->format == NULL || strchr(types, view->format[0]) == NULL || view->format[1] != '\0'
-            || view->itemsize != itemsize)) {
+        && (view->format == NULL || view->format[0] == '\0' || strchr(types, view->format[0]) == NULL
+            || view->format[1] != '\0' || view->itemsize != itemsize)) {
         a->failed = 1;
         PyErr_Format(PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken,
                      view->format ? view->format : "B", types);
@@ -141,7 +143,7 @@ int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *
     memset(a->sizes, -1, sizeof a->sizes);
     a->signature = signature;
     a->count = count;
-    while (!a->failed && *at != ')' && a->taken < count) {
+    while (!a->failed && *at != ')' && a->taken < count && a->taken < MOST_ARGUMENTS) {
         PyObject *const object = given[a->taken];
         Value *const value = &a->values[a->taken];
         a->views[a->taken++].obj = NULL;
@@ -200,7 +202,8 @@ PyObject *finish(Arguments *a)
             PyBuffer_Release(&a->views[a->taken]);
         }
     }
-    if (a->failed) {
+    if (a->failed || PyErr_Occurred() != NULL) {
+        Py_DecRef(a->object_result);
         return NULL;
     }
     return a->object_result != NULL ? a->object_result

@@ -8,7 +8,7 @@
  * and MAKE_BINDINGS(file) makes them of it. Arguments are names, separated by ", ", with what each has to be:
  *
  *     name           a number
- *     name#0:9       a whole number from 0 to 9; either may be missing
+ *     name#0:9       a whole number from 0 to 9; either bound may be missing
  *     name[n,d]      a float64 array of two dimensions, contiguous in C order; name[n] one of one
  *     name[n]q       one of int64; name[n]i of C's int
  *     name[n]=       one to write to, name[n]? one or None
@@ -63,7 +63,7 @@ typedef struct {
 int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count);
 /* Set the sizes that a state gives; each package has its own (module.c). */
 void measure_state(Arguments *a, const void *state);
-/* Fail for a reason that the function itself finds, before it releases the interpreter. */
+/* Fail for a reason that the function itself finds; only where `lasts` is 0, since it sets Python's error. */
 void refuse(Arguments *a, const char *why);
 /* Fail where a block has fewer bytes; whether it does. */
 int need_bytes(Arguments *a, int argument, int64_t bytes);

@@ -48,7 +48,7 @@ Box box_at(void *memory)
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
     const int64_t bytes = box_bytes(d);
-    real irregular = (real)0.618033988749895;
+    real v = (real)0.618033988749895, w = (real)0.414213562373095;
     Box s;
     memset(memory, 0, (size_t)bytes);
     s.head = memory;
@@ -56,11 +56,13 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
     s.head->d = d;
     s.head->bytes = bytes;
     s = box_at(memory);
-    for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one */
-        s.v[j] = irregular;
-        s.w[j] = 1 - irregular * irregular;
-        irregular += (real)0.618033988749895;
-        irregular -= irregular >= 1 ? 1 : 0;
+    for (int j = 0; j < d; ++j) { /* multiples of the golden section and of the root of 2, modulo one */
+        s.v[j] = v;
+        s.w[j] = w;
+        v += (real)0.618033988749895;
+        v -= v >= 1 ? 1 : 0;
+        w += (real)0.414213562373095;
+        w -= w >= 1 ? 1 : 0;
     }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;

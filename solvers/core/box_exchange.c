@@ -4,7 +4,7 @@
  * = 0 and x_A are given, and `basic` holds -x_F and g_A. It is right in an interval [low, high]: -x_j in [-hi, -lo],
  * g_j in [0, inf) at a lower bound, in (-inf, 0] at an upper one, anywhere where both are the same.
  *
- * With W the matrix P swept on F (box_inverse.c), p = W_jj and t the change of the given x_j or -g_j, an exchange of
+ * With W the matrix P swept on F (box_inverse.c), p = W_jj and t the change of the given x_j or g_j, an exchange of
  * variable j, which frees it or takes it to a bound, is
  *
  *     basic <- basic + t W_j  off j,    W <- W - W_j W_j'/p  off row and column j,    W_j <- W_j/|p|,    W_jj <- -1/p.

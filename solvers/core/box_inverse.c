@@ -1,6 +1,6 @@
 /* P^-1 of the scaled data of a box problem, by sweeps on two variables at a time.
  *
- * Recursive on the variables F, with R the others, P becomes the symmetric matrix M with
+ * Swept on the variables F, with R the others, P becomes the symmetric matrix M with
  *
  *     M_FF = -P_FF^-1,    M_FR = P_FF^-1 P_FR,    M_RR = P_RR - P_RF P_FF^-1 P_FR,
  *

@@ -1,16 +1,15 @@
 /* The optimum of a box problem whose data grow by one row at a time.
  *
- *     minimise 1/2 sum_k w_k (z'xi_k + x_k)^2  subject to  0 <= z <= width,      Gram G = sum_k w_k (xi_k, x_k)(xi_k,
- * x_k)'
+ *     minimise 1/2 sum_k w_k (z'xi_k + x_k)^2  subject to  0 <= z <= width,
+ *     Gram matrix G = sum_k w_k (xi_k, x_k) (xi_k, x_k)'
  *
  * With F the free and A the other variables (x among them, it is never freed), the matrix swept on F is
  *
  *     M_FF = -G_FF^-1,    M_FA = G_FF^-1 G_FA,    M_AA = G_AA - G_AF G_FF^-1 G_FA,
  *
  * symmetric, and its last row is the answer: M_xF = -z_F and M_xA is the gradient at A. So z is optimal iff that row is
- * <= 0 (and
- * >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound, where there
- * is one.
+ * <= 0 (and >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound,
+ * where there is one.
  *
  * recursive_gram.c sweeps, recursive_exchange.c sweeps until z is optimal, recursive_refresh.c makes M anew,
  * recursive_renewal.c does so a little at each row, and recursive_rows.c takes the rows.
@@ -18,8 +17,8 @@
  * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle,
  * "Principal pivoting method of quadratic programming", 1968.
  */
-#ifndef CORE_SWEPT_H
-#define CORE_SWEPT_H
+#ifndef CORE_RECURSIVE_H
+#define CORE_RECURSIVE_H
 
 #include "box.h"
 
@@ -32,10 +31,10 @@ enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is made anew */
 #define SPENT 1e5                 /* what `growth` begins with there: the inverse has few digits to lose */
 
 #ifdef CORE_FLOAT
-#define NO_BOUND 1e15F /* bounds from here on are none */
-#define LARGEST_ENTRY                                                                                                  \
-    1e15F /* size from which a number of a row is refused, since sums of squares have to be finite                     \
-           */
+/* Bounds from here on are none. */
+#define NO_BOUND 1e15F
+/* Size from which a number of a row is refused, since sums of squares have to be finite. */
+#define LARGEST_ENTRY 1e15F
 #else
 #define NO_BOUND 1e100
 #define LARGEST_ENTRY 1e100

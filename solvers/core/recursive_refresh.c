@@ -278,8 +278,8 @@ real recursive_error(Recursive *s)
 {
     const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
     real worst = 0;
-    for (int j = 0; j < s->d;
-         ++j) { /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
+    /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
+    for (int j = 0; j < s->d; ++j) {
         const real z = -s->free[j] * last[j], up = z < 0 && (s->side[j] != 0 || s->width[j] < NO_BOUND) ? 0 : z;
         s->u[j] = up > s->width[j] ? s->width[j] : up;
     }

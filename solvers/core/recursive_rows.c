@@ -11,7 +11,7 @@
  *
  * Refresh rule. M is made anew a little at each row (recursive_renewal.c) so that no M is in use for much longer than
  * RECURSIVE_REFRESH rows; at once (recursive_refresh.c) at the row that would bring the product of the sigma since
- * then, det G_FF after over before, to MOST_SURPRISE. A row that says what the data left open has a large sigma, and
+ * then, det G_FF after over before, to MOST_GROWTH. A row that says what the data left open has a large sigma, and
  * adding it to M cancels log10 sigma digits of the entries; so between two refreshes M loses six digits and 2
  * RECURSIVE_REFRESH roundings at most, and the cost errs to second order in that. A sigma below one, which takes a lost
  * positive definiteness, and exchanges that do not end are answered at once, too.
@@ -21,7 +21,7 @@
 #include "recursive.h"
 
 #define RESCALED ((real)8192) /* 2^13 */
-#define MOST_SURPRISE 1e6
+#define MOST_GROWTH 1e6
 
 int recursive_move(Recursive *s)
 {
@@ -39,7 +39,7 @@ int recursive_move(Recursive *s)
     }
     sigma = 1 + sum8(dot);
     s->head->growth *= (double)sigma;
-    if (!(sigma > (real)0.999 && s->head->growth < MOST_SURPRISE)) { /* NaN does not fit */
+    if (!(sigma > (real)0.999 && s->head->growth < MOST_GROWTH)) { /* NaN does not fit */
         return 0;
     }
     inverse = 1 / sigma;

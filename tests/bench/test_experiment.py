@@ -47,6 +47,6 @@ def test_the_seed_makes_the_experiment_and_nothing_else_does() -> None:
 def test_what_cannot_be_made_is_refused_in_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
     occupied = tmp_path / "file"
     occupied.write_text("")
-    assert "is no folder" in piezobench("experiment", "--out", occupied).refusal
+    assert "is not a folder" in piezobench("experiment", "--out", occupied).refusal
     assert "there is no solver 'magic'" in piezobench("experiment", "--solver", "magic", "--out", tmp_path).refusal
     assert list(tmp_path.iterdir()) == [occupied]

@@ -470,7 +470,7 @@ def contents(folder: Path) -> dict[str, bytes]:
         (["export-c", "model.json", "nowhere/c"], "nowhere does not exist"),
         (["export-c", "model.json", "c", "--low", 9, "--high", 1], "the lowest drive 9 must be below the highest 1"),
         (["export-c", "model.json", "c", "--rate-limit", 0], "--rate-limit"),
-        (["export-c", "model.json", "c", "--name", "two words"], "is no identifier of C"),
+        (["export-c", "model.json", "c", "--name", "two words"], "is not an identifier of C"),
         (["export-c", "model.json", "c", "--name", "main"], "'main' is the name of another file or function"),
         (["export-c", "model.json", "c", "--name", "MakeFile"], "'MakeFile' is the name of another file or function"),
         (

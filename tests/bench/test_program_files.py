@@ -131,7 +131,7 @@ def test_names_of_vectors_may_be_left_out_and_names_may_hold_blanks_in_fixed_col
         ("    C3        R3", "    M  'MARKER'  'INTORG'\n    C3        R3", "integer variables"),
         ("R2        6.0", "R2        nan", "line 18: 'nan' is not a number"),
         ("R2        6.0", "R2        -1E30", "line 18: no number is -1E30 or below, which the row 'R2' asks for"),
-        ("COST      -4.0", "COST      inf", "line 17: 'inf' is no finite number"),
+        ("COST      -4.0", "COST      inf", "line 17: 'inf' is not a finite number"),
         ("R1        5.0", "R1        NaN", "line 20: 'NaN' is not a number"),
         ("C1        20.0", "C1        nan", "line 23: 'nan' is not a number"),
         ("C1        20.0", "C1        1_0", "line 23: '1_0' is not a number"),
@@ -141,7 +141,7 @@ def test_names_of_vectors_may_be_left_out_and_names_may_hold_blanks_in_fixed_col
             " UP BND       C2        9.0",
             "line 26: the upper bound of the column 'C2' is given twice, as -3 and as 9",
         ),
-        ("    C3        C3        1E-12", "    C3        C3        inf", "'inf' is no finite number"),
+        ("    C3        C3        1E-12", "    C3        C3        inf", "'inf' is not a finite number"),
         ("QUADOBJ", "RHS\n    RHS       R4        9.0\nQUADOBJ", "line 28: a second RHS section"),
     ],
 )

@@ -121,7 +121,7 @@ def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
 
 
 def test_a_name_that_is_no_text_is_refused_before_anything_is_written(piezobench: CommandLine, tmp_path: Path) -> None:
-    assert "is no text in UTF-8" in piezobench("race", "--out", tmp_path, "--name", "r\udcff").refusal
+    assert "is not text in UTF-8" in piezobench("race", "--out", tmp_path, "--name", "r\udcff").refusal
     assert not list(tmp_path.iterdir())
 
 

@@ -3,6 +3,7 @@
 import gc
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -23,8 +24,9 @@ import pytest
 import scipy.io
 from recording_files import refusal
 
-from piezo_model.recordings import Recording
+from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.opening import open_table
+from piezo_model.recordings.tables import in_memory
 
 N, PERIOD = 2500, 5e-4
 T = np.arange(N) * PERIOD
@@ -34,10 +36,8 @@ Y = np.round(5 * np.sin(6 * T - 0.2) + np.random.default_rng(0).normal(0, 0.01, 
 
 def gcs(path: Path) -> None:
     path.write_text(
-        "# REM Sine\n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = 2 \n# SAMPLE_TIME = 0.000500 "
-        "\n"
-        f"# NDATA = {N} \n# NAME0 = Open-loop Control Value of axis 1 \n# NAME1 = Current Position of axis "
-        "1 \n"
+        "# REM Sine\n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = 2 \n# SAMPLE_TIME = 0.000500 \n"
+        f"# NDATA = {N} \n# NAME0 = Open-loop Control Value of axis 1 \n# NAME1 = Current Position of axis 1 \n"
         "# \n# END_HEADER \n" + "".join(f"{x!r} {y!r} \n" for x, y in zip(X.tolist(), Y.tolist(), strict=True))
     )
 
@@ -354,6 +354,41 @@ def test_a_format_is_added_by_adding_a_file(tmp_path: Path) -> None:
         check=True,
     ).stdout
     assert "doubles; 2500 samples over 24.99 s, one every 10 ms" in said
+
+
+def test_two_channels_of_one_name_are_two_columns(tmp_path: Path) -> None:
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(X, T, name="u"), asammdf.Signal(Y, T, name="u")])
+        file.save(tmp_path / "stage.mf4")
+    table = open_table(tmp_path / "stage.mf4")
+    names = [column.name for column in table.columns]
+    assert len(names) == len(set(names)) == 3
+    columns = np.concatenate(list(table.pieces(range(3))), axis=1)
+    assert [np.abs(columns - values).max(axis=1).min() for values in (X, Y)] == [0.0, 0.0]
+
+
+def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
+    for values in (Y, 2.0 * Y):
+        with h5py.File(tmp_path / "stage.h5", "w") as file:
+            file["t"], file["u"], file["y"] = T, X, values
+        recording = Recording.open(tmp_path / "stage.h5", input="u", output="y")
+        assert recording.y_range == (values.min(), values.max())
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-3, np.nan])
+def test_a_sampling_period_that_cannot_be_is_refused(tmp_path: Path, period: float) -> None:
+    with pytest.raises(RecordingError, match="the sampling period must be from"):
+        in_memory(tmp_path / "stage.rec", "a format", {"u": X, "y": Y}, sample_time=period)
+
+
+def test_a_header_of_a_gcs_array_states_the_sampling_period_whatever_its_comments_say(tmp_path: Path) -> None:
+    gcs(tmp_path / "stage.gcs")
+    text = (tmp_path / "stage.gcs").read_text()
+    (tmp_path / "stage.gcs").write_text(text.replace("# END_HEADER", "# servo: dt = 5 ms\n# END_HEADER"))
+    assert {column.sample_time for column in open_table(tmp_path / "stage.gcs").columns} == {PERIOD}
+    (tmp_path / "stage.gcs").write_text(re.sub("SAMPLE_TIME = .*", "SAMPLE_TIME = soon", text))
+    with pytest.raises(RecordingError, match="SAMPLE_TIME in the header is not a number: soon"):
+        open_table(tmp_path / "stage.gcs")
 
 
 @pytest.mark.parametrize("name", ["NPY", "HDF5 matrix"])

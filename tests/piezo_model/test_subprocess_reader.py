@@ -34,7 +34,7 @@ def opened(path: Path, what: str) -> str:
     [
         ("crash", "is damaged, the process that read it ended with SIGSEGV"),
         ("exit", "is damaged, the process that read it ended with exit status 3, after printing 'goodbye'"),
-        ("eat", "is a damaged unruly file: Unable to allocate"),
+        ("eat", "takes more than 4096 MB to be read"),
     ],
 )
 def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_read(

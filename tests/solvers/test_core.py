@@ -148,17 +148,21 @@ VARIANTS = {
 
 
 @pytest.fixture(scope="module")
-def variants(tmp_path_factory):
-    """The core built by two compilers for several instruction sets at several levels of optimisation, without a
-    warning.
-
-    Beside them those that are installed, for every instruction set of this processor.
-    """
-    folder, installed = tmp_path_factory.mktemp("variants"), {}
+def installed():
+    """The core as it is installed, for every instruction set of this processor."""
+    found = {}
     for level in range(2, bindings.processor_level() + 1):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PIEZOBENCH_ISA", f"v{level}")
-            installed[f"installed for v{level}"] = core.load(FOLDER.parent)
+            found[f"installed for v{level}"] = core.load(FOLDER.parent)
+    return found
+
+
+@pytest.fixture(scope="module")
+def variants(tmp_path_factory):
+    """The core built by two compilers for several instruction sets at several levels of optimisation, without a
+    warning."""
+    folder = tmp_path_factory.mktemp("variants")
 
     def build(name):
         target, (compiler, *options) = folder / f"{name.replace(' ', '_')}.so", VARIANTS[name]
@@ -179,7 +183,7 @@ def variants(tmp_path_factory):
 
     with ThreadPoolExecutor(2) as pool:
         names = [name for name in VARIANTS if not name.startswith(f"level {bindings.processor_level() + 1}")]
-        return {**installed, **dict(zip(names, pool.map(build, names), strict=True))}
+        return dict(zip(names, pool.map(build, names), strict=True))
 
 
 def random_data(d):
@@ -222,12 +226,12 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
     return out
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("d", [1, 2, 7, 16, 18, 33, 60])
-def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(variants, d):
+@pytest.mark.parametrize("built", ["installed", pytest.param("variants", marks=pytest.mark.slow)])
+def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(request, built, d):
     data = random_data(d)
     expected = bits_of_everything(bindings, *data)
-    for name, module in variants.items():
+    for name, module in request.getfixturevalue(built).items():
         assert bits_of_everything(module, *data) == expected, name
 
 

@@ -119,7 +119,7 @@ static FMI(Status) do_step(void *c, double now, double interval)
     fmu_state *const s = c;
     const double steps = floor(interval / PIEZO_SAMPLE_TIME_S + 0.5);
     if (!(steps >= 1.0 && steps < 1e9 && fabs(interval - steps * PIEZO_SAMPLE_TIME_S) <= 1e-6 * PIEZO_SAMPLE_TIME_S)) {
-        return refuse(c, "the communication interval is no whole number of sampling periods");
+        return refuse(c, "the communication interval is not a whole number of sampling periods");
     }
     for (long k = 0; k < (long)steps; ++k) {
         piezo_correct(&s->axis, s->values[MEASURED]);

@@ -1,6 +1,6 @@
 """PI's General Command Set array, as PIMikroMove and ``qDRR`` write it: a header of ``# KEY = value``, then rows.
 
-``SEPARATOR`` is the code of a character, ``SAMPLE_TIME`` is in seconds, ``NAMEn`` says what was recorded, for instance
+``SAMPLE_TIME`` is in seconds, ``NAMEn`` says what was recorded, for instance
 "Target Position of axis 1" (PI manual SM146, section on GCS arrays).
 """
 
@@ -10,6 +10,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.formats import text
 from piezo_model.recordings.formats.text import TextTable
 from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions
@@ -25,17 +26,21 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def open_table(path: Path, reading: ReadOptions) -> TextTable:
-    """Read rows and sampling period as of any text, whose comments the header is, and from that names and units."""
+    """Read rows as of any text, whose comments the header is, and from that sampling period, names and units."""
     with path.open("rb") as file:
         header = dict(ENTRY.findall(file.read(HEAD_BYTES).decode("latin-1")))
     table = text.open_table(path, reading)
+    try:
+        period = float(header["SAMPLE_TIME"]) if "SAMPLE_TIME" in header else None
+    except ValueError:
+        raise RecordingError(f"{path}: SAMPLE_TIME in the header is not a number: {header['SAMPLE_TIME']}") from None
     names = [header.get(f"NAME{k}", column.name) for k, column in enumerate(table.columns)]
     columns = (
         Column.named(
             # two axes may record the same thing under one name
             f"{name} ({k + 1})" if names.count(name) > 1 else name,
             header.get(f"UNIT{k}", ""),
-            sample_time=table.columns[k].sample_time,
+            sample_time=table.columns[k].sample_time if period is None else period,
         )
         for k, name in enumerate(names)
     )

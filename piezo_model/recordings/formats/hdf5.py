@@ -1,15 +1,17 @@
 """HDF5, NeXus and MATLAB 7.3 files: every dataset of numbers is a column, or several, by its path ``group/channel``.
 
-Datasets are read in slices. Units stand in the attribute ``units`` (NeXus) or ``unit``; a scalar dataset or an
+Plain columns are read in slices. Units stand in the attribute ``units`` (NeXus) or ``unit``; a scalar dataset or an
 attribute whose name is that of a sampling rate or period gives the period.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_model.recordings.sampling_remark import only, sample_time_of
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
@@ -27,13 +29,32 @@ def recognises(path: Path, head: bytes) -> bool:
     return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
 
 
+@dataclass(frozen=True)
+class Slices:
+    """A column that is read in slices; the file is not kept open, since that locks it."""
+
+    path: Path
+    dataset: str
+    dtype: np.dtype
+    size: int
+    ndim: int = 1
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __getitem__(self, rows: slice) -> NDArray:
+        import h5py
+
+        with h5py.File(self.path, "r") as file:
+            return np.asarray(file[self.dataset][rows])
+
+
 def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
-    """List the datasets, which keep the file open and are read in slices where they are plain columns."""
+    """List the datasets; plain columns are left in the file."""
     import h5py
 
     datasets: list[Any] = []
-    with parsed(path, "HDF5"):
-        file = h5py.File(path, "r")
+    with parsed(path, "HDF5"), h5py.File(path, "r") as file:
         file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
         datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
         stated = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
@@ -43,7 +64,12 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
             if max(item.shape or (0,)) > 1 and item.ndim <= 2 and (item.dtype.names or item.dtype.kind in "iufb")
         }
         units = {name: _text(item.attrs[key]) for name, item in columns.items() for key in UNITS if key in item.attrs}
-        arrays = {name: item if item.ndim == 1 and not item.dtype.names else item[()] for name, item in columns.items()}
+        arrays = {
+            name: Slices(path, item.name, item.dtype, item.size)
+            if item.ndim == 1 and not item.dtype.names
+            else item[()]
+            for name, item in columns.items()
+        }
     return in_memory(path, "HDF5", arrays, units, stated)
 
 

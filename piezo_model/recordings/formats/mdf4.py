@@ -20,7 +20,7 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     """Read the channels of numbers."""
     from asammdf import MDF
 
-    arrays, units = {}, {}
+    found = []
     with parsed(path, "MDF"), MDF(path) as file:
         groups = [k for k, group in enumerate(file.groups) if group.channel_group.cycles_nr > 1]
         for k in groups:
@@ -28,5 +28,13 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
                 signal = file.get(group=k, index=at)
                 if signal.samples.ndim == 1:
                     name = channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}"
-                    arrays[name], units[name] = signal.samples, signal.unit
-    return in_memory(path, "MDF", arrays, units, nested=len(groups) > 1)
+                    found.append((name, signal))
+    names = [name for name, _ in found]
+    signals = {f"{name} ({k + 1})" if names.count(name) > 1 else name: each for k, (name, each) in enumerate(found)}
+    return in_memory(
+        path,
+        "MDF",
+        {name: signal.samples for name, signal in signals.items()},
+        {name: signal.unit for name, signal in signals.items()},
+        nested=len(groups) > 1,
+    )
