@@ -332,8 +332,8 @@ def _read(
     roles = choose_roles(table, named, reading.sample_time is not None)
     found = scan(table, roles, reading, tolerance, hold)
     columns = {role: table.columns[k] for role, k in roles.at.items()}
-    rows = "row is" if found.incomplete == 1 else f"{found.incomplete} rows are"
-    left_out = f", the last {rows} not complete and left out" if found.incomplete else ""
+    rows = "row is incomplete and was" if found.incomplete == 1 else f"{found.incomplete} rows are incomplete and were"
+    left_out = f", the last {rows} left out" if found.incomplete else ""
     uneven = f", interpolated from {found.uneven} rows at the times of the file" if found.uneven else ""
     source = {
         "name": str(path),

@@ -172,7 +172,7 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
     said = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", "3,4")).describe()
     assert "the last line is incomplete and was left out; 3 samples" in said
     said = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", "3,4,")).describe()
-    assert "the last row is not complete and left out; 3 samples" in said
+    assert "the last row is incomplete and was left out; 3 samples" in said
 
 
 @pytest.mark.parametrize(

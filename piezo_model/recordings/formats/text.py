@@ -176,14 +176,14 @@ def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: La
 
 
 def _form(encoding: str, layout: Layout, dropped: int) -> str:
-    rows = "line is" if dropped == 1 else f"{dropped} lines are"
+    rows = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
     clauses = {
         "text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else ""): True,
         f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}": True,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {layout.header + 1}": True,
         "which holds the first row, too": layout.glued,
-        f"the last {rows} no complete row and left out": dropped,
+        f"the last {rows} left out": dropped,
     }
     return ", ".join(clause for clause, holds in clauses.items() if holds)
 
