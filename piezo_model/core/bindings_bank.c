@@ -16,12 +16,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
     const Regressors *const p = &b.regressors;
     const Part parts[] = {{"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
                           {"settings", b.learner_settings, sizeof *b.learner_settings / sizeof(real)},
-                          {"r", p->operators.r, lanes(s)},
-                          {"a", p->operators.a, s.rates},
-                          {"low", p->low, zone_lanes(s)},
-                          {"high", p->high, zone_lanes(s)},
-                          {"outer_low", p->outer_low, zone_lanes(s)},
-                          {"outer_high", p->outer_high, zone_lanes(s)},
+                          REGRESSOR_PARTS(p, s),
                           {"driver", c->memory, (real *)d->memory - (real *)c->memory},
                           {"learner", l->clock, (real *)next.clock - (real *)l->clock},
                           {"note", l->older.gram, (real *)next.older.gram - (real *)l->older.gram},

@@ -8,12 +8,7 @@ static void set_up(Arguments *a, void *memory, Shape s, double forgetting)
 {
     basis_setup(memory, s, forgetting);
     const Basis b = basis_at(memory);
-    const Part parts[] = {{"r", b.regressors.operators.r, lanes(s)},
-                          {"a", b.regressors.operators.a, s.rates},
-                          {"low", b.regressors.low, zone_lanes(s)},
-                          {"high", b.regressors.high, zone_lanes(s)},
-                          {"outer_low", b.regressors.outer_low, zone_lanes(s)},
-                          {"outer_high", b.regressors.outer_high, zone_lanes(s)},
+    const Part parts[] = {REGRESSOR_PARTS(&b.regressors, s),
                           {"play", b.play, lanes(s)},
                           {"creep", b.creep, creep_lanes(s)},
                           {"start_play", b.start_play, lanes(s)},

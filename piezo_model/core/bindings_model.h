@@ -20,4 +20,12 @@ static inline int all_finite(const real *v, int64_t count)
     return sum == 0;
 }
 
+/* What Python fills in of regressors `p` of a shape. */
+#define REGRESSOR_PARTS(p, s)                                                                                          \
+    {"r", (p)->operators.r, lanes(s)}, {"a", (p)->operators.a, (s).rates}, {"low", (p)->low, zone_lanes(s)},           \
+        {"high", (p)->high, zone_lanes(s)}, {"outer_low", (p)->outer_low, zone_lanes(s)},                              \
+    {                                                                                                                  \
+        "outer_high", (p)->outer_high, zone_lanes(s)                                                                   \
+    }
+
 #endif

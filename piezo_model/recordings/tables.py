@@ -199,6 +199,15 @@ def in_memory(
     return ArrayTable(path, form, tuple(columns), kept)
 
 
+def distinct(names: Sequence[str]) -> list[str]:
+    """Names of columns; those that stand more than once are numbered by their place.
+
+    >>> distinct(["u", "y", "u"])
+    ['u (1)', 'y', 'u (3)']
+    """
+    return [f"{name} ({k + 1})" if names.count(name) > 1 else name for k, name in enumerate(names)]
+
+
 def columns_of(name: str, array: Any) -> Iterator[tuple[str, Any]]:
     """The columns of numbers that an array holds, each with its name; none where it holds something else."""
     if array.dtype.names:

@@ -13,7 +13,7 @@ from pathlib import Path
 from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.formats import text
 from piezo_model.recordings.formats.text import TextTable
-from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions
+from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions, distinct
 
 NAME = "a GCS array"
 ORDER = 20
@@ -37,11 +37,10 @@ def open_table(path: Path, reading: ReadOptions) -> TextTable:
     names = [header.get(f"NAME{k}", column.name) for k, column in enumerate(table.columns)]
     columns = (
         Column.named(
-            # two axes may record the same thing under one name
-            f"{name} ({k + 1})" if names.count(name) > 1 else name,
+            name,
             header.get(f"UNIT{k}", ""),
             sample_time=table.columns[k].sample_time if period is None else period,
         )
-        for k, name in enumerate(names)
+        for k, name in enumerate(distinct(names))  # two axes may record the same thing under one name
     )
     return replace(table, columns=tuple(columns), form="GCS array")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, distinct, in_memory, parsed
 
 NAME = "an MDF file"
 ORDER = 70
@@ -29,8 +29,7 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
                 if signal.samples.ndim == 1:
                     name = channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}"
                     found.append((name, signal))
-    names = [name for name, _ in found]
-    signals = {f"{name} ({k + 1})" if names.count(name) > 1 else name: each for k, (name, each) in enumerate(found)}
+    signals = dict(zip(distinct([name for name, _ in found]), (signal for _, signal in found), strict=True))
     return in_memory(
         path,
         "MDF",
