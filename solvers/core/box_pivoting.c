@@ -217,7 +217,7 @@ int box_solve(Box *s, int warm)
             return status;
         }
     }
-    ++s->head->fallbacks;
+    s->head->fallbacks += s->d < PIVOTING_FROM;
     return box_solve_factorised(s, warm);
 }
 
