@@ -149,20 +149,8 @@ class DataBasis:
     @property
     def excitation(self) -> Excitation:
         """Range of input and output over the counted samples, and which operators moved in it."""
-        s, (x_min, x_max, y_min, y_max) = self.structure, (float(value) for value in self._core["span"])
-        # From its state at the first counted sample an operator moves when the input leaves z − r … z + r.
-        r, play, creep = (self._core[name] for name in ("r", "start_play", "start_creep"))
-        creep = creep.reshape(-1, s.lanes)
-        play_moved = (x_max - r > play) | (x_min + r < play)
-        creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
-        return Excitation(
-            x_min,
-            x_max,
-            y_min,
-            y_max,
-            tuple(play_moved[1 : s.n + 1].tolist()),
-            tuple(creep_moved[: s.creep_weights].tolist()),
-        )
+        core = self._core
+        return Excitation.of(self.structure, core["span"], core["r"], core["start_play"], core["start_creep"])
 
     def problem(self, reference: ArrayLike | None = None, **options: float) -> IdentificationProblem:
         """Return the quadratic program (6) of the samples so far; options as of ``IdentificationProblem``."""

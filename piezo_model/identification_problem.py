@@ -50,6 +50,23 @@ class Excitation:
     creep_moved: tuple[bool, ...]
     """For r_K0 … r_Kn, in a state of any rate; empty without creep."""
 
+    @classmethod
+    def of(cls, s: ModelStructure, span: Vector, r: Vector, play: Vector, creep: Vector) -> Excitation:
+        """From lowest and highest x and y, the thresholds, and the states at the first counted sample: from there an
+        operator moves when the input leaves z − r … z + r."""
+        x_min, x_max, y_min, y_max = span.tolist()
+        play_moved = (x_max - r > play) | (x_min + r < play)
+        creep = creep.reshape(-1, s.lanes)
+        creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
+        return cls(
+            x_min,
+            x_max,
+            y_min,
+            y_max,
+            tuple(play_moved[1 : s.n + 1].tolist()),
+            tuple(creep_moved[: s.creep_weights].tolist()),
+        )
+
 
 @dataclass(frozen=True)
 class ExcitationReport:

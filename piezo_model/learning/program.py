@@ -27,18 +27,7 @@ def gathered(core: State, s: ModelStructure, proximal: float) -> IdentificationP
     products, S = np.zeros((s.d + 1, s.d + 1)), s.inverse_slope_map
     products[np.triu_indices(s.d + 1)] = core["data"]
     products = products + np.triu(products, 1).T
-    x_min, x_max, y_min, y_max = core["covered"].tolist()
-    r, creep = core["r"], core["start_creep"].reshape(-1, s.lanes)
-    play_moved = (x_max - r > core["start_play"]) | (x_min + r < core["start_play"])
-    creep_moved = np.any((x_max - r > creep) | (x_min + r < creep), axis=0)
-    excitation = Excitation(
-        x_min,
-        x_max,
-        y_min,
-        y_max,
-        tuple(play_moved[1 : s.n + 1].tolist()),
-        tuple(creep_moved[: s.creep_weights].tolist()),
-    )
+    excitation = Excitation.of(s, core["covered"], core["r"], core["start_play"], core["start_creep"])
     return IdentificationProblem(
         s,
         S.T @ products[1:, 1:] @ S,
