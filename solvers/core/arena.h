@@ -11,15 +11,25 @@
 
 enum { HEAD_BYTES = 128 }; /* what a state begins with; vectors are on cache lines where the state is */
 
+/* Every state begins so: what it is, its number of variables and its size in bytes. */
+typedef struct {
+    int32_t kind, d;
+    int64_t bytes;
+} StateHead;
+
+/* Make a block such a state, of zeros. */
+CORE_INLINE void new_state(void *memory, int32_t kind, int d, int64_t bytes)
+{
+    const StateHead head = {kind, d, bytes};
+    memset(memory, 0, (size_t)bytes);
+    memcpy(memory, &head, sizeof head);
+}
+
 typedef struct {
     char *at;
 } Arena;
 
-CORE_INLINE Arena after_head(void *memory)
-{
-    const Arena arena = {(char *)memory + HEAD_BYTES};
-    return arena;
-}
+CORE_INLINE Arena after_head(void *memory) { return (Arena){(char *)memory + HEAD_BYTES}; }
 
 CORE_INLINE real *reals(Arena *arena, int rows, int columns)
 {
