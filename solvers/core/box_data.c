@@ -15,7 +15,8 @@ int64_t box_bytes(int d)
 
 Box box_at(void *memory)
 {
-    Box s;
+    const int d = VARIABLES((const BoxHead *)memory);
+    Box s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
     real **const names[BOX_VECTORS] = {&s.answer,   &s.scale,
                                        &s.q,        &s.lo,
@@ -30,9 +31,6 @@ Box box_at(void *memory)
                                        &s.step,     &s.inverse_diagonal,
                                        &s.zero,     &s.v,
                                        &s.w};
-    s.head = memory;
-    s.d = VARIABLES(s.head);
-    s.ld = padded(s.d);
     name_vectors(&arena, s.ld, names, BOX_VECTORS);
     s.side = integers(&arena, s.d);
     s.pair = reals(&arena, 2, s.ld);
@@ -47,22 +45,15 @@ Box box_at(void *memory)
 
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
-    const int64_t bytes = box_bytes(d);
-    real v = (real)0.618033988749895, w = (real)0.414213562373095;
-    Box s;
-    memset(memory, 0, (size_t)bytes);
-    s.head = memory;
-    s.head->kind = BOX_KIND;
-    s.head->d = d;
-    s.head->bytes = bytes;
-    s = box_at(memory);
-    for (int j = 0; j < d; ++j) { /* multiples of the golden section and of the root of 2, modulo one */
+    real v = (real)0.618033988749895;
+    new_state(memory, BOX_KIND, d, box_bytes(d));
+    Box s = box_at(memory);
+    for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one and their squares, so that v_i w_j = v_j
+                                     w_i only for i = j */
         s.v[j] = v;
-        s.w[j] = w;
+        s.w[j] = v * v;
         v += (real)0.618033988749895;
         v -= v >= 1 ? 1 : 0;
-        w += (real)0.414213562373095;
-        w -= w >= 1 ? 1 : 0;
     }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;
