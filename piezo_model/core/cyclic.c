@@ -52,13 +52,8 @@ Cyclic take_cyclic(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
-    c.reference = reals(arena, 1, ld);
-    c.found = reals(arena, 1, ld);
-    c.q = reals(arena, 1, ld);
-    c.lower = reals(arena, 1, ld);
-    c.upper = reals(arena, 1, ld);
-    c.start = reals(arena, 1, ld);
-    c.scale = reals(arena, 1, ld);
+    real **const names[] = {&c.reference, &c.found, &c.q, &c.lower, &c.upper, &c.start, &c.scale};
+    name_vectors(arena, ld, names, 7);
     c.start_play = reals(arena, 1, lanes(s));
     c.start_creep = reals(arena, 1, creep_lanes(s));
     c.covered = reals(arena, 1, LANES);

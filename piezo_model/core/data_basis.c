@@ -8,10 +8,8 @@ int64_t basis_bytes(Shape s)
 
 Basis basis_at(void *memory)
 {
-    Basis b;
+    Basis b = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
     Arena arena = after_head(memory);
-    b.head = memory;
-    b.shape = SHAPE(&b.head->shaped);
     b.regressors = take_regressors(&arena, b.shape);
     b.play = reals(&arena, 1, lanes(b.shape));
     b.creep = reals(&arena, 1, creep_lanes(b.shape));
@@ -25,11 +23,9 @@ Basis basis_at(void *memory)
 
 void basis_setup(void *memory, Shape shape, real forgetting)
 {
-    const BasisHead head = {{BASIS_KIND, unknowns(shape), basis_bytes(shape), shape}, forgetting, 0, 0};
-    Basis b;
-    memset(memory, 0, (size_t)head.shaped.bytes);
-    memcpy(memory, &head, sizeof head);
-    b = basis_at(memory);
+    new_shaped_state(memory, BASIS_KIND, shape, basis_bytes(shape));
+    Basis b = basis_at(memory);
+    b.head->forgetting = forgetting;
     basis_clear(&b);
 }
 
@@ -53,14 +49,6 @@ void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram)
         weight *= forgetting;
     }
     gram_add(gram, row_width(s), weight, rows, stride, count);
-}
-
-void basis_gather(Basis *b)
-{
-    if (b->head->filled > 0) {
-        basis_add_rows(b->shape, b->rows, (int)b->head->filled, b->head->forgetting, b->gram);
-        b->head->filled = 0;
-    }
 }
 
 /* What the excitation of the operators is judged by later. */

@@ -84,13 +84,6 @@ CORE_INLINE void advance(Operators p, Shape s, num x, num *play, num *creep)
     }
 }
 
-CORE_INLINE void flush(num *v, int vectors)
-{
-    for (int i = 0; i < vectors; ++i) {
-        set_vector(v, i, flushed8(vector(v, i)));
-    }
-}
-
 /* The sum of w_i S_i(u). */
 CORE_INLINE num superposition(const real *low, const real *high, const num *w, Shape s, num u)
 {

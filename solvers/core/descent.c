@@ -22,13 +22,11 @@ int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS
 
 ProjectedGradient descent_at(void *memory)
 {
-    ProjectedGradient s;
+    const int d = VARIABLES((const ProjectedGradientHead *)memory);
+    ProjectedGradient s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
     real **const names[VECTORS] = {&s.w,        &s.next, &s.shift, &s.carry, &s.lower, &s.upper,
                                    &s.momentum, &s.D,    &s.lb,    &s.ub,    &s.q,     &s.answer};
-    s.head = memory;
-    s.d = VARIABLES(s.head);
-    s.ld = padded(s.d);
     name_vectors(&arena, s.ld, names, VECTORS);
     s.columns = reals(&arena, s.d, s.ld);
     s.copy = reals(&arena, s.d, s.ld);
@@ -37,15 +35,9 @@ ProjectedGradient descent_at(void *memory)
 
 int descent_setup(void *memory, int d, const real *lb, const real *ub)
 {
-    const int64_t bytes = descent_bytes(d);
-    ProjectedGradient s;
-    memset(memory, 0, (size_t)bytes);
-    s.head = memory;
-    s.head->kind = DESCENT_KIND;
-    s.head->d = d;
-    s.head->bytes = bytes;
+    new_state(memory, DESCENT_KIND, d, descent_bytes(d));
+    const ProjectedGradient s = descent_at(memory);
     s.head->eta = 1;
-    s = descent_at(memory);
     for (int j = 0; j < d; ++j) {
         if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
             return lb[j] == lb[j] && ub[j] == ub[j] ? CROSSED : NOT_FINITE;
@@ -102,17 +94,16 @@ int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio,
     }
     if (P != NULL) {
         const int status = scale(s, P, scaled);
-        real largest, eta;
         int below;
         if (status != OK) {
             return status;
         }
         memcpy(s->columns, s->copy, (size_t)d * (size_t)ld * sizeof(real));
-        largest = largest_eigenvalue(s->copy, ld, d, s->next, s->momentum, INDEFINITE_SHARE, &below);
+        const real largest = largest_eigenvalue(s->copy, ld, d, s->next, s->momentum, INDEFINITE_SHARE, &below);
         if (below || largest < 0) {
             return INDEFINITE;
         }
-        eta = largest > 0 ? 2 * ratio / largest : 1;
+        const real eta = largest > 0 ? 2 * ratio / largest : 1;
         s->head->eta = (double)eta;
         for (int j = 0; j < d; ++j) {
             for (int i = 0; i < ld; i += LANES) {

@@ -37,11 +37,8 @@ static void set_limits(const Compensator *c, double low, double high, double max
 #if PIEZO_LEARNING
 static Controller controller_of(const piezo_axis *axis)
 {
-    const Shape shape = CORE_SHAPE;
-    Controller c;
-    c.compensator = of(axis);
-    c.mailbox = mailbox_at((char *)(uintptr_t)axis->learner.bytes + HEAD_BYTES, shape);
-    return c;
+    char *const mailbox = (char *)(uintptr_t)axis->learner.bytes + HEAD_BYTES;
+    return (Controller){of(axis), mailbox_at(mailbox, exported_shape)};
 }
 
 /* Begin to learn from the weights in use and the states of the operators; what is on its way between step and learner
@@ -95,13 +92,8 @@ void piezo_correct(piezo_axis *axis, piezo_real y_measured)
 
 void piezo_reset(piezo_axis *axis)
 {
-    const Shape shape = CORE_SHAPE;
-    Compensator c;
-    DriveSettings *settings;
+    const Compensator c = compensator_setup(axis->compensator.bytes, exported_shape);
     real weights[PIEZO_ALL_WEIGHTS];
-    compensator_setup(axis->compensator.bytes, shape);
-    c = of(axis);
-    settings = settings_of(&c);
     for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
         c.operators.r[i] = (real)thresholds[i];
     }
@@ -110,16 +102,16 @@ void piezo_reset(piezo_axis *axis)
         c.operators.a[i] = (real)creep_gains[i];
     }
 #endif
-    for (int i = 0; i < zone_lanes(shape); ++i) {
+    for (int i = 0; i < zone_lanes(exported_shape); ++i) {
         c.low[i] = i < PIEZO_ZONES ? (real)zone_low[i] : -REAL_INFINITY;
         c.high[i] = i < PIEZO_ZONES ? (real)zone_high[i] : REAL_INFINITY;
     }
-    settings->x_centre = (real)PIEZO_X_CENTRE;
-    settings->x_scale = (real)PIEZO_X_SCALE;
-    settings->y_centre = (real)PIEZO_Y_CENTRE;
-    settings->y_scale = (real)PIEZO_Y_SCALE;
-    settings->decay = (real)PIEZO_FADE;
-    settings->gain = (real)PIEZO_INTEGRAL_GAIN;
+    *settings_of(&c) = (DriveSettings){.x_centre = (real)PIEZO_X_CENTRE,
+                                       .x_scale = (real)PIEZO_X_SCALE,
+                                       .y_centre = (real)PIEZO_Y_CENTRE,
+                                       .y_scale = (real)PIEZO_Y_SCALE,
+                                       .decay = (real)PIEZO_FADE,
+                                       .gain = (real)PIEZO_INTEGRAL_GAIN};
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
     c.memory->last_y_ref = (real)PIEZO_Y_CENTRE;
     c.memory->given = (real)NAN;
