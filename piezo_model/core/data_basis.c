@@ -8,16 +8,18 @@ int64_t basis_bytes(Shape s)
 
 Basis basis_at(void *memory)
 {
-    Basis b = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
+    const Shape s = SHAPE((const ShapedHead *)memory);
+    Basis b = {.head = memory, .shape = s};
     Arena arena = after_head(memory);
-    b.regressors = take_regressors(&arena, b.shape);
-    b.play = reals(&arena, 1, lanes(b.shape));
-    b.creep = reals(&arena, 1, creep_lanes(b.shape));
-    b.start_play = reals(&arena, 1, lanes(b.shape));
-    b.start_creep = reals(&arena, 1, creep_lanes(b.shape));
-    b.span = reals(&arena, 1, LANES);
-    b.rows = reals(&arena, BASIS_BLOCK, row_nums(b.shape));
-    b.gram = reals(&arena, 1, symmetric_nums(row_width(b.shape)));
+    b.regressors = take_regressors(&arena, s);
+    const Extent extents[] = {{&b.play, lanes(s)},
+                              {&b.creep, creep_lanes(s)},
+                              {&b.start_play, lanes(s)},
+                              {&b.start_creep, creep_lanes(s)},
+                              {&b.span, LANES},
+                              {&b.rows, BASIS_BLOCK * row_nums(s)},
+                              {&b.gram, symmetric_nums(row_width(s))}};
+    LAY_OUT(&arena, extents);
     return b;
 }
 

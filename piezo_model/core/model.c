@@ -7,12 +7,16 @@ int64_t model_bytes(Shape s)
 
 Model model_at(void *memory)
 {
-    Model m = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
+    const Shape s = SHAPE((const ShapedHead *)memory);
+    Model m = {.head = memory, .shape = s};
+    const Extent extents[] = {{&m.S.low, zone_lanes(s)},
+                              {&m.S.high, zone_lanes(s)},
+                              {&m.S.w, zone_lanes(s)},
+                              {&m.w_H, lanes(s)},
+                              {&m.w_K, creep_lanes(s)}};
     Arena arena = after_head(memory);
-    m.operators = take_operators(&arena, m.shape);
-    m.S = take_superposition(&arena, m.shape);
-    m.w_H = reals(&arena, 1, lanes(m.shape));
-    m.w_K = reals(&arena, 1, creep_lanes(m.shape));
+    m.operators = take_operators(&arena, s);
+    LAY_OUT(&arena, extents);
     return m;
 }
 

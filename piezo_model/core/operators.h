@@ -58,15 +58,6 @@ CORE_INLINE Operators take_operators(Arena *arena, Shape s)
     return p;
 }
 
-CORE_INLINE Superposition take_superposition(Arena *arena, Shape s)
-{
-    Superposition p;
-    p.low = reals(arena, 1, zone_lanes(s));
-    p.high = reals(arena, 1, zone_lanes(s));
-    p.w = reals(arena, 1, zone_lanes(s));
-    return p;
-}
-
 CORE_INLINE int play_vectors(Shape s) { return VECTORS(s.n + 1); }
 CORE_INLINE int creep_vectors(Shape s) { return s.rates * VECTORS(s.n + 1); }
 

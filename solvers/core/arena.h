@@ -38,11 +38,18 @@ CORE_INLINE real *reals(Arena *arena, int rows, int columns)
     return first;
 }
 
-/* Vectors of one length, one after the other. */
-CORE_INLINE void name_vectors(Arena *arena, int length, real **const *names, int count)
+/* A vector or matrix of a state: what is to point at it, and how many numbers it has. */
+typedef struct {
+    real **first;
+    int count;
+} Extent;
+
+/* Lay out an array of these, one after the other. */
+#define LAY_OUT(arena, extents) lay_out(arena, extents, sizeof(extents) / sizeof *(extents))
+CORE_INLINE void lay_out(Arena *arena, const Extent *extents, size_t count)
 {
-    for (int i = 0; i < count; ++i) {
-        *names[i] = reals(arena, 1, length);
+    for (size_t i = 0; i < count; ++i) {
+        *extents[i].first = reals(arena, 1, extents[i].count);
     }
 }
 

@@ -25,11 +25,11 @@ ProjectedGradient descent_at(void *memory)
     const int d = VARIABLES((const ProjectedGradientHead *)memory);
     ProjectedGradient s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
-    real **const names[VECTORS] = {&s.w,        &s.next, &s.shift, &s.carry, &s.lower, &s.upper,
-                                   &s.momentum, &s.D,    &s.lb,    &s.ub,    &s.q,     &s.answer};
-    name_vectors(&arena, s.ld, names, VECTORS);
-    s.columns = reals(&arena, s.d, s.ld);
-    s.copy = reals(&arena, s.d, s.ld);
+    const Extent extents[] = {{&s.w, s.ld},           {&s.next, s.ld},    {&s.shift, s.ld},    {&s.carry, s.ld},
+                              {&s.lower, s.ld},       {&s.upper, s.ld},   {&s.momentum, s.ld}, {&s.D, s.ld},
+                              {&s.lb, s.ld},          {&s.ub, s.ld},      {&s.q, s.ld},        {&s.answer, s.ld},
+                              {&s.columns, d * s.ld}, {&s.copy, d * s.ld}};
+    LAY_OUT(&arena, extents);
     return s;
 }
 
@@ -59,19 +59,17 @@ static int scale(ProjectedGradient *s, const real *P, int scaled)
             return INDEFINITE;
         }
         s->D[j] = scaled && diagonal > 0 ? 1 / ROOT(diagonal) : 1;
-    }
-    for (int i = 0; i < d; ++i) {
-        for (int j = 0; j < d; ++j) {
-            const real entry = P[i * d + j] * s->D[j] * s->D[i];
-            if (!(MAGNITUDE(entry) < REAL_INFINITY)) {
-                return NOT_FINITE;
-            }
-            s->copy[i * ld + j] = entry;
+        s->copy[j * ld + j] = diagonal * s->D[j] * s->D[j];
+        if (!(s->copy[j * ld + j] < REAL_INFINITY)) {
+            return NOT_FINITE;
         }
     }
     for (int i = 0; i < d; ++i) {
         for (int j = 0; j < i; ++j) {
-            const real a = s->copy[i * ld + j], b = s->copy[j * ld + i];
+            const real a = P[i * d + j] * s->D[j] * s->D[i], b = P[j * d + i] * s->D[i] * s->D[j];
+            if (!(MAGNITUDE(a) < REAL_INFINITY && MAGNITUDE(b) < REAL_INFINITY)) {
+                return NOT_FINITE;
+            }
             if (MAGNITUDE(a - b) > ASYMMETRIC_SHARE * ROOT(s->copy[i * ld + i]) * ROOT(s->copy[j * ld + j])) {
                 return ASYMMETRIC;
             }

@@ -26,7 +26,7 @@ enum { RECURSIVE_KIND = 0x53575031 };
 /* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end in recursive_refresh or in
  * recursive_recover. */
 enum { SINGULAR = 101, CYCLING = 102 };
-enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is made anew */
+enum { RECURSIVE_REFRESH = 256, RECURSIVE_PIVOTS = 2 }; /* rows after which M is made anew, and by how much a row */
 
 #ifdef CORE_FLOAT
 /* Bounds from here on are none. */

@@ -32,8 +32,8 @@ enum { LEAD = 3 };           /* rows by which a copy is begun before all its piv
 #define FLOOR ((real)1e-11)  /* of rho_j/G_jj where G_FF is singular */
 #define SPENT 1e5            /* what `growth` begins with there: the inverse has few digits to lose */
 #define EARLY 1e3            /* `growth` from which M is made anew although it is young */
-/* Refinement ends where a step gains less than RESOLVED times the cost; G_FF counts as singular where that is still
- * more than TOLERATED times the cost, or 1e-4 of what z = 0 costs. */
+/* Shares of the cost, or of 1e-4 of what z = 0 costs: G_FF counts as singular where a step of refinement still gains
+ * more than TOLERATED; at once, where no row waits for it, z is refined until it gains less than RESOLVED. */
 #define RESOLVED ((real)1e-24)
 #define TOLERATED ((real)1e-14)
 #ifdef CORE_FLOAT
@@ -96,16 +96,17 @@ static real refine_once(const Recursive *s)
     return gain;
 }
 
-/* Refine z; whether M is good enough for that. */
-static int refine(const Recursive *s)
+/* Refine z until a step gains less than `share` of the cost; whether M is good enough for that. */
+static int refine(const Recursive *s, real share)
 {
     const real *const cost = last_row(s) + s->d;
     const real least = (real)1e-4 * row_of(s, s->G, s->d)[s->d];
-    real gain = REAL_INFINITY;
-    for (int k = 0; k < REFINED && gain > RESOLVED * MAGNITUDE(*cost); ++k) {
+    real gain = REAL_INFINITY, scale = 0;
+    for (int k = 0; k < REFINED && !(gain <= share * scale); ++k) {
         gain = refine_once(s);
+        scale = MAGNITUDE(*cost) > least ? MAGNITUDE(*cost) : least;
     }
-    return gain <= TOLERATED * (MAGNITUDE(*cost) > least ? MAGNITUDE(*cost) : least);
+    return gain <= TOLERATED * scale;
 }
 
 /* Begin with G + diag(rho), swept on nothing, and q - rho c. */
@@ -168,12 +169,12 @@ int recursive_use_renewed(Recursive *s)
         return 1;
     }
     use(s);
-    return refine(s);
+    return refine(s, TOLERATED);
 }
 
 void recursive_renew(Recursive *s, int pivots)
 {
-    const int row = s->head->since_refresh + s->d / 2 + LEAD; /* at which it would be there */
+    const int row = s->head->since_refresh + s->d / RECURSIVE_PIVOTS + LEAD; /* at which it would be there */
     if (!s->head->renewing) {
         if (row >= RECURSIVE_REFRESH || (s->head->growth > EARLY && s->head->growth < SPENT)) {
             begin(s, PLAIN);
@@ -197,7 +198,7 @@ int recursive_refresh(Recursive *s)
         use(s);
         do {
             exchanges = s->head->exchanges;
-            status = refine(s) || renewing == FLOORED ? recursive_exchange(s) : SINGULAR;
+            status = refine(s, RESOLVED) || renewing == FLOORED ? recursive_exchange(s) : SINGULAR;
         } while (status == OK && exchanges != s->head->exchanges);
         if (status == OK || status == CAPPED) {
             return status;

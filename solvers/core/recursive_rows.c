@@ -24,7 +24,6 @@
 
 #define RESCALED ((real)8192) /* 2^13 */
 #define MOST_GROWTH 1e6
-enum { PIVOTS = 2 }; /* a row, of the matrix being made */
 
 int recursive_move(const Recursive *s, const Swept *m)
 {
@@ -123,7 +122,7 @@ int recursive_take(Recursive *s, const real *row)
             return recursive_refresh(s);
         }
     }
-    recursive_renew(s, s->head->exchanges == exchanges ? PIVOTS : 0); /* an exchange is a sweep of M */
+    recursive_renew(s, s->head->exchanges == exchanges ? RECURSIVE_PIVOTS : 0); /* an exchange is a sweep of M */
     return status;
 }
 

@@ -19,9 +19,8 @@ int64_t recursive_bytes(int d) { return cold_at(d) + box_bytes(d); }
 static Swept swept_at(Arena *arena, int ld, double *growth)
 {
     Swept m = {.growth = growth};
-    real **const names[OF_SWEPT] = {&m.free, &m.rho, &m.centre};
-    m.M = reals(arena, ld, ld);
-    name_vectors(arena, ld, names, OF_SWEPT);
+    const Extent extents[] = {{&m.M, ld * ld}, {&m.free, ld}, {&m.rho, ld}, {&m.centre, ld}};
+    LAY_OUT(arena, extents);
     return m;
 }
 
@@ -30,13 +29,12 @@ Recursive recursive_at(void *memory)
     const int d = VARIABLES((const RecursiveHead *)memory);
     Recursive s = {.head = memory, .d = d, .ld = padded(d + 1)};
     Arena arena = after_head(memory);
-    real **const names[RECURSIVE_VECTORS] = {&s.answer, &s.origin, &s.sign, &s.width, &s.lb, &s.ub,
-                                             &s.side,   &s.row,    &s.g,    &s.u,     &s.q,  &s.share};
-    name_vectors(&arena, s.ld, names, RECURSIVE_VECTORS);
-    s.P = reals(&arena, s.d, s.ld);
+    const Extent extents[] = {{&s.answer, s.ld}, {&s.origin, s.ld}, {&s.sign, s.ld},  {&s.width, s.ld},   {&s.lb, s.ld},
+                              {&s.ub, s.ld},     {&s.side, s.ld},   {&s.row, s.ld},   {&s.g, s.ld},       {&s.u, s.ld},
+                              {&s.q, s.ld},      {&s.share, s.ld},  {&s.P, d * s.ld}, {&s.G, s.ld * s.ld}};
+    LAY_OUT(&arena, extents);
     s.now = swept_at(&arena, s.ld, &s.head->growth);
     s.next = swept_at(&arena, s.ld, &s.head->next_growth);
-    s.G = reals(&arena, s.ld, s.ld);
     s.cold = box_at((char *)memory + cold_at(s.d));
     return s;
 }

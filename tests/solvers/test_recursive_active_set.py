@@ -166,6 +166,7 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
         else:
             P, q = P + part[:, :-1].T @ part[:, :-1] * weight, q + part[:, :-1].T @ part[:, -1] * weight
         assert gap(Problem(P, q, lb=lb, ub=ub), answers[-1]) < 1e-12
+        assert bindings.recursive_error(s.state) < 1e-9
         assert gap(s.problem(), answers[-1]) < 1e-20
     extras = s.solution().extras
     assert extras["refreshes"] >= count // REFRESH
