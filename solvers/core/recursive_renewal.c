@@ -165,8 +165,13 @@ static void use(Recursive *s)
 
 int recursive_use_renewed(Recursive *s)
 {
-    if (!s->head->renewing || memcmp(s->next.free, s->now.free, (size_t)s->d * sizeof(real)) != 0) {
+    if (!s->head->renewing) {
         return 1;
+    }
+    for (int j = 0; j < s->d; ++j) {
+        if (s->next.free[j] != s->now.free[j]) {
+            return 1;
+        }
     }
     use(s);
     return refine(s, TOLERATED);
