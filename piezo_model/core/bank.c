@@ -29,10 +29,8 @@ int64_t bank_workspace_bytes(Shape s, int block)
 
 Bank bank_at(void *memory)
 {
-    Bank b;
+    Bank b = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
     Arena arena = after_head(memory);
-    b.head = memory;
-    b.shape = SHAPE(&b.head->shaped);
     b.drive_settings = arena_take(&arena, sizeof *b.drive_settings);
     b.learner_settings = arena_take(&arena, sizeof *b.learner_settings);
     b.regressors = take_regressors(&arena, b.shape);
@@ -45,14 +43,11 @@ Bank bank_at(void *memory)
 Controller tile_controller(const Bank *b, int64_t tile)
 {
     const Shape s = b->shape;
-    Controller c;
+    const Regressors *const r = &b->regressors;
+    Controller c = {
+        .compensator = {
+            .shape = s, .settings = b->drive_settings, .operators = r->operators, .low = r->low, .high = r->high}};
     Arena arena = {b->drivers + tile * driver_bytes(s, b->head->block)};
-    c.compensator.head = NULL;
-    c.compensator.shape = s;
-    c.compensator.settings = b->drive_settings;
-    c.compensator.operators = b->regressors.operators;
-    c.compensator.low = b->regressors.low;
-    c.compensator.high = b->regressors.high;
     c.compensator.memory = (DriveMemory *)(void *)nums(&arena, memory_nums());
     c.compensator.play = nums(&arena, play_vectors(s));
     c.compensator.creep = nums(&arena, creep_vectors(s));
@@ -64,27 +59,24 @@ Controller tile_controller(const Bank *b, int64_t tile)
 Learner tile_learner(const Bank *b, int64_t tile, void *thread_workspace)
 {
     const Shape s = b->shape;
-    Learner l;
     Arena arena = {b->learners + tile * learner_part_bytes(s)}, notes = {b->notes + tile * note_bytes(s)};
-    l.shape = s;
-    l.d = unknowns(s);
-    l.settings = b->learner_settings;
-    l.regressors = b->regressors;
-    l.mailbox = tile_controller(b, tile).mailbox;
+    Learner l = {.shape = s,
+                 .d = unknowns(s),
+                 .settings = b->learner_settings,
+                 .regressors = b->regressors,
+                 .mailbox = tile_controller(b, tile).mailbox,
+                 .workspace = thread_workspace,
+                 .bank = b,
+                 .number = (int)tile};
     l.clock = arena_take(&arena, sizeof *l.clock);
-    l.workspace = thread_workspace;
-    l.bank = b;
-    l.number = (int)tile;
     tile_learner_take(&l, &arena, &notes);
     return l;
 }
 
 Bank bank_setup(void *memory, Shape s, int64_t tiles, int block)
 {
-    const int64_t bytes = bank_bytes(s, tiles, block);
     BankHead *const head = memory;
-    memset(memory, 0, (size_t)bytes);
-    head->shaped = (ShapedHead){BANK_KIND, unknowns(s), bytes, s};
+    new_shaped_state(memory, BANK_KIND, s, bank_bytes(s, tiles, block));
     head->tiles = tiles;
     head->block = block;
     return bank_at(memory);

@@ -58,7 +58,7 @@ static int sound(const Bank *b, int64_t tile)
 /* Become what another bank of the same settings and number of tiles was; nothing is changed where that cannot be. */
 static void restore(Arguments *a, const Bank *b, void *other)
 {
-    if (need_bytes(a, 1, b->head->shaped.bytes)
+    if (need_bytes(a, 1, b->head->shaped.state.bytes)
         || memcmp(b->head, other, (size_t)(b->drivers - (char *)b->head)) != 0) {
         refuse(a, "it is the state of a bank of another structure, size or settings");
         return;
@@ -70,7 +70,7 @@ static void restore(Arguments *a, const Bank *b, void *other)
             return;
         }
     }
-    memcpy(b->head, other, (size_t)b->head->shaped.bytes);
+    memcpy(b->head, other, (size_t)b->head->shaped.state.bytes);
 }
 
 #define BINDINGS(F)                                                                                                    \

@@ -16,8 +16,7 @@ typedef struct {
 static Loop loop_at(void *learner, void *compensator)
 {
     const Learner l = learner_at(learner);
-    const Loop loop = {l, {compensator_at(compensator), l.mailbox}};
-    return loop;
+    return (Loop){l, {compensator_at(compensator), l.mailbox}};
 }
 
 static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, int way)
@@ -119,7 +118,7 @@ static int sound(const Learner *l, const LearnerHead *head)
 static void restore(Arguments *a, void *memory, void *other)
 {
     const LearnerHead *const now = memory, *const then = other;
-    if (need_bytes(a, 1, now->shaped.bytes) || memcmp(now, then, sizeof *now) != 0) {
+    if (need_bytes(a, 1, now->shaped.state.bytes) || memcmp(now, then, sizeof *now) != 0) {
         refuse(a, "it is the state of a learner of other sizes");
         return;
     }
@@ -131,7 +130,7 @@ static void restore(Arguments *a, void *memory, void *other)
     } else if (!sound(&found, then)) {
         refuse(a, "a count, an index or a number in it cannot be");
     } else {
-        memcpy(memory, other, (size_t)now->shaped.bytes);
+        memcpy(memory, other, (size_t)now->shaped.state.bytes);
     }
 }
 

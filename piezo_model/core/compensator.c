@@ -94,11 +94,10 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     const num last = c->play[0], step = constant(p->max_step),
               finite = is_finite(y_ref); /* the play of threshold zero is the drive */
     const num x_centre = constant(p->x_centre), x_scale = constant(p->x_scale);
-    num reference, wanted, x;
     m->given = y_ref;
     set_where(finite, &m->last_y_ref, plus(y_ref, m->correction));
-    reference = unit_reference(c, m->last_y_ref);
-    wanted = wanted_drive(c, reference);
+    const num reference = unit_reference(c, m->last_y_ref);
+    num wanted = wanted_drive(c, reference);
     if (change != NULL) {
         const num before = wanted;
         copy_where(change->which, c->inverse.w_H, change->inverse.w_H, inverse_nums(c->shape));
@@ -107,7 +106,7 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     }
     wanted = choose(finite, plus(wanted, m->bump), last);
     set_where(finite, &m->bump, flushed(times(m->bump, constant(p->decay))));
-    x = within_limits(c, choose(finite, within(wanted, minus(last, step), plus(last, step)), last));
+    num x = within_limits(c, choose(finite, within(wanted, minus(last, step), plus(last, step)), last));
     m->held = minus(less(x, wanted), less(wanted, x));
     x = within(plus_times(x_centre, x_scale, x), m->low,
                m->high); /* rounding may have passed a limit by its last bit */
@@ -133,10 +132,8 @@ int64_t compensator_bytes(Shape s)
 
 Compensator compensator_at(void *memory)
 {
-    Compensator c;
+    Compensator c = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
     Arena arena = after_head(memory);
-    c.head = memory;
-    c.shape = SHAPE(c.head);
     c.settings = (const DriveSettings *)(void *)reals(&arena, 2, LANES);
     c.operators = take_operators(&arena, c.shape);
     c.low = reals(&arena, 1, zone_lanes(c.shape));
@@ -150,9 +147,7 @@ Compensator compensator_at(void *memory)
 
 Compensator compensator_setup(void *memory, Shape shape)
 {
-    const ShapedHead head = {COMPENSATOR_KIND, unknowns(shape), compensator_bytes(shape), shape};
-    memset(memory, 0, (size_t)head.bytes);
-    memcpy(memory, &head, sizeof head);
+    new_shaped_state(memory, COMPENSATOR_KIND, shape, compensator_bytes(shape));
     return compensator_at(memory);
 }
 

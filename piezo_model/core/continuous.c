@@ -207,7 +207,6 @@ int N(continuous_block)(const Learner *l, const Passed *b)
     const num probed = both(sound, resets), in_phase = both(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
     const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
-    num ended;
     int events = 0;
     set_where(failed_again, &m->left, constant((real)p->reset_lasts));
     set_where(failed_again, &m->probation, constant(0));
@@ -219,7 +218,7 @@ int N(continuous_block)(const Learner *l, const Passed *b)
     }
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
     set_where(probed, &m->left, minus(m->left, b->good));
-    ended = both(probed, is_not(less(constant(0), m->left)));
+    const num ended = both(probed, is_not(less(constant(0), m->left)));
     if (any(ended)) {
         events |= any(end_probation(l, ended)) ? OTHER_SENSOR : 0;
     }

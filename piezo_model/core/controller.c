@@ -68,12 +68,11 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
     const Offer *const o = &c->mailbox.offer;
     const uint32_t offered = CORE_ACQUIRE(&m->offered);
     Arena arena = {(char *)o->inverse};
-    int current;
     *answered = m->answered;
     if (offered == m->answered || (*o->epoch == m->epoch && m->samples < *o->due)) {
         return 0;
     }
-    current = *o->epoch == m->epoch;
+    const int current = *o->epoch == m->epoch;
     if (current) {
         const num unknown = differs(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
         change->inverse = take_inverse(&arena, c->compensator.shape);
@@ -89,15 +88,13 @@ num N(controller_drive)(const Controller *c, num y_ref)
     MailboxHead *const m = c->mailbox.head;
     Change change;
     uint32_t answered;
-    int changes;
-    num x;
     if (m->filled > 0) {
         return N(compensator_step)(&c->compensator, y_ref, NULL);
     }
-    changes = find_offer(c, &change, &answered);
+    const int changes = find_offer(c, &change, &answered);
     N(controller_begin_block)(c, c->compensator.play, c->compensator.creep);
     block_at(&c->mailbox, m->published).head->answered = answered;
-    x = N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
+    const num x = N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
     CORE_RELEASE(&m->answered, answered); /* from here on the learner may write over the offer */
     return x;
 }

@@ -52,19 +52,21 @@ Cyclic take_cyclic(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
-    c.reference = reals(arena, 1, ld);
-    c.found = reals(arena, 1, ld);
-    c.q = reals(arena, 1, ld);
-    c.lower = reals(arena, 1, ld);
-    c.upper = reals(arena, 1, ld);
-    c.start = reals(arena, 1, ld);
-    c.scale = reals(arena, 1, ld);
-    c.start_play = reals(arena, 1, lanes(s));
-    c.start_creep = reals(arena, 1, creep_lanes(s));
-    c.covered = reals(arena, 1, LANES);
-    c.data = reals(arena, 1, padded(products(s)));
-    c.past = reals(arena, 1, padded(products(s)));
-    c.P = reals(arena, 1, padded(d * d));
+    const int all = padded(products(s));
+    const Extent extents[] = {{&c.reference, ld},
+                              {&c.found, ld},
+                              {&c.q, ld},
+                              {&c.lower, ld},
+                              {&c.upper, ld},
+                              {&c.start, ld},
+                              {&c.scale, ld},
+                              {&c.start_play, lanes(s)},
+                              {&c.start_creep, creep_lanes(s)},
+                              {&c.covered, LANES},
+                              {&c.data, all},
+                              {&c.past, all},
+                              {&c.P, padded(d * d)}};
+    LAY_OUT(arena, extents);
     c.descent = descent_at(arena_take(arena, (size_t)descent_bytes(d)));
     c.answer = c.descent.answer;
     return c;

@@ -8,28 +8,26 @@ int64_t basis_bytes(Shape s)
 
 Basis basis_at(void *memory)
 {
-    Basis b;
+    const Shape s = SHAPE((const ShapedHead *)memory);
+    Basis b = {.head = memory, .shape = s};
     Arena arena = after_head(memory);
-    b.head = memory;
-    b.shape = SHAPE(&b.head->shaped);
-    b.regressors = take_regressors(&arena, b.shape);
-    b.play = reals(&arena, 1, lanes(b.shape));
-    b.creep = reals(&arena, 1, creep_lanes(b.shape));
-    b.start_play = reals(&arena, 1, lanes(b.shape));
-    b.start_creep = reals(&arena, 1, creep_lanes(b.shape));
-    b.span = reals(&arena, 1, LANES);
-    b.rows = reals(&arena, BASIS_BLOCK, row_nums(b.shape));
-    b.gram = reals(&arena, 1, symmetric_nums(row_width(b.shape)));
+    b.regressors = take_regressors(&arena, s);
+    const Extent extents[] = {{&b.play, lanes(s)},
+                              {&b.creep, creep_lanes(s)},
+                              {&b.start_play, lanes(s)},
+                              {&b.start_creep, creep_lanes(s)},
+                              {&b.span, LANES},
+                              {&b.rows, BASIS_BLOCK * row_nums(s)},
+                              {&b.gram, symmetric_nums(row_width(s))}};
+    LAY_OUT(&arena, extents);
     return b;
 }
 
 void basis_setup(void *memory, Shape shape, real forgetting)
 {
-    const BasisHead head = {{BASIS_KIND, unknowns(shape), basis_bytes(shape), shape}, forgetting, 0, 0};
-    Basis b;
-    memset(memory, 0, (size_t)head.shaped.bytes);
-    memcpy(memory, &head, sizeof head);
-    b = basis_at(memory);
+    new_shaped_state(memory, BASIS_KIND, shape, basis_bytes(shape));
+    Basis b = basis_at(memory);
+    b.head->forgetting = forgetting;
     basis_clear(&b);
 }
 
@@ -53,14 +51,6 @@ void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram)
         weight *= forgetting;
     }
     gram_add(gram, row_width(s), weight, rows, stride, count);
-}
-
-void basis_gather(Basis *b)
-{
-    if (b->head->filled > 0) {
-        basis_add_rows(b->shape, b->rows, (int)b->head->filled, b->head->forgetting, b->gram);
-        b->head->filled = 0;
-    }
 }
 
 /* What the excitation of the operators is judged by later. */

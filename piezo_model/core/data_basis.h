@@ -40,8 +40,6 @@ CORE_API Basis basis_at(void *memory);
 CORE_API void basis_setup(void *memory, Shape shape, real forgetting);
 /* Forget the rows; the states stay, since they follow the actuator for as long as it is powered. */
 CORE_API void basis_clear(Basis *b);
-/* Add the rows that wait to the Gram matrix; nothing can be counted in the same blocks after that. */
-CORE_API void basis_gather(Basis *b);
 /* Count one sample in unit amplitudes. */
 CORE_API void basis_count(Basis *b, real x, real y);
 /* gram <- lambda^count gram + the last `count` rows; the rows are room for their weighted copies. */

@@ -24,10 +24,7 @@ void N(learner_take)(Learner *l, Arena *own, Arena *notes)
 /* How many samples of a block are good. */
 static Passed count_good(const Block *block)
 {
-    Passed b;
-    memset(&b, 0, sizeof b);
-    b.count = block->head->count;
-    b.end = block->head->first + b.count;
+    Passed b = {.count = block->head->count, .end = block->head->first + block->head->count};
     for (int k = 0; k < b.count; ++k) {
         b.good = plus(b.good, is_finite(from_shared(block->y, k)));
     }
@@ -116,11 +113,10 @@ int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, in
 {
     MailboxHead *const m = l->mailbox.head;
     const Offer *const o = &l->mailbox.offer;
-    Inverse inverse;
     if (m->offered != CORE_ACQUIRE(&m->answered)) {
         return 0;
     }
-    inverse = invert_unknowns(l, v);
+    const Inverse inverse = invert_unknowns(l, v);
     for (int i = 0; i < inverse_nums(l->shape); ++i) {
         to_shared(o->inverse, i, inverse.w_H[i]);
     }
@@ -177,11 +173,9 @@ Learner learner_at(void *memory)
 {
     const LearnerHead *const head = memory;
     const int way = (int)WAY(head);
-    Learner l;
+    const Shape s = SHAPE(&head->shaped);
     Arena arena = after_head(memory);
-    l.shape = SHAPE(&head->shaped);
-    l.d = unknowns(l.shape);
-    l.mailbox = mailbox_at(arena.at, l.shape);
+    Learner l = {.shape = s, .d = unknowns(s), .mailbox = mailbox_at(arena.at, s)};
     arena.at += mailbox_bytes(l.shape, head->block, head->blocks);
     l.settings = arena_take(&arena, sizeof *l.settings);
     l.clock = arena_take(&arena, sizeof *l.clock);
@@ -199,15 +193,12 @@ Learner learner_at(void *memory)
 
 Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
 {
-    const int64_t bytes = learner_bytes(shape, block, blocks, way);
     LearnerHead *const head = memory;
-    Learner l;
-    memset(memory, 0, (size_t)bytes); /* the bytes between the fields, too, since states are compared by their heads */
-    head->shaped = (ShapedHead){LEARNER_KIND, unknowns(shape), bytes, shape};
+    new_shaped_state(memory, LEARNER_KIND, shape, learner_bytes(shape, block, blocks, way));
     head->block = block;
     head->blocks = blocks;
     head->way = way;
-    l = learner_at(memory);
+    Learner l = learner_at(memory);
     if (way == CYCLIC) {
         descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);
         l = learner_at(memory);

@@ -177,10 +177,8 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
         return w;
     }
     w.program = pivoting_at(&arena, d);
-    w.P = reals(&arena, 1, padded(d * d));
-    w.q = reals(&arena, 1, padded(d));
-    w.lb = reals(&arena, 1, padded(d));
-    w.ub = reals(&arena, 1, padded(d));
+    const Extent extents[] = {{&w.P, padded(d * d)}, {&w.q, padded(d)}, {&w.lb, padded(d)}, {&w.ub, padded(d)}};
+    LAY_OUT(&arena, extents);
 #ifdef CORE_TILE
     w.queue = pivoting_at(&arena, d);
     w.owner = integers(&arena, LANES);

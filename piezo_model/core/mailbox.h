@@ -93,34 +93,27 @@ CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
 
 CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
 {
-    Mailbox m;
-    char *at = memory + arena_bytes(sizeof(MailboxHead));
-    m.head = (MailboxHead *)(void *)memory;
-    m.shape = s;
-    m.guard = (shared *)(void *)at;
-    m.faults = m.guard + WIDTH * (GUARD_NUMS - 1);
-    at += shared_bytes(GUARD_NUMS);
-    m.offer.due = (int64_t *)(void *)at;
-    m.offer.epoch = (uint32_t *)(void *)(at + 8);
-    m.offer.inverse = (shared *)(void *)(at + 64);
-    m.offer.which = m.offer.inverse + WIDTH * inverse_nums(s);
-    m.offer.faults = m.offer.which + WIDTH;
-    m.offer.fallback = m.offer.faults + WIDTH;
-    m.ring = at + 64 + shared_bytes(inverse_nums(s) + 3);
-    return m;
+    char *const guarded = memory + arena_bytes(sizeof(MailboxHead)), *const offered =
+                                                                         guarded + shared_bytes(GUARD_NUMS);
+    shared *const guard = (shared *)(void *)guarded, *const inverse = (shared *)(void *)(offered + 64);
+    shared *const which = inverse + WIDTH * inverse_nums(s);
+    return (Mailbox){
+        .head = (MailboxHead *)(void *)memory,
+        .shape = s,
+        .guard = guard,
+        .faults = guard + WIDTH * (GUARD_NUMS - 1),
+        .offer = {(int64_t *)(void *)offered, (uint32_t *)(void *)(offered + 8), inverse, which, which + WIDTH,
+                  which + 2 * WIDTH},
+        .ring = offered + 64 + shared_bytes(inverse_nums(s) + 3),
+    };
 }
 
 CORE_INLINE Block block_in(const Mailbox *m, int32_t place)
 {
     char *const at = m->ring + block_bytes(m->shape, m->head->block) * place;
-    Block b;
-    b.head = (BlockHead *)(void *)at;
-    b.play = (shared *)(void *)(at + 64);
-    b.creep = b.play + play_vectors(m->shape) * LANES;
-    b.x = b.play + WIDTH * state_nums(m->shape);
-    b.y = b.x + WIDTH * m->head->block;
-    b.faults = b.y + WIDTH * m->head->block;
-    return b;
+    shared *const play = (shared *)(void *)(at + 64), *const x = play + WIDTH * state_nums(m->shape);
+    shared *const creep = play + play_vectors(m->shape) * LANES, *const y = x + WIDTH * m->head->block;
+    return (Block){(BlockHead *)(void *)at, play, creep, x, y, y + WIDTH * m->head->block};
 }
 
 CORE_INLINE Block block_at(const Mailbox *m, uint32_t number)

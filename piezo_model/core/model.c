@@ -7,36 +7,33 @@ int64_t model_bytes(Shape s)
 
 Model model_at(void *memory)
 {
-    Model m;
+    const Shape s = SHAPE((const ShapedHead *)memory);
+    Model m = {.head = memory, .shape = s};
+    const Extent extents[] = {{&m.S.low, zone_lanes(s)},
+                              {&m.S.high, zone_lanes(s)},
+                              {&m.S.w, zone_lanes(s)},
+                              {&m.w_H, lanes(s)},
+                              {&m.w_K, creep_lanes(s)}};
     Arena arena = after_head(memory);
-    m.head = memory;
-    m.shape = SHAPE(&m.head->shaped);
-    m.operators = take_operators(&arena, m.shape);
-    m.S = take_superposition(&arena, m.shape);
-    m.w_H = reals(&arena, 1, lanes(m.shape));
-    m.w_K = reals(&arena, 1, creep_lanes(m.shape));
+    m.operators = take_operators(&arena, s);
+    LAY_OUT(&arena, extents);
     return m;
 }
 
 Model model_setup(void *memory, Shape shape, real offset)
 {
-    const ModelHead head = {{MODEL_KIND, unknowns(shape), model_bytes(shape), shape}, offset};
-    memset(memory, 0, (size_t)model_bytes(shape));
-    memcpy(memory, &head, sizeof head);
+    new_shaped_state(memory, MODEL_KIND, shape, model_bytes(shape));
+    ((ModelHead *)memory)->offset = offset;
     return model_at(memory);
-}
-
-real model_step(const Model *m, real x, real *play, real *creep)
-{
-    /* K belongs to this sample already: the samples before determine it. */
-    const real K = dot(m->w_K, creep, creep_vectors(m->shape)) + m->head->offset;
-    advance(m->operators, m->shape, x, play, creep);
-    return superposition(m->S.low, m->S.high, m->S.w, m->shape, K + dot(m->w_H, play, play_vectors(m->shape)));
 }
 
 void model_simulate(const Model *m, const real *x, int64_t count, real *play, real *creep, real *y)
 {
+    const Shape s = m->shape;
     for (int64_t k = 0; k < count; ++k) {
-        y[k] = model_step(m, x[k], play, creep);
+        /* K belongs to this sample already: the samples before determine it. */
+        const real K = dot(m->w_K, creep, creep_vectors(s)) + m->head->offset;
+        advance(m->operators, s, x[k], play, creep);
+        y[k] = superposition(m->S.low, m->S.high, m->S.w, s, K + dot(m->w_H, play, play_vectors(s)));
     }
 }

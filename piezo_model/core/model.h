@@ -28,8 +28,7 @@ CORE_API int64_t model_bytes(Shape shape);
 CORE_API Model model_at(void *memory);
 /* Make a block of model_bytes(shape) bytes a model; its vectors are still to be written. */
 CORE_API Model model_setup(void *memory, Shape shape, real offset);
-/* Output at the sample x; moves the states play (lanes) and creep (creep_lanes) on. */
-CORE_API real model_step(const Model *m, real x, real *play, real *creep);
+/* Outputs at the samples x; moves the states play (lanes) and creep (creep_lanes) on. */
 CORE_API void model_simulate(const Model *m, const real *x, int64_t count, real *play, real *creep, real *y);
 
 #endif

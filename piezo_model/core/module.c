@@ -13,7 +13,7 @@ void measure_state(Arguments *a, const void *state)
     SIZE_OF(a, d) = unknowns(s);
     SIZE_OF(a, l) = lanes(s);
     SIZE_OF(a, c) = creep_lanes(s);
-    if (head->kind == BANK_KIND) {
+    if (head->state.kind == BANK_KIND) {
         SIZE_OF(a, t) = ((const BankHead *)state)->tiles;
         SIZE_OF(a, e) = SIZE_OF(a, t) - 1;
     }

@@ -58,15 +58,6 @@ CORE_INLINE Operators take_operators(Arena *arena, Shape s)
     return p;
 }
 
-CORE_INLINE Superposition take_superposition(Arena *arena, Shape s)
-{
-    Superposition p;
-    p.low = reals(arena, 1, zone_lanes(s));
-    p.high = reals(arena, 1, zone_lanes(s));
-    p.w = reals(arena, 1, zone_lanes(s));
-    return p;
-}
-
 CORE_INLINE int play_vectors(Shape s) { return VECTORS(s.n + 1); }
 CORE_INLINE int creep_vectors(Shape s) { return s.rates * VECTORS(s.n + 1); }
 
@@ -81,13 +72,6 @@ CORE_INLINE void advance(Operators p, Shape s, num x, num *play, num *creep)
         for (int j = 0; j < s.rates; ++j) {
             set_vector(creep, j * k + i, creep8(input, r, splat(p.a[j]), vector(creep, j * k + i)));
         }
-    }
-}
-
-CORE_INLINE void flush(num *v, int vectors)
-{
-    for (int i = 0; i < vectors; ++i) {
-        set_vector(v, i, flushed8(vector(v, i)));
     }
 }
 

@@ -39,8 +39,6 @@ int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane
 {
     const int d = l->d;
     const Workspace work = workspace_of(l), *const w = &work;
-    Box s;
-    int solved;
     for (int i = 0; i < d; ++i) {
         for (int j = i; j < d; ++j) {
             w->P[i * d + j] = w->P[j * d + i] =
@@ -51,8 +49,8 @@ int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane
         w->ub[i] = REAL_INFINITY;
     }
     box_setup(w->exact, d, w->lb, w->ub);
-    s = box_at(w->exact);
-    solved = box_solve_anew(&s, w->P, w->q, w->lb, w->ub) == OK;
+    Box s = box_at(w->exact);
+    const int solved = box_solve_anew(&s, w->P, w->q, w->lb, w->ub) == OK;
     for (int i = 0; i < d && solved; ++i) {
         ((real *)program->x)[i * WIDTH + lane] = s.answer[i];
     }

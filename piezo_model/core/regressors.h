@@ -26,11 +26,12 @@ CORE_INLINE int row_nums(Shape s) { return NUMS(row_width(s) + 1) + NUMS(LANES);
 CORE_INLINE Regressors take_regressors(Arena *arena, Shape s)
 {
     Regressors p;
+    const Extent extents[] = {{&p.low, zone_lanes(s)},
+                              {&p.high, zone_lanes(s)},
+                              {&p.outer_low, zone_lanes(s)},
+                              {&p.outer_high, zone_lanes(s)}};
     p.operators = take_operators(arena, s);
-    p.low = reals(arena, 1, zone_lanes(s));
-    p.high = reals(arena, 1, zone_lanes(s));
-    p.outer_low = reals(arena, 1, zone_lanes(s));
-    p.outer_high = reals(arena, 1, zone_lanes(s));
+    LAY_OUT(arena, extents);
     return p;
 }
 

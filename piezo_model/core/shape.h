@@ -13,8 +13,7 @@ typedef struct {
 
 /* What every state of this package begins with. */
 typedef struct {
-    int32_t kind, d;
-    int64_t bytes;
+    StateHead state;
     Shape shape;
 } ShapedHead;
 
@@ -43,6 +42,13 @@ CORE_INLINE int zone_lanes(Shape s) { return padded(s.zones); }
 CORE_INLINE int creep_weights(Shape s) { return s.rates > 0 ? s.n + 1 : 0; }
 /* d: w_H1 ... w_Hn, w'_S, w_K, [offset]. */
 CORE_INLINE int unknowns(Shape s) { return s.n + s.zones + creep_weights(s) + s.offset; }
+/* Make a block a state of this package, of zeros. */
+CORE_INLINE void new_shaped_state(void *memory, int32_t kind, Shape s, int64_t bytes)
+{
+    new_state(memory, kind, unknowns(s), bytes);
+    ((ShapedHead *)memory)->shape = s;
+}
+
 /* The weights of a model: w_H0 ... w_Hn, w'_S, w_K, offset. */
 CORE_INLINE int weight_count(Shape s) { return s.n + 2 + s.zones + creep_weights(s); }
 

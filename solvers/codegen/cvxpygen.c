@@ -3,6 +3,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
 /* S with S'S = P, upper triangular; a row of zeros where P has no more to give. */
 static void square_root(const double *P, double S[D][D])
@@ -58,18 +59,11 @@ int embedded_solve(const double *start)
     return !found();
 }
 
-void embedded_answer(double *x)
-{
-    for (int i = 0; i < D; ++i) {
-        x[i] = CPG_Result.prim->x[i];
-    }
-}
+void embedded_answer(double *x) { memcpy(x, CPG_Result.prim->x, D * sizeof *x); }
 
 void embedded_multipliers(double *z)
 {
-    for (int i = 0; i < D; ++i) {
-        z[i] = 0;
-    }
+    memset(z, 0, D * sizeof *z);
     for (int k = 0; k < BELOW; ++k) {
         z[below[k]] -= CPG_Result.dual->DUAL_LOWER[k];
     }

@@ -1,5 +1,6 @@
 /* The files that OSQP writes (workspace.h has its solver), with the functions of embedded.h. */
 #include <math.h>
+#include <string.h>
 #include "osqp.h"
 #include "workspace.h"
 #include "embedded.h"
@@ -44,18 +45,11 @@ int embedded_solve(const double *start)
     return solver.info->status_val != OSQP_SOLVED;
 }
 
-void embedded_answer(double *x)
-{
-    for (int i = 0; i < D; ++i) {
-        x[i] = solver.solution->x[i];
-    }
-}
+void embedded_answer(double *x) { memcpy(x, solver.solution->x, D * sizeof *x); }
 
 void embedded_multipliers(double *z)
 {
-    for (int i = 0; i < D; ++i) {
-        z[i] = 0;
-    }
+    memset(z, 0, D * sizeof *z);
     for (int k = 0; k < BOUNDED; ++k) {
         z[bounded[k]] = solver.solution->y[k];
     }

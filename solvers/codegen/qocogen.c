@@ -1,4 +1,5 @@
 /* The files that QOCOGEN writes, with the functions of embedded.h. */
+#include <string.h>
 #include "qoco_custom.h"
 #include "embedded.h"
 
@@ -38,18 +39,11 @@ int embedded_solve(const double *start)
     return work.sol.status != QOCO_CUSTOM_SOLVED;
 }
 
-void embedded_answer(double *x)
-{
-    for (int i = 0; i < D; ++i) {
-        x[i] = work.sol.x[i];
-    }
-}
+void embedded_answer(double *x) { memcpy(x, work.sol.x, D * sizeof *x); }
 
 void embedded_multipliers(double *z)
 {
-    for (int i = 0; i < D; ++i) {
-        z[i] = 0;
-    }
+    memset(z, 0, D * sizeof *z);
     for (int k = 0; k < BELOW; ++k) {
         z[below[k]] -= work.sol.z[k];
     }

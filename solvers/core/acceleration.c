@@ -32,7 +32,6 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
     threshold = tolerance * tolerance * (gradient > linear ? gradient : linear);
     while (k < steps && !done) {
         vec8 agreement = zeros(), square = zeros();
-        real next_t, beta;
         affine(s->columns, ld, d, s->momentum, s->carry, s->next);
         for (int j = 0; j < ld; j += LANES) {
             const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
@@ -41,8 +40,8 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
             square = plus_product(square, back, back);
             store(s->next + j, w);
         }
-        next_t = (1 + ROOT(1 + 4 * t * t)) / 2;
-        beta = (t - 1) / next_t;
+        const real next_t = (1 + ROOT(1 + 4 * t * t)) / 2;
+        real beta = (t - 1) / next_t;
         t = next_t;
         if (sum8(agreement) > 0) {
             beta = 0;

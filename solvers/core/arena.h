@@ -11,15 +11,25 @@
 
 enum { HEAD_BYTES = 128 }; /* what a state begins with; vectors are on cache lines where the state is */
 
+/* Every state begins so: what it is, its number of variables and its size in bytes. */
+typedef struct {
+    int32_t kind, d;
+    int64_t bytes;
+} StateHead;
+
+/* Make a block such a state, of zeros. */
+CORE_INLINE void new_state(void *memory, int32_t kind, int d, int64_t bytes)
+{
+    const StateHead head = {kind, d, bytes};
+    memset(memory, 0, (size_t)bytes);
+    memcpy(memory, &head, sizeof head);
+}
+
 typedef struct {
     char *at;
 } Arena;
 
-CORE_INLINE Arena after_head(void *memory)
-{
-    const Arena arena = {(char *)memory + HEAD_BYTES};
-    return arena;
-}
+CORE_INLINE Arena after_head(void *memory) { return (Arena){(char *)memory + HEAD_BYTES}; }
 
 CORE_INLINE real *reals(Arena *arena, int rows, int columns)
 {
@@ -28,11 +38,18 @@ CORE_INLINE real *reals(Arena *arena, int rows, int columns)
     return first;
 }
 
-/* Vectors of one length, one after the other. */
-CORE_INLINE void name_vectors(Arena *arena, int length, real **const *names, int count)
+/* A vector or matrix of a state: what is to point at it, and how many numbers it has. */
+typedef struct {
+    real **first;
+    int count;
+} Extent;
+
+/* Lay out an array of these, one after the other. */
+#define LAY_OUT(arena, extents) lay_out(arena, extents, sizeof(extents) / sizeof *(extents))
+CORE_INLINE void lay_out(Arena *arena, const Extent *extents, size_t count)
 {
-    for (int i = 0; i < count; ++i) {
-        *names[i] = reals(arena, 1, length);
+    for (size_t i = 0; i < count; ++i) {
+        *extents[i].first = reals(arena, 1, extents[i].count);
     }
 }
 

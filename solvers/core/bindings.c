@@ -2,6 +2,9 @@
 
 #include <string.h>
 
+/* Set Python's error. */
+#define FAIL(a, exception, ...) (a)->failed = PyErr_Format(exception, __VA_ARGS__) == NULL
+
 /* A size as the signature has it, which *at then stands behind; -1 where a letter has met nothing yet. */
 static int64_t size_in(const Arguments *a, const char **at)
 {
@@ -20,16 +23,11 @@ static int64_t size_in(const Arguments *a, const char **at)
     return known ? size : -1;
 }
 
-void refuse(Arguments *a, const char *why)
-{
-    a->failed = 1;
-    PyErr_Format(PyExc_ValueError, "%s: %s", a->signature, why);
-}
+void refuse(Arguments *a, const char *why) { FAIL(a, PyExc_ValueError, "%s: %s", a->signature, why); }
 
 static void refuse_argument(Arguments *a, const char *why)
 {
-    a->failed = 1;
-    PyErr_Format(PyExc_ValueError, "%s: argument %d %s", a->signature, a->taken, why);
+    FAIL(a, PyExc_ValueError, "%s: argument %d %s", a->signature, a->taken, why);
 }
 
 static const char *take_number(Arguments *a, PyObject *given, Value *value, const char *at)
@@ -46,9 +44,8 @@ static const char *take_whole(Arguments *a, PyObject *given, Value *value, const
     value->whole = PyLong_AsLongLong(given);
     a->failed = value->whole == -1 && PyErr_Occurred() != NULL;
     if (!a->failed && (value->whole < least || value->whole > most)) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: argument %d must be from %lld to %lld, not %lld", a->signature, a->taken,
-                     (long long)least, (long long)most, (long long)value->whole);
+        FAIL(a, PyExc_ValueError, "%s: argument %d must be from %lld to %lld, not %lld", a->signature, a->taken,
+             (long long)least, (long long)most, (long long)value->whole);
     }
     return at;
 }
@@ -61,9 +58,8 @@ static const Py_buffer *take_buffer(Arguments *a, PyObject *given, int flags, co
     if (!a->failed
         && (view->format == NULL || view->format[0] == '\0' || strchr(types, view->format[0]) == NULL
             || view->format[1] != '\0' || view->itemsize != itemsize)) {
-        a->failed = 1;
-        PyErr_Format(PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken,
-                     view->format ? view->format : "B", types);
+        FAIL(a, PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken,
+             view->format ? view->format : "B", types);
     }
     return a->failed ? NULL : view;
 }
@@ -73,18 +69,17 @@ static const char *take_array(Arguments *a, PyObject *given, Value *value, const
     const char *mark = strchr(at, ']') + 1;
     const char type = *mark == 'q' || *mark == 'i' ? *mark++ : 'd';
     const int written = *mark == '=', optional = *mark == '?';
-    const Py_buffer *view;
     int axis = 0, fits = 1;
     mark += written || optional;
     value->memory = NULL;
     if (optional && given == &_Py_NoneStruct) {
         return mark;
     }
-    view = take_buffer(a, given, written ? PyBUF_WRITABLE : 0,
-                       type == 'q'   ? "lq"
-                       : type == 'i' ? "i"
-                                     : "d",
-                       type == 'i' ? 4 : 8);
+    const Py_buffer *const view = take_buffer(a, given, written ? PyBUF_WRITABLE : 0,
+                                              type == 'q'   ? "lq"
+                                              : type == 'i' ? "i"
+                                                            : "d",
+                                              type == 'i' ? 4 : 8);
     if (view == NULL) {
         return mark;
     }
@@ -107,7 +102,6 @@ static const char *take_array(Arguments *a, PyObject *given, Value *value, const
 static const char *take_state(Arguments *a, PyObject *given, Value *value, const char *at)
 {
     const Py_buffer *const view = take_buffer(a, given, PyBUF_WRITABLE, "B", 1);
-    const StateHead *head;
     int32_t kind = 0;
     for (; *at != ',' && *at != ')'; ++at) {
         kind = kind << 8 | *at;
@@ -116,7 +110,7 @@ static const char *take_state(Arguments *a, PyObject *given, Value *value, const
         return at;
     }
     value->memory = view->buf;
-    head = view->buf;
+    const StateHead *const head = view->buf;
     if (((uintptr_t)view->buf & 7) != 0 || view->len < (Py_ssize_t)sizeof *head
         || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
         refuse_argument(a, "is not the state that this function wants");
@@ -132,8 +126,7 @@ static void refuse_count(Arguments *a)
     for (const char *comma = a->signature; (comma = strstr(comma, ", ")) != NULL; ++comma) {
         ++wanted;
     }
-    a->failed = 1;
-    PyErr_Format(PyExc_TypeError, "%s takes %zd arguments, not %zd", a->signature, wanted, a->count);
+    FAIL(a, PyExc_TypeError, "%s takes %zd arguments, not %zd", a->signature, wanted, a->count);
 }
 
 int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count)
@@ -165,9 +158,8 @@ int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *
 int need_bytes(Arguments *a, int argument, int64_t bytes)
 {
     if (a->views[argument].len < bytes) {
-        a->failed = 1;
-        PyErr_Format(PyExc_ValueError, "%s: the state has room for %zd bytes and needs %lld", a->signature,
-                     a->views[argument].len, (long long)bytes);
+        FAIL(a, PyExc_ValueError, "%s: the state has room for %zd bytes and needs %lld", a->signature,
+             a->views[argument].len, (long long)bytes);
     }
     return a->failed;
 }

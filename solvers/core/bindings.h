@@ -23,6 +23,7 @@
 #ifndef CORE_BINDINGS_H
 #define CORE_BINDINGS_H
 
+#include "arena.h"
 #include "python_abi.h"
 
 enum { MOST_ARGUMENTS = 14 };
@@ -45,12 +46,6 @@ typedef struct {
     Value values[MOST_ARGUMENTS];
     Py_buffer views[MOST_ARGUMENTS];
 } Arguments;
-
-/* Every state that Python holds begins so: what it is, its number of variables and its size in bytes. */
-typedef struct {
-    int32_t kind, d;
-    int64_t bytes;
-} StateHead;
 
 /* A part of a state that Python has a view of: where it begins and how many numbers of eight bytes it has. */
 typedef struct {

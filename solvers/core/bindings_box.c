@@ -48,11 +48,10 @@ static int solve_warm(void *solver, const double *start, double *x) { return sol
 static int dual_from(const Box *s, const int64_t *sides)
 {
     const Fallback f = fallback_at(s);
-    int status;
     for (int j = 0; j < s->d; ++j) {
         f.program.side[j] = s->lo[j] < s->hi[j] ? (double)sides[j] : LOWER;
     }
-    status = box_dual_active_set(&f);
+    const int status = box_dual_active_set(&f);
     memcpy(s->x, f.program.x, (size_t)s->d * sizeof(double));
     memcpy(s->g, f.program.g, (size_t)s->d * sizeof(double));
     return status;

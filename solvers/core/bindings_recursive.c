@@ -8,11 +8,18 @@
 /* Where the parts that Python looks at begin; three counts begin at the exchanges. */
 static void places(Arguments *a, const Recursive *s)
 {
-    const Part parts[] = {
-        {"answer", s->answer, s->d}, {"origin", s->origin, s->d},        {"sign", s->sign, s->d},
-        {"free", s->free, s->d},     {"centre", s->centre, s->d},        {"rho", s->rho, s->d},
-        {"M", s->M, s->ld * s->ld},  {"G", s->G, s->ld * s->ld},         {"row_weight", &s->head->row_weight, 2},
-        {"cap", &s->head->cap, 1},   {"counts", &s->head->exchanges, 2}, {"since_refresh", &s->head->since_refresh, 1}};
+    const Part parts[] = {{"answer", s->answer, s->d},
+                          {"origin", s->origin, s->d},
+                          {"sign", s->sign, s->d},
+                          {"free", s->now.free, s->d},
+                          {"centre", s->now.centre, s->d},
+                          {"rho", s->now.rho, s->d},
+                          {"M", s->now.M, s->ld * s->ld},
+                          {"G", s->G, s->ld * s->ld},
+                          {"row_weight", &s->head->row_weight, 2},
+                          {"cap", &s->head->cap, 1},
+                          {"counts", &s->head->exchanges, 2},
+                          {"since_refresh", &s->head->since_refresh, 1}};
     RETURN_PARTS(s->head, parts);
 }
 

@@ -29,9 +29,8 @@ static inline int follow_rows(const TimedSolver *solver, int64_t count, double *
     int status = OK;
     for (int64_t k = 0; k < count && (status == OK || status == CAPPED); ++k) {
         double *const answer = answers + k * d;
-        int64_t begin;
         absorb(P, q, &c, d, rows + k * (d + 1), forgetting);
-        begin = monotonic_ns();
+        const int64_t begin = monotonic_ns();
         status = solver->update(solver->solver, P, q);
         if (status == OK) {
             status = solver->solve(solver->solver, last, answer);

@@ -15,31 +15,26 @@ int64_t box_bytes(int d)
 
 Box box_at(void *memory)
 {
-    Box s;
+    const int d = VARIABLES((const BoxHead *)memory);
+    Box s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
-    real **const names[BOX_VECTORS] = {&s.answer,   &s.scale,
-                                       &s.q,        &s.lo,
-                                       &s.hi,       &s.raw_q,
-                                       &s.lb,       &s.ub,
-                                       &s.x,        &s.g,
-                                       &s.basic,    &s.low,
-                                       &s.high,     &s.held,
-                                       &s.is_free,  &s.unit,
-                                       &s.diagonal, &s.weight,
-                                       &s.gain,     &s.residual,
-                                       &s.step,     &s.inverse_diagonal,
-                                       &s.zero,     &s.v,
-                                       &s.w};
-    s.head = memory;
-    s.d = VARIABLES(s.head);
-    s.ld = padded(s.d);
-    name_vectors(&arena, s.ld, names, BOX_VECTORS);
-    s.side = integers(&arena, s.d);
-    s.pair = reals(&arena, 2, s.ld);
-    s.factor = reals(&arena, 2, s.ld);
-    s.share = reals(&arena, 2, s.ld);
-    s.P = reals(&arena, even(s.d), s.ld);
-    s.M = reals(&arena, even(s.d), s.ld);
+    const Extent extents[] = {{&s.answer, s.ld},      {&s.scale, s.ld},
+                              {&s.q, s.ld},           {&s.lo, s.ld},
+                              {&s.hi, s.ld},          {&s.raw_q, s.ld},
+                              {&s.lb, s.ld},          {&s.ub, s.ld},
+                              {&s.x, s.ld},           {&s.g, s.ld},
+                              {&s.basic, s.ld},       {&s.low, s.ld},
+                              {&s.high, s.ld},        {&s.held, s.ld},
+                              {&s.is_free, s.ld},     {&s.unit, s.ld},
+                              {&s.diagonal, s.ld},    {&s.weight, s.ld},
+                              {&s.gain, s.ld},        {&s.residual, s.ld},
+                              {&s.step, s.ld},        {&s.inverse_diagonal, s.ld},
+                              {&s.zero, s.ld},        {&s.v, s.ld},
+                              {&s.w, s.ld},           {&s.pair, 2 * s.ld},
+                              {&s.factor, 2 * s.ld},  {&s.share, 2 * s.ld},
+                              {&s.P, even(d) * s.ld}, {&s.M, even(d) * s.ld}};
+    LAY_OUT(&arena, extents);
+    s.side = integers(&arena, d);
     s.U = reals(&arena, 2 * s.ld, s.ld);
     s.fallback = s.U;
     return s;
@@ -47,22 +42,15 @@ Box box_at(void *memory)
 
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
-    const int64_t bytes = box_bytes(d);
-    real v = (real)0.618033988749895, w = (real)0.414213562373095;
-    Box s;
-    memset(memory, 0, (size_t)bytes);
-    s.head = memory;
-    s.head->kind = BOX_KIND;
-    s.head->d = d;
-    s.head->bytes = bytes;
-    s = box_at(memory);
-    for (int j = 0; j < d; ++j) { /* multiples of the golden section and of the root of 2, modulo one */
+    real v = (real)0.618033988749895;
+    new_state(memory, BOX_KIND, d, box_bytes(d));
+    Box s = box_at(memory);
+    for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one and their squares, so that v_i w_j = v_j
+                                     w_i only for i = j */
         s.v[j] = v;
-        s.w[j] = w;
+        s.w[j] = v * v;
         v += (real)0.618033988749895;
         v -= v >= 1 ? 1 : 0;
-        w += (real)0.414213562373095;
-        w -= w >= 1 ? 1 : 0;
     }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;

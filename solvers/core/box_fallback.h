@@ -21,8 +21,7 @@ CORE_INLINE int64_t fallback_bytes(int d) { return pivoting_bytes(d) + 2 * (int6
 CORE_INLINE Fallback fallback_at(const Box *s)
 {
     Arena arena = {s->fallback};
-    Fallback f;
-    f.head = s->head;
+    Fallback f = {.head = s->head};
     f.multiplier = reals(&arena, 1, padded(s->d));
     f.centre = reals(&arena, 1, padded(s->d));
     f.program = pivoting_at(&arena, s->d);

@@ -22,30 +22,22 @@ int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS
 
 ProjectedGradient descent_at(void *memory)
 {
-    ProjectedGradient s;
+    const int d = VARIABLES((const ProjectedGradientHead *)memory);
+    ProjectedGradient s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
-    real **const names[VECTORS] = {&s.w,        &s.next, &s.shift, &s.carry, &s.lower, &s.upper,
-                                   &s.momentum, &s.D,    &s.lb,    &s.ub,    &s.q,     &s.answer};
-    s.head = memory;
-    s.d = VARIABLES(s.head);
-    s.ld = padded(s.d);
-    name_vectors(&arena, s.ld, names, VECTORS);
-    s.columns = reals(&arena, s.d, s.ld);
-    s.copy = reals(&arena, s.d, s.ld);
+    const Extent extents[] = {{&s.w, s.ld},           {&s.next, s.ld},    {&s.shift, s.ld},    {&s.carry, s.ld},
+                              {&s.lower, s.ld},       {&s.upper, s.ld},   {&s.momentum, s.ld}, {&s.D, s.ld},
+                              {&s.lb, s.ld},          {&s.ub, s.ld},      {&s.q, s.ld},        {&s.answer, s.ld},
+                              {&s.columns, d * s.ld}, {&s.copy, d * s.ld}};
+    LAY_OUT(&arena, extents);
     return s;
 }
 
 int descent_setup(void *memory, int d, const real *lb, const real *ub)
 {
-    const int64_t bytes = descent_bytes(d);
-    ProjectedGradient s;
-    memset(memory, 0, (size_t)bytes);
-    s.head = memory;
-    s.head->kind = DESCENT_KIND;
-    s.head->d = d;
-    s.head->bytes = bytes;
+    new_state(memory, DESCENT_KIND, d, descent_bytes(d));
+    const ProjectedGradient s = descent_at(memory);
     s.head->eta = 1;
-    s = descent_at(memory);
     for (int j = 0; j < d; ++j) {
         if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
             return lb[j] == lb[j] && ub[j] == ub[j] ? CROSSED : NOT_FINITE;
@@ -67,19 +59,17 @@ static int scale(ProjectedGradient *s, const real *P, int scaled)
             return INDEFINITE;
         }
         s->D[j] = scaled && diagonal > 0 ? 1 / ROOT(diagonal) : 1;
-    }
-    for (int i = 0; i < d; ++i) {
-        for (int j = 0; j < d; ++j) {
-            const real entry = P[i * d + j] * s->D[j] * s->D[i];
-            if (!(MAGNITUDE(entry) < REAL_INFINITY)) {
-                return NOT_FINITE;
-            }
-            s->copy[i * ld + j] = entry;
+        s->copy[j * ld + j] = diagonal * s->D[j] * s->D[j];
+        if (!(s->copy[j * ld + j] < REAL_INFINITY)) {
+            return NOT_FINITE;
         }
     }
     for (int i = 0; i < d; ++i) {
         for (int j = 0; j < i; ++j) {
-            const real a = s->copy[i * ld + j], b = s->copy[j * ld + i];
+            const real a = P[i * d + j] * s->D[j] * s->D[i], b = P[j * d + i] * s->D[i] * s->D[j];
+            if (!(MAGNITUDE(a) < REAL_INFINITY && MAGNITUDE(b) < REAL_INFINITY)) {
+                return NOT_FINITE;
+            }
             if (MAGNITUDE(a - b) > ASYMMETRIC_SHARE * ROOT(s->copy[i * ld + i]) * ROOT(s->copy[j * ld + j])) {
                 return ASYMMETRIC;
             }
@@ -102,17 +92,16 @@ int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio,
     }
     if (P != NULL) {
         const int status = scale(s, P, scaled);
-        real largest, eta;
         int below;
         if (status != OK) {
             return status;
         }
         memcpy(s->columns, s->copy, (size_t)d * (size_t)ld * sizeof(real));
-        largest = largest_eigenvalue(s->copy, ld, d, s->next, s->momentum, INDEFINITE_SHARE, &below);
+        const real largest = largest_eigenvalue(s->copy, ld, d, s->next, s->momentum, INDEFINITE_SHARE, &below);
         if (below || largest < 0) {
             return INDEFINITE;
         }
-        eta = largest > 0 ? 2 * ratio / largest : 1;
+        const real eta = largest > 0 ? 2 * ratio / largest : 1;
         s->head->eta = (double)eta;
         for (int j = 0; j < d; ++j) {
             for (int i = 0; i < ld; i += LANES) {

@@ -33,8 +33,7 @@ CORE_INLINE int64_t factor_bytes(int d)
 }
 CORE_INLINE Factor factor_at(Arena *arena, int d)
 {
-    Factor f;
-    f.d = d;
+    Factor f = {.d = d};
     f.U = nums(arena, symmetric_nums(d + 1));
     f.inverse = nums(arena, NUMS(d));
     f.L = nums(arena, NUMS(d));
@@ -72,7 +71,6 @@ CORE_INLINE num factorise(const Factor *factor, const num *P, const num *free, i
     for (int place = 0; place < count; ++place) {
         const int i = f.rows[place], row = symmetric_row(f.d + 1, i);
         int j = diagonal_vector(i);
-        num pivot;
         for (int k = 0; k < place; ++k) {
             f.L[k] = times(f.U[symmetric_row(f.d + 1, f.rows[k]) + i], f.inverse[f.rows[k]]);
         }
@@ -102,7 +100,7 @@ CORE_INLINE num factorise(const Factor *factor, const num *P, const num *free, i
             strip_of_row(f, P, place, j, 1);
             break;
         }
-        pivot = choose(free[i], f.U[row + i], constant(1));
+        const num pivot = choose(free[i], f.U[row + i], constant(1));
         safe = if_less(times(constant(least), both(free[i], P[row + i])), pivot, safe, constant(0));
         f.inverse[i] = divided(free[i], pivot);
     }

@@ -20,11 +20,7 @@ enum { WIDTH = LANES };
 #define NUMS(count) (count)           /* nums to make room for */
 #define PARAMETER(p, i) splat((p)[i]) /* vector i of a parameter that all actuators share */
 #define SPREAD(a) (a)                 /* a num beside a vector */
-CORE_INLINE Sum no_sum(void)
-{
-    const Sum s = {{zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros()}};
-    return s;
-}
+CORE_INLINE Sum no_sum(void) { return (Sum){{zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros()}}; }
 /* Add the product of the vectors i to a sum over all of them; `total` is that sum, in the order of sum8. */
 CORE_INLINE void accumulate(Sum *s, int i, vec8 a, vec8 b) { s->l[i % LANES] = plus_product(s->l[i % LANES], a, b); }
 CORE_INLINE num total(const Sum *s)
@@ -67,10 +63,7 @@ CORE_INLINE num greatest(num a, num b) { return larger(a, b); } /* b where eithe
 CORE_INLINE num lowest(num a, num b) { return smaller(a, b); }
 CORE_INLINE num absolute(num a) { return magnitude(a); }
 CORE_INLINE num if_less(num a, num b, num x, num y) { return where_less(a, b, x, y); }
-CORE_INLINE num power_of_two_root(num a) { return root_scale(a); }
 CORE_INLINE int any(num a) { return largest8(a) > 0; }
-CORE_INLINE num num_at(const real *p) { return load(p); }
-CORE_INLINE void set_num(real *p, num a) { store(p, a); }
 #else
 typedef real num;
 typedef vec8 Sum;
@@ -107,8 +100,6 @@ CORE_INLINE num lowest(num a, num b) { return a < b ? a : b; }
 CORE_INLINE num absolute(num a) { return greatest(a, 0 - a); }
 CORE_INLINE num if_less(num a, num b, num x, num y) { return a < b ? x : y; }
 CORE_INLINE int any(num a) { return a > 0; }
-CORE_INLINE num num_at(const real *p) { return *p; }
-CORE_INLINE void set_num(real *p, num a) { *p = a; }
 #endif
 
 /* Entries 8 i to 8 i + 7 of one actuator, or entry i of eight. */

@@ -11,8 +11,8 @@
  * <= 0 (and >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound,
  * where there is one.
  *
- * recursive_gram.c sweeps, recursive_exchange.c sweeps until z is optimal, recursive_refresh.c makes M anew,
- * recursive_renewal.c does so a little at each row, and recursive_rows.c takes the rows.
+ * recursive_start.c begins from a cold solve, recursive_rows.c takes the rows, recursive_exchange.c sweeps until z is
+ * optimal, and recursive_renewal.c makes M anew, mostly a little at each row.
  *
  * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle,
  * "Principal pivoting method of quadratic programming", 1968.
@@ -23,12 +23,10 @@
 #include "box.h"
 
 enum { RECURSIVE_KIND = 0x53575031 };
-/* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end inside recursive_rows.c or in
+/* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end in recursive_refresh or in
  * recursive_recover. */
 enum { SINGULAR = 101, CYCLING = 102 };
-enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is made anew */
-#define FLOOR ((real)1e-11)       /* of rho_j/G_jj where G_FF is singular */
-#define SPENT 1e5                 /* what `growth` begins with there: the inverse has few digits to lose */
+enum { RECURSIVE_REFRESH = 256, RECURSIVE_PIVOTS = 2 }; /* rows after which M is made anew, and by how much a row */
 
 #ifdef CORE_FLOAT
 /* Bounds from here on are none. */
@@ -43,16 +41,22 @@ enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is made anew */
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
-    int32_t free_count, since_refresh;
+    int32_t since_refresh, renewing;
     int32_t cap;                                /* exchanges of one row after which it ends with CAPPED; 0 for none */
     uint32_t exchanges, refreshes, cold_starts; /* so far; after years they begin again at 0 */
     double forgetting, root_growth;             /* lambda, and lambda^(-1/2) */
     double row_weight, root_weight;             /* of a new row, and the root of what the coming row enters with */
     double proximal;                            /* share of the diagonal that the proximal term has */
-    double growth;                              /* the product of sigma since M was made anew */
-    double next_growth;                         /* the same of the matrix being made */
-    int32_t renewing, next_count;               /* whether one is being made, and on how many variables it is swept */
+    double growth, next_growth;                 /* of M, and of the matrix being made */
 } RecursiveHead;
+
+/* A swept matrix. */
+typedef struct {
+    real *M;            /* ld rows */
+    real *free;         /* 1 at F and 0 at A */
+    real *rho, *centre; /* of the proximal term */
+    double *growth;     /* the product of sigma since it was made */
+} Swept;
 
 /* Vectors have ld numbers, d + 1 rounded up to whole blocks of eight. */
 typedef struct {
@@ -61,15 +65,11 @@ typedef struct {
     real *answer, *origin, *sign, *width, *lb, *ub; /* v and what takes z to it; NO_BOUND for no other bound */
     real *side; /* the sign with which the last row of M must not be negative: -1 free, +1 at the bound, 0 unbounded or
                    fixed */
-    real *free; /* 1 at F and 0 at A */
     real *row;  /* the weighted row */
-    real *centre, *rho; /* of the proximal term */
-    real *g, *root, *u; /* the gradient; pivots and 4 rows of sweeps */
-    int32_t *list;      /* of free variables */
-    real *M, *G;        /* ld rows each; a row adds to G from the diagonal blocks on only */
-    real *next_M, *next_free, *next_rho, *next_centre; /* of the matrix being made */
-    int32_t *next_list;
-    real *P, *q; /* room for the data of a cold start */
+    real *g, *u, *share; /* the gradient; a row of M or z; what the rows of M take part with in a sum */
+    Swept now, next;     /* M, and the matrix being made */
+    real *G;             /* ld rows; a row of data is added from the diagonal blocks on only */
+    real *P, *q;         /* room for the data of a cold start */
     Box cold;
 } Recursive;
 
@@ -84,6 +84,9 @@ CORE_API int recursive_begin(Recursive *s, const real *P, const real *q, real co
 /* Take one row (xi, x) of d + 1 numbers and restore optimality; OK or CAPPED, or SINGULAR or CYCLING where only
  * recursive_recover helps; the row is in G then. NOT_FINITE, and nothing changed, for a row that cannot be taken. */
 CORE_API int recursive_take(Recursive *s, const real *row);
+/* Make M anew at once with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or
+ * CYCLING. */
+CORE_API int recursive_refresh(Recursive *s);
 /* Begin anew from the data that G holds. */
 CORE_API int recursive_recover(Recursive *s);
 /* v (d) for z, inside its box to the last bit. */
@@ -92,31 +95,23 @@ CORE_API void recursive_answer(Recursive *s);
 CORE_API real recursive_error(Recursive *s);
 
 /* What the files of this solver ask of each other. */
-CORE_API void recursive_list_free(Recursive *s);
-/* out -= sum over F of share[j] (row j of the matrix). */
-CORE_API void recursive_subtract_free(const Recursive *s, const real *matrix, const real *share, real *out);
-CORE_API void recursive_complete(const Recursive *s, real *matrix);
-CORE_API int recursive_definite(const Recursive *s, int j);
-CORE_API void recursive_sweep(Recursive *s, int j);
-CORE_API int recursive_sweep_free(Recursive *s);
-CORE_API int recursive_exchange(Recursive *s);
 CORE_API int recursive_violated(const Recursive *s);
-/* M <- G + diag(rho), not swept on any variable, with rho_j at least `floor` G_jj and the gradient about `centre`. */
-CORE_API void recursive_unswept(Recursive *s, real floor);
-/* One step of iterative refinement of the last row of M by the residual from G; twice what it lowers the cost by. */
-CORE_API real recursive_refine(Recursive *s);
-CORE_API int recursive_tolerable(const Recursive *s, real gain);
-CORE_API int recursive_refresh(Recursive *s);
-/* u = xi_A - M[:, F] xi_F and M <- M + u u'/sigma for the weighted row xi; 0 where M is left as it was for its sigma.
- */
-CORE_API int recursive_move(Recursive *s);
-/* The parts that one row has in making the matrix anew: before it, 0 where only recursive_refresh helps; and once M and
- * G have it, `exchanged` where the free variables have changed. */
+CORE_API int recursive_exchange(Recursive *s);
+/* Free variable j or take it to its bound; 0 and nothing changed where its pivot is not above its rounding. */
+CORE_API int recursive_sweep(const Recursive *s, const Swept *m, int j);
+/* Move a matrix by the weighted row; 0 where it is left as it was, for its sigma. */
+CORE_API int recursive_move(const Recursive *s, const Swept *m);
+/* The parts that one row has in making M anew: before it, 0 where only recursive_refresh helps; and after it, so many
+ * pivots. */
 CORE_API int recursive_use_renewed(Recursive *s);
-CORE_API void recursive_renew(Recursive *s, int exchanged);
+CORE_API void recursive_renew(Recursive *s, int pivots);
+/* Fill in what is below the diagonal blocks of G. */
+CORE_API void recursive_complete(const Recursive *s);
+/* g <- q + (G + diag rho) z - diag(rho) c. */
+CORE_API void recursive_residual(const Recursive *s);
 
 CORE_INLINE real *row_of(const Recursive *s, real *matrix, int i) { return matrix + (size_t)i * (size_t)s->ld; }
 /* z with its sign turned at F, and the gradient at A. */
-CORE_INLINE real *last_row(const Recursive *s) { return row_of(s, s->M, s->d); }
+CORE_INLINE real *last_row(const Recursive *s) { return row_of(s, s->now.M, s->d); }
 
 #endif

@@ -1,6 +1,10 @@
 /* Exchanges between free variables and bounds until a box problem with a swept Gram matrix (recursive.h) is at its
  * optimum.
  *
+ * Freeing or fixing variable j is one sweep, with p = M_jj,
+ *
+ *     M <- M - M[:, j] M[j, :] / p  off row and column j,    M_jk <- M_jk / |p|,    M_jj <- -1 / p.
+ *
  * A variable whose entry of the last row of M has the wrong sign is exchanged, the one with the largest e^2/|M_jj|
  * first, e being what is wrong: half of that is what leaving the bound gains, or what keeping it costs. The rule ends
  * the search early but not for certain: it may cycle, and after LIMIT + d exchanges the caller is told so. With a cap
@@ -15,6 +19,31 @@ enum { LIMIT = 20 }; /* a row of a stream takes none or one */
  * clipped then, what clipping it costs. */
 #define NEGLIGIBLE ((real)1e-15)
 
+int recursive_sweep(const Recursive *s, const Swept *m, int j)
+{
+    real *const row = row_of(s, m->M, j), *const u = s->u;
+    const real p = row[j], inverse = 1 / p, size = MAGNITUDE(inverse);
+    /* p of a variable at its bound is what the variables in F do not explain of this: */
+    const real diagonal = row_of(s, s->G, j)[j] + m->rho[j];
+    if (!(m->free[j] > 0 ? p < 0 : p > 5 * (real)s->d * REAL_EPSILON * diagonal)) {
+        return 0;
+    }
+    for (int b = 0; b < s->ld; b += LANES) {
+        store(u + b, load(row + b));
+        store(row + b, zeros());
+    }
+    for (int i = 0; i <= s->d; ++i) {
+        real *const of_M = row_of(s, m->M, i);
+        const vec8 factor = splat(i == j ? size : -u[i] * inverse);
+        for (int b = 0; b < s->ld; b += LANES) {
+            store(of_M + b, plus_product(load(of_M + b), factor, load(u + b)));
+        }
+        of_M[j] = i == j ? -inverse : u[i] * size;
+    }
+    m->free[j] = 1 - m->free[j];
+    return 1;
+}
+
 /* Whether any entry of the last row of M has the wrong sign. */
 int recursive_violated(const Recursive *s)
 {
@@ -22,7 +51,7 @@ int recursive_violated(const Recursive *s)
     vec8 worst = zeros();
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 value = load(last + b);
-        const vec8 room = mul(load(s->free + b), add(load(s->width + b), value));
+        const vec8 room = mul(load(s->now.free + b), add(load(s->width + b), value));
         worst = smaller(worst, smaller(mul(load(s->side + b), value), room));
     }
     return sum8(worst) < 0;
@@ -34,12 +63,12 @@ static void reflect(Recursive *s, int j)
 {
     const int d = s->d;
     const real width = s->width[j];
-    real *const row = row_of(s, s->G, j), *const last = row_of(s, s->G, d), *const swept = row_of(s, s->M, j);
+    real *const row = row_of(s, s->G, j), *const last = row_of(s, s->G, d), *const swept = row_of(s, s->now.M, j);
     s->origin[j] = s->sign[j] > 0 ? s->ub[j] : s->lb[j];
     s->sign[j] = -s->sign[j];
-    s->centre[j] = width - s->centre[j];
+    s->now.centre[j] = width - s->now.centre[j];
     s->head->renewing = 0;
-    recursive_complete(s, s->G);
+    recursive_complete(s);
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 entries = load(row + b);
         store(last + b, plus_product(load(last + b), splat(width), entries));
@@ -50,7 +79,7 @@ static void reflect(Recursive *s, int j)
         real *const of_row = row_of(s, s->G, i);
         of_row[d] += width * of_row[j];
         of_row[j] = -of_row[j];
-        row_of(s, s->M, i)[j] = -row_of(s, s->M, i)[j];
+        row_of(s, s->now.M, i)[j] = -row_of(s, s->now.M, i)[j];
     }
     last_row(s)[j] -= width;
     swept[d] -= width;
@@ -62,15 +91,15 @@ int recursive_exchange(Recursive *s)
     const int d = s->d;
     const real *const last = last_row(s);
     for (int done = 0; done < LIMIT + d; ++done) {
-        int chosen = -1, beyond = 0, is_free;
+        int chosen = -1, beyond = 0;
         const real least = NEGLIGIBLE * MAGNITUDE(last[d]);
         real most = 0;
         for (int j = 0; j < d; ++j) {
-            const real below = -s->side[j] * last[j], above = -(s->width[j] + last[j]) * s->free[j];
+            const real below = -s->side[j] * last[j], above = -(s->width[j] + last[j]) * s->now.free[j];
             const real size = above > below ? above : below;
             if (size > 0) {
-                const real square = size * size, gain = square / MAGNITUDE(row_of(s, s->M, j)[j]);
-                if (gain > most && (gain > least || s->free[j] * square * row_of(s, s->G, j)[j] > least)) {
+                const real square = size * size, gain = square / MAGNITUDE(row_of(s, s->now.M, j)[j]);
+                if (gain > most && (gain > least || s->now.free[j] * square * row_of(s, s->G, j)[j] > least)) {
                     chosen = j;
                     beyond = above > below;
                     most = gain;
@@ -86,14 +115,10 @@ int recursive_exchange(Recursive *s)
         if (beyond) {
             reflect(s, chosen);
         }
-        is_free = s->free[chosen] > 0;
-        if (!(is_free ? row_of(s, s->M, chosen)[chosen] < 0 : recursive_definite(s, chosen))) {
+        if (!recursive_sweep(s, &s->now, chosen)) {
             return SINGULAR;
         }
-        recursive_sweep(s, chosen);
-        s->free[chosen] = is_free ? 0 : 1;
         s->side[chosen] = -s->side[chosen];
-        recursive_list_free(s);
         ++s->head->exchanges;
     }
     return CYCLING;

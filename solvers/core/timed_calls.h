@@ -32,13 +32,12 @@ static inline int time_calls(const TimedSolver *s, int64_t count, const double *
     int status = OK;
     while (k < count && most_ns >= 0 && (status == OK || status == CAPPED)) {
         const int64_t begin = monotonic_ns();
-        int64_t between, end;
         status = s->update(s->solver, P + (size_t)k * d * d, q + (size_t)k * d);
-        between = monotonic_ns();
+        const int64_t between = monotonic_ns();
         if (status == OK) {
             status = s->solve(s->solver, start, answers + (size_t)k * d);
         }
-        end = monotonic_ns();
+        const int64_t end = monotonic_ns();
         update_ns[k] = between - begin;
         solve_ns[k] = end - between;
         most_ns -= end - begin;

@@ -122,21 +122,9 @@ CORE_INLINE part load_part(const real *p)
     return r;
 }
 CORE_INLINE void store_part(real *p, part a) { memcpy(p, &a, sizeof a); }
-CORE_INLINE part splat_part(real s)
-{
-    const part r = SPLAT(s);
-    return r;
-}
-CORE_INLINE part_bits splat_bits(whole s)
-{
-    const part_bits r = SPLAT(s);
-    return r;
-}
-CORE_INLINE part_bits numbers_from(whole i)
-{
-    const part_bits r = COUNT(i);
-    return r;
-}
+CORE_INLINE part splat_part(real s) { return (part)SPLAT(s); }
+CORE_INLINE part_bits splat_bits(whole s) { return (part_bits)SPLAT(s); }
+CORE_INLINE part_bits numbers_from(whole i) { return (part_bits)COUNT(i); }
 CORE_INLINE part_bits bits_of(part a)
 {
     part_bits r;
@@ -190,76 +178,39 @@ CORE_INLINE part root_scale_part(part v)
 }
 
 #define ONE_OF(p, i) load_part(source + (i) * PART_LANES)
-CORE_INLINE vec8 load(const real *source)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 load(const real *source) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) every
 CORE_INLINE vec8 splat(real s)
 {
     const part every = splat_part(s);
-    const vec8 r = ALL(ONE_OF);
-    return r;
+    return (vec8)ALL(ONE_OF);
 }
 #undef ONE_OF
 #define ONE_OF(p, i) a.p + b.p
-CORE_INLINE vec8 add(vec8 a, vec8 b)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 add(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) a.p - b.p
-CORE_INLINE vec8 sub(vec8 a, vec8 b)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 sub(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) a.p *b.p
-CORE_INLINE vec8 mul(vec8 a, vec8 b)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 mul(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) a.p / b.p
-CORE_INLINE vec8 divide(vec8 a, vec8 b)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 divide(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) larger_part(a.p, b.p)
-CORE_INLINE vec8 larger(vec8 a, vec8 b)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 larger(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) smaller_part(a.p, b.p)
-CORE_INLINE vec8 smaller(vec8 a, vec8 b)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 smaller(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) CHOOSE(a.p < b.p, x.p, y.p)
 /* Lane by lane x where a < b, else y; y where either is NaN. */
-CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) root_scale_part(a.p)
-CORE_INLINE vec8 root_scale(vec8 a)
-{
-    const vec8 r = ALL(ONE_OF);
-    return r;
-}
+CORE_INLINE vec8 root_scale(vec8 a) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 /* a with `number` in lane `place`, as it was where there is no such lane. */
 #define ONE_OF(p, i) CHOOSE(numbers_from((i) * PART_LANES) == at, number_everywhere, a.p)
@@ -267,8 +218,7 @@ CORE_INLINE vec8 with_lane(vec8 a, int place, real number)
 {
     const part_bits at = splat_bits(place);
     const part number_everywhere = splat_part(number);
-    const vec8 r = ALL(ONE_OF);
-    return r;
+    return (vec8)ALL(ONE_OF);
 }
 #undef ONE_OF
 
@@ -284,8 +234,7 @@ CORE_INLINE void store(real *target, vec8 a)
 CORE_INLINE vec8 load_first(const real *source, int count)
 {
 #if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
-    const vec8 r = {(part)_mm512_maskz_loadu_pd((__mmask8)((1U << count) - 1U), source)};
-    return r;
+    return (vec8){(part)_mm512_maskz_loadu_pd((__mmask8)((1U << count) - 1U), source)};
 #else
     real l[LANES] = {0};
     for (int i = 0; i < count; ++i) {

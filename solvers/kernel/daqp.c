@@ -71,9 +71,8 @@ static int update_problem(State *s, int mask, int *sense)
 static int update(void *state, const double *P, const double *q)
 {
     State *const s = state;
-    int flag;
     take_data(&s->data, P, q);
-    flag = update_problem(s, UPDATE_RINV | UPDATE_V, s->cold);
+    const int flag = update_problem(s, UPDATE_RINV | UPDATE_V, s->cold);
     s->is_cold = 1;
     return flag < 0 ? flag : OK;
 }

@@ -24,12 +24,11 @@ static int update(void *state, const double *P, const double *q)
     State *const s = state;
     const int d = (int)s->data.d;
     double *value = s->triangle;
-    int flag;
     take_data(&s->data, P, q);
     for (int j = 0; j < d; value += d - j, ++j) {
         memcpy(value, P + (size_t)j * (size_t)(d + 1), (size_t)(d - j) * sizeof(double));
     }
-    flag = s->pass_hessian(s->highs, d, d * (d + 1) / 2, HIGHS_TRIANGULAR, s->starts, s->rows, s->triangle);
+    const int flag = s->pass_hessian(s->highs, d, d * (d + 1) / 2, HIGHS_TRIANGULAR, s->starts, s->rows, s->triangle);
     return flag < 0 ? flag : s->change_costs(s->highs, 0, d - 1, q) < 0 ? -1 : OK;
 }
 

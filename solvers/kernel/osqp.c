@@ -31,10 +31,9 @@ static int update(void *state, const double *P, const double *q)
 {
     State *const s = state;
     const int d = (int)s->data.d;
-    int flag;
     take_data(&s->data, P, q);
     upper_triangle(&s->data, s->triangle);
-    flag = s->update_data_vec(s->solver, q, NULL, NULL);
+    int flag = s->update_data_vec(s->solver, q, NULL, NULL);
     flag = flag != 0 ? flag : s->update_data_mat(s->solver, s->triangle, NULL, d * (d + 1) / 2, NULL, NULL, 0);
     return flag != 0 ? -flag : OK;
 }

@@ -7,7 +7,7 @@ matrix of rank one, and its last row is the answer. Timed in ``solve`` is what r
 
 An answer is never refused where there is one. The factor is made anew by the refresh rule of ``recursive_rows.c``,
 which bounds its drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew
-at once; where that does not help, the cold exact solver is asked (``recursive_refresh.c``). An error is left for
+at once; where that does not help, the cold exact solver is asked (``recursive_start.c``). An error is left for
 data that have no minimum.
 """
 

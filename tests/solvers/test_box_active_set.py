@@ -9,7 +9,7 @@ import pytest
 import quadprog
 from allocations import left_by
 from box_programs import INF, gap, inside, random_bounds, seeds, spectrum_matrix
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
@@ -252,6 +252,7 @@ def test_one_entry_of_P_that_is_not_finite_is_found_wherever_it_stands(seed, d, 
 
 @quick
 @given(seed=seeds, d=st.integers(2, 20), decades=st.floats(-7, 0), entries=st.integers(1, 5))
+@example(seed=1, d=18, decades=-1.0, entries=1)
 def test_an_unsymmetric_P_is_found_wherever_it_differs(seed, d, decades, entries):
     rng = np.random.default_rng(seed)
     P = spectrum_matrix(rng, d, 1)

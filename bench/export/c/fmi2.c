@@ -77,11 +77,14 @@ EXPORTED fmi2Status fmi2DoStep(void *c, fmi2Real now, fmi2Real interval, fmi2Boo
 }
 EXPORTED fmi2Status fmi2CancelStep(void *c) { return refuse(c, "no step is under way"); }
 
-EXPORTED fmi2Status fmi2GetStatus(void *c, const fmi2StatusKind kind, fmi2Status *value) { return fmi2Discard; }
-EXPORTED fmi2Status fmi2GetRealStatus(void *c, const fmi2StatusKind kind, fmi2Real *value) { return fmi2Discard; }
-EXPORTED fmi2Status fmi2GetIntegerStatus(void *c, const fmi2StatusKind kind, fmi2Integer *value) { return fmi2Discard; }
-EXPORTED fmi2Status fmi2GetBooleanStatus(void *c, const fmi2StatusKind kind, fmi2Boolean *value) { return fmi2Discard; }
-EXPORTED fmi2Status fmi2GetStringStatus(void *c, const fmi2StatusKind kind, fmi2String *value) { return fmi2Discard; }
+/* No step is ever pending. */
+#define NO_STATUS(name, type)                                                                                          \
+    EXPORTED fmi2Status name(void *c, const fmi2StatusKind kind, type *value) { return fmi2Discard; }
+NO_STATUS(fmi2GetStatus, fmi2Status)
+NO_STATUS(fmi2GetRealStatus, fmi2Real)
+NO_STATUS(fmi2GetIntegerStatus, fmi2Integer)
+NO_STATUS(fmi2GetBooleanStatus, fmi2Boolean)
+NO_STATUS(fmi2GetStringStatus, fmi2String)
 
 NONE_OF_TYPE(Integer)
 NONE_OF_TYPE(Boolean)

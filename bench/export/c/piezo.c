@@ -37,11 +37,15 @@ static void set_limits(const Compensator *c, double low, double high, double max
 #if PIEZO_LEARNING
 static Controller controller_of(const piezo_axis *axis)
 {
-    const Shape shape = CORE_SHAPE;
-    Controller c;
-    c.compensator = of(axis);
-    c.mailbox = mailbox_at((char *)(uintptr_t)axis->learner.bytes + HEAD_BYTES, shape);
-    return c;
+    char *const mailbox = (char *)(uintptr_t)axis->learner.bytes + HEAD_BYTES;
+    return (Controller){of(axis), mailbox_at(mailbox, exported_shape)};
+}
+
+static void widen(const real *from, int count, double *to)
+{
+    for (int i = 0; i < count; ++i) {
+        to[i] = (double)from[i];
+    }
 }
 
 /* Begin to learn from the weights in use and the states of the operators; what is on its way between step and learner
@@ -51,18 +55,10 @@ static void begin_learning(piezo_axis *axis)
     const Controller c = controller_of(axis);
     const Inverse *const p = &c.compensator.inverse;
     double weights[PIEZO_ALL_WEIGHTS];
-    for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
-        weights[i] = (double)p->w_H[i];
-    }
-    for (int i = 0; i < PIEZO_ZONES; ++i) {
-        weights[PIEZO_THRESHOLDS + i] = (double)p->w_S[i];
-    }
-#if PIEZO_RATES > 0
-    for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
-        weights[PIEZO_THRESHOLDS + PIEZO_ZONES + i] = (double)p->w_K[i];
-    }
-#endif
-    weights[PIEZO_ALL_WEIGHTS - 1] = (double)p->offset[0];
+    widen(p->w_H, PIEZO_THRESHOLDS, weights);
+    widen(p->w_S, PIEZO_ZONES, weights + PIEZO_THRESHOLDS);
+    widen(p->w_K, creep_weights(exported_shape), weights + PIEZO_THRESHOLDS + PIEZO_ZONES);
+    widen(p->offset, 1, weights + PIEZO_ALL_WEIGHTS - 1);
     controller_begin(&c, c.compensator.play, c.compensator.creep);
     piezo_learner_begin(axis->learner.bytes, weights);
     axis->driven = 0;
@@ -95,13 +91,8 @@ void piezo_correct(piezo_axis *axis, piezo_real y_measured)
 
 void piezo_reset(piezo_axis *axis)
 {
-    const Shape shape = CORE_SHAPE;
-    Compensator c;
-    DriveSettings *settings;
+    const Compensator c = compensator_setup(axis->compensator.bytes, exported_shape);
     real weights[PIEZO_ALL_WEIGHTS];
-    compensator_setup(axis->compensator.bytes, shape);
-    c = of(axis);
-    settings = settings_of(&c);
     for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
         c.operators.r[i] = (real)thresholds[i];
     }
@@ -110,16 +101,16 @@ void piezo_reset(piezo_axis *axis)
         c.operators.a[i] = (real)creep_gains[i];
     }
 #endif
-    for (int i = 0; i < zone_lanes(shape); ++i) {
+    for (int i = 0; i < zone_lanes(exported_shape); ++i) {
         c.low[i] = i < PIEZO_ZONES ? (real)zone_low[i] : -REAL_INFINITY;
         c.high[i] = i < PIEZO_ZONES ? (real)zone_high[i] : REAL_INFINITY;
     }
-    settings->x_centre = (real)PIEZO_X_CENTRE;
-    settings->x_scale = (real)PIEZO_X_SCALE;
-    settings->y_centre = (real)PIEZO_Y_CENTRE;
-    settings->y_scale = (real)PIEZO_Y_SCALE;
-    settings->decay = (real)PIEZO_FADE;
-    settings->gain = (real)PIEZO_INTEGRAL_GAIN;
+    *settings_of(&c) = (DriveSettings){.x_centre = (real)PIEZO_X_CENTRE,
+                                       .x_scale = (real)PIEZO_X_SCALE,
+                                       .y_centre = (real)PIEZO_Y_CENTRE,
+                                       .y_scale = (real)PIEZO_Y_SCALE,
+                                       .decay = (real)PIEZO_FADE,
+                                       .gain = (real)PIEZO_INTEGRAL_GAIN};
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
     c.memory->last_y_ref = (real)PIEZO_Y_CENTRE;
     c.memory->given = (real)NAN;
@@ -134,11 +125,20 @@ void piezo_reset(piezo_axis *axis)
     begin_learning(axis);
 }
 
+static int all_finite(const piezo_real *numbers, size_t count)
+{
+    piezo_real sum = 0;
+    for (size_t i = 0; i < count; ++i) {
+        sum += numbers[i] - numbers[i]; /* 0, or NaN */
+    }
+    return sum == 0;
+}
+
 /* The weights in the order of the core, if they make a model that has an inverse. */
 static piezo_status check(const piezo_weights *given, real *weights)
 {
     real slope = 0;
-    int finite = 1, invertible = given->w_h[0] > 0;
+    int invertible = given->w_h[0] > 0;
     memcpy(weights, given->w_h, sizeof given->w_h);
     memcpy(weights + PIEZO_THRESHOLDS, given->w_s, sizeof given->w_s);
 #if PIEZO_RATES > 0
@@ -148,7 +148,6 @@ static piezo_status check(const piezo_weights *given, real *weights)
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
         const int may_be_negative =
             (i >= PIEZO_THRESHOLDS && i < PIEZO_THRESHOLDS + PIEZO_ZONES) || i == PIEZO_ALL_WEIGHTS - 1;
-        finite = finite && isfinite(weights[i]);
         invertible = invertible && (may_be_negative || weights[i] >= 0);
     }
     for (int i = PIEZO_MIDDLE; i < PIEZO_ZONES; ++i) {
@@ -160,7 +159,7 @@ static piezo_status check(const piezo_weights *given, real *weights)
         slope += given->w_s[i];
         invertible = invertible && slope > 0;
     }
-    return !finite ? PIEZO_NOT_FINITE : invertible ? PIEZO_OK : PIEZO_NO_INVERSE;
+    return !all_finite(weights, PIEZO_ALL_WEIGHTS) ? PIEZO_NOT_FINITE : invertible ? PIEZO_OK : PIEZO_NO_INVERSE;
 }
 
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *given, piezo_real fade)
@@ -218,17 +217,7 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
 {
     const Compensator c = of(axis);
-    int finite =
-        isfinite(state->bump) && isfinite(state->fade) && isfinite(state->last_y_ref) && isfinite(state->correction);
-    for (int i = 0; i < PIEZO_PLAY; ++i) {
-        finite = finite && isfinite(state->play[i]);
-    }
-#if PIEZO_RATES > 0
-    for (int i = 0; i < PIEZO_RATES * PIEZO_PLAY; ++i) {
-        finite = finite && isfinite(state->creep[i]);
-    }
-#endif
-    if (!finite) {
+    if (!all_finite((const piezo_real *)(const void *)state, sizeof *state / sizeof(piezo_real))) {
         return PIEZO_NOT_FINITE;
     }
     memcpy(c.play, state->play, sizeof state->play);

@@ -37,13 +37,13 @@ static const double outer_low[] = PIEZO_OUTER_LOW, outer_high[] = PIEZO_OUTER_HI
 static const double creep_gains[] = PIEZO_CREEP_GAINS;
 #endif
 
-static void set_regressors(const Regressors *p, Shape shape)
+static void set_regressors(const Regressors *p)
 {
     memcpy(p->operators.r, thresholds, sizeof thresholds);
 #if PIEZO_RATES > 0
     memcpy(p->operators.a, creep_gains, sizeof creep_gains);
 #endif
-    for (int i = 0; i < zone_lanes(shape); ++i) {
+    for (int i = 0; i < zone_lanes(exported_shape); ++i) {
         p->low[i] = i < PIEZO_ZONES ? zone_low[i] : -REAL_INFINITY;
         p->high[i] = i < PIEZO_ZONES ? zone_high[i] : REAL_INFINITY;
         p->outer_low[i] = i < PIEZO_ZONES ? outer_low[i] : -REAL_INFINITY;
@@ -53,7 +53,6 @@ static void set_regressors(const Regressors *p, Shape shape)
 
 void piezo_learner_reset(void *learner)
 {
-    const Shape shape = CORE_SHAPE;
     const LearnerSettings settings = {
         .way = CORE_WAY,
         .solver = CORE_SOLVER,
@@ -75,10 +74,10 @@ void piezo_learner_reset(void *learner)
         .step_ratio = PIEZO_STEP_RATIO,
 #endif
     };
-    const Learner l = learner_setup(learner, shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY);
+    const Learner l = learner_setup(learner, exported_shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY);
     l.mailbox.head->delay = PIEZO_DELAY;
     memcpy((void *)(uintptr_t)l.settings, &settings, sizeof settings);
-    set_regressors(&l.regressors, shape);
+    set_regressors(&l.regressors);
 }
 
 void piezo_learner_begin(void *learner, const double *weights)
@@ -95,16 +94,14 @@ static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
     void *const memory = workspace_of(l).exact;
-    Box box;
-    int status;
     if (box_setup(memory, l->d, c->lower, c->upper) != OK) {
         return 0;
     }
-    box = box_at(memory);
+    Box box = box_at(memory);
     if (box_take_hessian(&box, c->P) != OK || box_take_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
         return 0;
     }
-    status = box_solve(&box, 1);
+    const int status = box_solve(&box, 1);
     memcpy(c->answer, box.answer, (size_t)l->d * sizeof(real));
     return status == OK || status == CAPPED;
 }
@@ -156,12 +153,10 @@ piezo_events piezo_get_events(const piezo_axis *axis)
 {
     const Learner l = learner_at((void *)(uintptr_t)axis->learner.bytes);
     const MailboxHead *const m = l.mailbox.head;
-    piezo_events events;
-    events.hand_overs = CORE_ACQUIRE(axis->learned);
-    events.refusals = CORE_ACQUIRE(axis->learned + 1);
-    events.sensor_faults = CORE_ACQUIRE(axis->learned + 2);
-    events.numeric_faults = CORE_ACQUIRE(axis->learned + 3);
-    events.late_offers = CORE_ACQUIRE(&m->late);
-    events.dropped_blocks = CORE_ACQUIRE(&m->dropped);
-    return events;
+    return (piezo_events){.hand_overs = CORE_ACQUIRE(axis->learned),
+                          .refusals = CORE_ACQUIRE(axis->learned + 1),
+                          .sensor_faults = CORE_ACQUIRE(axis->learned + 2),
+                          .numeric_faults = CORE_ACQUIRE(axis->learned + 3),
+                          .late_offers = CORE_ACQUIRE(&m->late),
+                          .dropped_blocks = CORE_ACQUIRE(&m->dropped)};
 }
