@@ -5,8 +5,6 @@ needs takes seconds to import, and ``piezobench --help`` needs none of it. Of th
 read.
 """
 
-from __future__ import annotations
-
 import ast
 import gc
 import io

@@ -1,7 +1,5 @@
 """Verbs that make something of finished runs: ``compare`` them, ``deploy`` what one has found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

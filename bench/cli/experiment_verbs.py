@@ -1,7 +1,5 @@
 """The verb ``experiment``: the paper's Fig. 4 on a simulated stage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,8 +1,6 @@
 """Verbs that take a model out of Python: ``export-c``, ``export-fmu``, and ``realtime``, the exported C on this
 machine."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

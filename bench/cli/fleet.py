@@ -1,7 +1,5 @@
 """What the verbs of one recording do with many: the work on each, the fleet's table and page, and its first screen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated

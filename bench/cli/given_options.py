@@ -1,7 +1,5 @@
 """Options that the command line names and a call would not use: they are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import typer

@@ -1,7 +1,5 @@
 """Verbs of a model that is there: ``validate`` it on another recording, ``simulate`` a drive with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

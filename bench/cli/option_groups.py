@@ -1,8 +1,6 @@
 """Options that several verbs share, or that are known only when the program runs: a verb gets a group of them as one
 argument."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Callable, Mapping

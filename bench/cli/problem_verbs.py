@@ -1,7 +1,5 @@
 """The verb ``problems``: what the problem sets hold, whether every proof holds, and the problems as files."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from itertools import islice

@@ -1,7 +1,5 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path

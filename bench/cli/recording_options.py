@@ -1,7 +1,5 @@
 """The options of every verb that reads a recording: what the file itself does not say, defined once."""
 
-from __future__ import annotations
-
 import functools
 from typing import Annotated, Any, Literal, TypedDict
 

@@ -1,7 +1,5 @@
 """The verb ``inspect``: what a file is understood as, before anything is made of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The option ``--solver`` of verbs that learn or identify with one."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

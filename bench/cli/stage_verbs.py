@@ -1,7 +1,5 @@
 """Verbs of a control engineer: ``identify`` a model from a recording, ``compensate`` a reference with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -23,8 +23,6 @@ BY_CHANCE (the least of six coins that all fall on one side has p = 3 %), or one
 have the same seed and so the same problems.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 """What a comparison says and shows: sentences, one table with a row a solver lane, one picture; on a page, as Markdown
 and as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -11,8 +11,6 @@ not all of them have
 A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

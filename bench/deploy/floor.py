@@ -19,8 +19,6 @@ seen and not what the machine does: what nobody has seen excuses one call in a h
 is late by itself, and nothing is explained.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

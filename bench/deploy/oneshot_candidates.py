@@ -5,8 +5,6 @@ Accuracy is judged by the rows of all hosts, times are those of one. Deadlines c
 percentiles are hot, since only one setting takes turns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ Compiled loops are not on the schedule and are left out. Of several settings of 
 looser.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

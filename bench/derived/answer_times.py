@@ -4,8 +4,6 @@ A percentile of a solver is that of all its calls on all the problems in questio
 each finds the caches that the other solvers left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

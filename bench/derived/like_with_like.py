@@ -7,8 +7,6 @@ the lane on all of them. *Hot* calls follow each other, and *in turns* each find
 left.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -10,8 +10,6 @@ of the solve. What is said of its answer is that of the first repeat that is not
 now and then is lost; a repeat in which it was not run counts only where it was run in none.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

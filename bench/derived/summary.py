@@ -6,8 +6,6 @@ times, and the p99 of an answer over all calls. A tier that is not reached has n
 the floor, a solver that does nothing.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 from bench.derived import answer_times

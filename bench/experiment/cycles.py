@@ -4,8 +4,6 @@ A compensator that was made once, before the start-up, is the paper's reason for
 temperature and ageing. On the drifting stage it is what learns for two cycles and keeps that model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 """The exported C built and run on this machine: with any compiler, replayed over recorded samples, counted by
 callgrind."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -4,8 +4,6 @@ makefile.
 The interface and the templates have the prefix ``piezo``; another name is put in its place.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import partial

@@ -6,8 +6,6 @@ carries a binary for the machine it was made on and the source for any other.
 Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 """
 
-from __future__ import annotations
-
 import platform
 import tempfile
 import uuid

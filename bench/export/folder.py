@@ -1,7 +1,5 @@
 """A folder that is there whole or not at all: written beside the target, then renamed to it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

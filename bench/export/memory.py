@@ -1,7 +1,5 @@
 """Memory of an exported compensator: that of the core's states, which Python asks of the core itself."""
 
-from __future__ import annotations
-
 from bench.export.numbers import Precision
 from bench.export.settings import BLOCKS, ExportSettings
 from piezo_model.core import bindings

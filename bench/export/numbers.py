@@ -1,7 +1,5 @@
 """Numbers as C writes them, and what cannot be written."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Literal

@@ -4,8 +4,6 @@ Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one ste
 sample or with a solver that answers once the data are there, and *continuous* with the exact optimum at every interval.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args

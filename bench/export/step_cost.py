@@ -5,8 +5,6 @@ Learning is slow beside a sample: a cycle of 10 s has one block at which a phase
 too. So steps are counted over cycles of the same proportions that are as short as the samples that can be counted.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """Compensation as the command line asks for it: the drive that makes one actuator, or each of a fleet, follow a
 reference."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

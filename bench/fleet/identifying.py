@@ -1,7 +1,5 @@
 """Identification as the command line asks for it, of one recording or of each of a fleet."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,8 +1,6 @@
 """Validation as the command line asks for it: of one model on each recording of a fleet, or of a fleet's models on one
 recording each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ A matrix is stored dense under its name, or in compressed columns as ``P/data``,
 ``P/shape``. A file that qpsolvers saved holds a Python object where it has nothing; nothing is ever unpickled here.
 """
 
-from __future__ import annotations
-
 import struct
 import tokenize
 import zipfile

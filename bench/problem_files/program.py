@@ -5,8 +5,6 @@
 Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

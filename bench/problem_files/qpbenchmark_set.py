@@ -6,8 +6,6 @@ qpbenchmark, class ``TestSet``). It is somebody's code, so :func:`read_test_set`
 written each problem is there once in each scaling.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 from importlib import import_module

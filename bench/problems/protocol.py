@@ -1,7 +1,5 @@
 """A problem that owns its certified optimum, in each scaling in which it is raced."""
 
-from __future__ import annotations
-
 import json
 import math
 from abc import ABC, abstractmethod
@@ -9,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NotRequired, TypedDict
+from typing import Any, ClassVar, Literal, NotRequired, Self, TypedDict
 
 import numpy as np
 import qpsolvers
@@ -193,7 +191,7 @@ class RaceProblem:
             np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
 
     @classmethod
-    def load(cls, path: Path) -> RaceProblem:
+    def load(cls, path: Path) -> Self:
         """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
         with opened(path) as data:
             meta = decoded(str(data["meta"]), Meta)

@@ -4,8 +4,6 @@ In a race each worker times on a core of its own (see `cores`) and keeps its sol
 writes its rows itself, so a cluster's workers must reach the run's folder under the same path.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import threading

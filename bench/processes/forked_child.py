@@ -4,8 +4,6 @@ The server has imported what all children need (qpsolvers is among it, and it im
 every thread pool limited to one thread.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import tempfile

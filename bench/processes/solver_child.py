@@ -4,8 +4,6 @@ A solver that crashes, hangs or eats memory takes its own process with it and no
 one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar

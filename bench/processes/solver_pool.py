@@ -1,7 +1,5 @@
 """The processes of a race on one core: one for each solver lane, and the sentinel's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack
 

@@ -7,8 +7,6 @@ part (where it ran, what disturbed it, how the sentinel fared) come last and say
 those of a phase may be done in any order, and the next phase is planned by the rows of those before.
 """
 
-from __future__ import annotations
-
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The field of a race: which solvers are asked for, and which of them run here."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from typing import TypeVar

@@ -4,8 +4,6 @@ The folder is the registry: each ``kind.py`` in a folder beside this file has a 
 settings and report.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

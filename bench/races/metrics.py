@@ -13,8 +13,6 @@ zero
 What these figures mean to a tier is said in `bench.derived.accuracy`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What the report of any race has from its run: its title, scope and limits, machine, versions and settings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures and names as a reader meets them, the same in every table, plot and sentence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any

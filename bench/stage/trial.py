@@ -4,8 +4,6 @@ compensation.
 All of them stand behind the same decoupling matrix and start from the same rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

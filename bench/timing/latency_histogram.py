@@ -11,8 +11,6 @@ twice.
 Source: G. Tene, "How NOT to measure latency" (2013) and HdrHistogram, whose Python package this is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -4,8 +4,6 @@ Some of it is known beforehand (:func:`warnings`); what happened meanwhile is th
 and after a part of the race: time that a hypervisor gave to others, cores that ran hot, and load by neighbours.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform

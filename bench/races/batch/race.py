@@ -7,8 +7,6 @@ with a thread on every core. Of the answers that were timed the parent judges a 
 before take longer than ``longest_s``, or the one before had no answer, it is not run, and the row says so.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """What a batch race says and shows."""
 
-from __future__ import annotations
-
 import math
 
 import pandas as pd

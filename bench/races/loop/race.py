@@ -14,8 +14,6 @@ tiers, with the settings of `chosen_settings`, and its answer is taken over as s
 that stays as it is and for one whose actuators drift.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

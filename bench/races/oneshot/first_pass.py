@@ -6,8 +6,6 @@ whether the solver answers from memory or works while nobody times it; where tha
 measured again for it.
 """
 
-from __future__ import annotations
-
 import math
 import secrets
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Rows of the one-shot race, each of one measurement: who, what, how right and how fast. None knows of a tier."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any

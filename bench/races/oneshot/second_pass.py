@@ -12,8 +12,6 @@ they left them. A compensator that has other work in a sampling period sits betw
 problem is never divided between workers.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Mapping, Sequence

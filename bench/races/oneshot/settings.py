@@ -5,8 +5,6 @@ wrapper is measured at its defaults and at one setting more, that which asks for
 since it shows what calling a library in another way costs; cvxpy on some problems only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ starts.
 A solver whose answers are late at each of the first ``give_up`` samples is stopped there, and marked.
 """
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """What a stream race says and shows."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

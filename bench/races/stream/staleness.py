@@ -8,9 +8,8 @@ which is V(x) − V* without the cancellation of two nearly equal numbers. At th
 computed in exact arithmetic instead, and the difference of the two there shows how far the doubles can be trusted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -29,7 +28,7 @@ class Judge:
     """The optimum of each sample in doubles. Shape (N, d)."""
 
     @classmethod
-    def of(cls, stream: StreamProblem) -> Judge:
+    def of(cls, stream: StreamProblem) -> Self:
         """Find the optima of a stream."""
         return cls(stream, references(stream.start, stream.rows, stream.forgetting, stream.answer)[1:])
 

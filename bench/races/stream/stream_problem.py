@@ -11,8 +11,6 @@ all others a solver of the caller's choice is the reference. All of it follows f
 bit, so that none is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
