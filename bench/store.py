@@ -339,5 +339,4 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def _rows(data: Mapping[str, Any]) -> list[Row]:
     """The rows of a task's file."""
-    found: list[Row] = unpacked(decoded(str(data["rows"]), list[Row]))
-    return found
+    return unpacked(decoded(str(data["rows"]), list[Row]))

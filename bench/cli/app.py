@@ -79,8 +79,7 @@ def _options(
 
 def load(verb: str) -> Callable[..., Any]:
     """Import the function of a verb."""
-    function: Callable[..., Any] = getattr(import_module(f"bench.cli.{VERBS[verb]}"), _function(verb))
-    return function
+    return getattr(import_module(f"bench.cli.{VERBS[verb]}"), _function(verb))
 
 
 def run(words: list[str]) -> int:

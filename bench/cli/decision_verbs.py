@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from bench.cli.given_options import refuse
+from bench.cli.options import refuse
 from bench.comparison import report as comparison_report
 from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy.actuator_model import model_for

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.given_options import refuse
+from bench.cli.options import refuse
 from bench.cli.worker_options import SPREADING
 from bench.fleet.fleet import Work, done, drawn, parts_of
 from bench.fleet.report import DISTANT, report, table_of, write

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.derived.answer_times import Microseconds
+from bench.derived.measurements import Microseconds
 from bench.timing.percentiles import rate_bound
 
 UNSEEN = 0.01

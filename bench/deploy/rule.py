@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
-from bench.derived.answer_times import Microseconds
+from bench.derived.measurements import Microseconds
 from bench.derived.tier_settings import choice
 from bench.derived.tier_settings import margin as margin_of
 from bench.report.words import marked, settings_label

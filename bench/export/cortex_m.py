@@ -15,9 +15,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.export.building import EXACT, WARNINGS, compiled, tool, units
+from bench.export.building import EXACT, WARNINGS, compiled, tool, units, write_files
 from bench.export.c_source import export, render
-from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import HysteresisCreepModel
 from solvers.arrays import Vector

@@ -16,9 +16,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from bench.export.building import EXACT, WARNINGS, compiled, tool
+from bench.export.building import EXACT, WARNINGS, compiled, tool, write_files
 from bench.export.c_source import known, render, sources
-from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel

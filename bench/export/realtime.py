@@ -11,7 +11,7 @@ import os
 import subprocess
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -199,5 +199,5 @@ class RealTimeFigures:
             "histograms_us": {
                 name: {f"{bound:g}": n for bound, n in count.items()} for name, count in self.histograms.items()
             },
-            "cost": None if self.cost is None else self.cost.to_dict(),
+            "cost": None if self.cost is None else asdict(self.cost),
         }

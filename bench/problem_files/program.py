@@ -84,8 +84,7 @@ def vector(name: str, values: Any) -> Vector:
     """Numbers of whatever storage as a vector; ValueError where they are a matrix."""
     dense = values if isinstance(values, np.ndarray) else values.toarray()
     require(dense.size == max(dense.shape, default=1), f"{name} is of shape {dense.shape} and no vector")
-    found: Vector = doubles(name, dense).ravel()
-    return found
+    return doubles(name, dense).ravel()
 
 
 def constant_term(name: str, values: Any) -> float:

@@ -22,7 +22,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from bench.messages.race_error import RaceError
 from bench.processes.forked_child import warm_up
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.timing import cores
 from solvers.registry import Entry

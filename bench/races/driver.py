@@ -19,7 +19,7 @@ from bench.messages.progress import Progress
 from bench.messages.task import Outcome, Request, Row, Task
 from bench.processes import engine, sentinel
 from bench.processes.engine import Workers
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.field import checked, field_of

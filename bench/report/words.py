@@ -68,6 +68,11 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
 
 
+def share(value: float) -> str:
+    """A share in a table."""
+    return "–" if math.isnan(value) else f"{100.0 * value:.3g} %"
+
+
 def duration(us: float) -> str:
     """Microseconds for a reader.
 

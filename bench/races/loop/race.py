@@ -41,7 +41,6 @@ from solvers.certificate import NotCertified, certify, exact_cost_gap
 from solvers.registry import Described, Entry
 
 KIND = "loop"
-NAN = float("nan")
 STILL, DRIFTING = "still", "drifting"
 PAPER = "projected_difference"
 
@@ -248,5 +247,5 @@ def cost_gap(problem: IdentificationProblem, weights: Vector) -> float:
     try:
         certificate = certify(form.qp, z)
     except NotCertified:
-        return NAN
+        return np.nan
     return float(exact_cost_gap(form.qp, certificate, z, form.c).relative)
