@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Vector
 from solvers.protocol import Lane, Nanoseconds, Solver, Tier, Unsupported, setting_text
 from solvers.registry import Described
 
@@ -152,8 +152,6 @@ class Outcome:
     z: Vector | None = None
     z_box: Vector | None = None
     """Answer and duals in qpsolvers' conventions."""
-    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    """Of many solves. Shape (n, d)."""
     solver_status: str = ""
     reported_us: float = float("nan")
     iterations: int = -1

@@ -67,6 +67,7 @@ class Batched(Outcome):
     """What came back: answers (M, d) to the programs from the first on, and per group of calls nanoseconds and
     programs."""
 
+    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     wall_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     cpu_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     programs: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))

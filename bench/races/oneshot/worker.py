@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Self
 
@@ -31,6 +31,7 @@ class Answered(Outcome):
     """What came back of a block: the answers (n, d) that were timed; the parent adds what went by and what its process
     took of the processor."""
 
+    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     passed_ns: int = 0
     used_ns: int = 0
 

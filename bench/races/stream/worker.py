@@ -36,11 +36,12 @@ KERNEL_BLOCK = 2_000
 
 @dataclass
 class Streamed(Outcome):
-    """What came back from a stream: answers of each solve, NaN where it gave none; in a compiled loop of the first way
-    along the rows."""
+    """What came back from a stream."""
 
     timeline: Timeline | None = None
     """On the schedule; None of a compiled loop."""
+    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
+    """Of each solve, NaN where it gave none; in a compiled loop of the first way along the rows. Shape (M, d)."""
     kernel_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """What each row took in a compiled loop. Shape (K,)."""
 
