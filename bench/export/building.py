@@ -1,5 +1,5 @@
 """The exported C built and run on this machine: with any compiler, replayed over recorded samples, counted by
-callgrind."""
+callgrind; its sources in a folder that is there whole or not at all: written beside the target, then renamed to it."""
 
 import os
 import re
