@@ -17,8 +17,8 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import QP_FIELDS as QP_FIELDS
 from bench.problem_files.program import (
+    QP_FIELDS,
     ProblemFileError,
     ReadProgram,
     checked,

@@ -14,7 +14,7 @@ from string import Template
 
 from qpsolvers import Problem
 
-from bench.problem_files.npz import QP_FIELDS
+from bench.problem_files.program import QP_FIELDS
 from piezo_model.atomic_file import write_text
 
 TEMPLATE = Template('''"""Test set of qpbenchmark: the problem set $set of piezobench, in each scaling.

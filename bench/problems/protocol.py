@@ -13,7 +13,7 @@ import numpy as np
 import qpsolvers
 from qpsolvers import Problem
 
-from bench.problem_files.npz import QP_FIELDS, opened, packed, packed_program, unpacked, unpacked_program
+from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
 from bench.problem_files.program import ProblemFileError, doubles
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
@@ -21,17 +21,6 @@ from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
 from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, certify
-
-__all__ = [
-    "QP_FIELDS",
-    "SCALINGS",
-    "CertifiedForm",
-    "ProblemSet",
-    "ProblemSetError",
-    "RaceProblem",
-    "Validation",
-    "certified",
-]
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 
