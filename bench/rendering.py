@@ -6,8 +6,6 @@ template names a value. Templates of C name the function as a filter, and what c
 passed through none is refused.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -13,8 +13,6 @@ Each file is written beside its place, flushed and renamed, so that an interrupt
 only, and a resumed run finds what is done by the names of its files.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import math
@@ -27,7 +25,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict
+from typing import Any, NotRequired, Self, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -159,7 +157,7 @@ class Run:
         self.path = path
 
     @classmethod
-    def create(cls, results: Path, settings: Mapping[str, Any], name: str | None = None) -> Run:
+    def create(cls, results: Path, settings: Mapping[str, Any], name: str | None = None) -> Self:
         """Make a new folder, named by the time unless a name is given, and write ``run.json``.
 
         It is made beside its place and renamed, so that a run that is there can be resumed.
@@ -190,7 +188,7 @@ class Run:
         return run
 
     @classmethod
-    def open(cls, path: Path) -> Run:
+    def open(cls, path: Path) -> Self:
         """Open a run that is there, if it is of this version; the first runs do not say that they are of version 1."""
         if not (path / "run.json").is_file():
             raise RunError(f"{path} is not a run folder: it has no run.json")
@@ -341,5 +339,4 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def _rows(data: Mapping[str, Any]) -> list[Row]:
     """The rows of a task's file."""
-    found: list[Row] = unpacked(decoded(str(data["rows"]), list[Row]))
-    return found
+    return unpacked(decoded(str(data["rows"]), list[Row]))

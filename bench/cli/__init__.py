@@ -4,8 +4,6 @@ Whatever a user can get wrong is a sentence on standard error and exit status 2,
 left to what is wrong with the program itself.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

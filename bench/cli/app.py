@@ -5,8 +5,6 @@ needs takes seconds to import, and ``piezobench --help`` needs none of it. Of th
 read.
 """
 
-from __future__ import annotations
-
 import ast
 import gc
 import io
@@ -81,8 +79,7 @@ def _options(
 
 def load(verb: str) -> Callable[..., Any]:
     """Import the function of a verb."""
-    function: Callable[..., Any] = getattr(import_module(f"bench.cli.{VERBS[verb]}"), _function(verb))
-    return function
+    return getattr(import_module(f"bench.cli.{VERBS[verb]}"), _function(verb))
 
 
 def run(words: list[str]) -> int:

@@ -1,13 +1,11 @@
 """Verbs that make something of finished runs: ``compare`` them, ``deploy`` what one has found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from bench.cli.given_options import refuse
+from bench.cli.options import refuse
 from bench.comparison import report as comparison_report
 from bench.comparison.compare import SMALLEST, compare_runs
 from bench.deploy.actuator_model import model_for

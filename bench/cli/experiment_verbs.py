@@ -1,13 +1,11 @@
 """The verb ``experiment``: the paper's Fig. 4 on a simulated stage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.cli.solver_option import SolverName
+from bench.cli.options import SolverName
 from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
 from bench.stage.setup import StageSetup
 

@@ -1,8 +1,6 @@
 """Verbs that take a model out of Python: ``export-c``, ``export-fmu``, and ``realtime``, the exported C on this
 machine."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -10,9 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.export.numbers import Precision
 from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
-from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part
+from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
 from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
@@ -58,8 +55,8 @@ def export_c_verb(
     name: Annotated[str, typer.Option(help="Prefix of files, functions and types.")] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
+    from bench.export.building import write_folder
     from bench.export.c_source import export
-    from bench.export.folder import write_folder
 
     loaded, settings = _opened(
         model, low, high, rate_limit, solver, precision=precision, part=part, name=name, integral_gain=integral_gain

@@ -1,14 +1,12 @@
 """What the verbs of one recording do with many: the work on each, the fleet's table and page, and its first screen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.cli.given_options import refuse
+from bench.cli.options import refuse
 from bench.cli.worker_options import SPREADING
 from bench.fleet.fleet import Work, done, drawn, parts_of
 from bench.fleet.report import DISTANT, report, table_of, write

@@ -1,7 +1,5 @@
 """The verb ``live``: a compensator on a stage, watched in a browser."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Verbs of a model that is there: ``validate`` it on another recording, ``simulate`` a drive with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,10 +7,10 @@ import numpy as np
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
-from bench.cli.recording_options import STARTS, Input, Output, ReadOptions, Start, Time, reads_a_recording
+from bench.cli.options import STARTS, Input, Output, Start, Time, reads_a_recording
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.storage import absolute
-from bench.fleet.validating import Validating
+from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_json
 from piezo_model import HysteresisCreepModel
@@ -31,7 +29,7 @@ def validate_verb(
     recording: Annotated[
         list[str], typer.Argument(help="A recording in any known format. Many, as paths or URLs, go with --out-dir.")
     ],
-    reading: ReadOptions,
+    reading: dict[str, Any],
     out_dir: OutDir = None,
     time: Time = None,
     input: Input = None,
@@ -84,7 +82,7 @@ def simulate_verb(
     model: Model,
     drive: Annotated[Path, typer.Argument(help="A file with a drive column, in any format of recordings.")],
     out: Annotated[Path, typer.Option(help="Where drive and output are written, CSV or Parquet.")],
-    reading: ReadOptions,
+    reading: dict[str, Any],
     time: Time = None,
     input: Input = None,
     start: Start = "identified",

@@ -1,26 +1,24 @@
 """The verb ``problems``: what the problem sets hold, whether every proof holds, and the problems as files."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from bench.cli.given_options import is_given, refuse
-from bench.cli.recording_options import (
+from bench.cli.options import (
     FILE,
     READING_OPTIONS,
     Input,
     Output,
-    ReadOptions,
     Time,
     as_text,
+    is_given,
     reads_a_recording,
+    refuse,
 )
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
@@ -31,7 +29,7 @@ from solvers.certificate import WORK, Certificate, NotCertified, verify
 @reads_a_recording
 def problems_verb(
     context: typer.Context,
-    reading: ReadOptions,
+    reading: dict[str, Any],
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
     source: Annotated[

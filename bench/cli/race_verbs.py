@@ -1,7 +1,5 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -9,17 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from bench.cli.given_options import refuse
-from bench.cli.option_groups import grouped
-from bench.cli.recording_options import (
+from bench.cli.options import (
     FILE,
     READING_OPTIONS,
     Input,
     Output,
-    ReadOptions,
     Time,
     as_text,
+    grouped,
     reads_a_recording,
+    refuse,
 )
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.messages.race_error import RaceError
@@ -116,7 +113,7 @@ def refuse_unused(context: typer.Context, kind: str) -> None:
 @grouped("own", own_options())
 def race_verb(
     context: typer.Context,
-    reading: ReadOptions,
+    reading: dict[str, Any],
     own: dict[str, int | None],
     kind: Annotated[KindName, typer.Option("--race", help=race_help())] = DEFAULT,
     problem_set: Annotated[

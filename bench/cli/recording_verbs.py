@@ -1,33 +1,30 @@
 """The verb ``inspect``: what a file is understood as, before anything is made of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from bench.cli.recording_options import Input, Output, ReadOptions, Time, reads_a_recording
+from bench.cli.options import Input, Output, Time, reads_a_recording
 from bench.report.console import AsJson, console, print_json, print_table
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.profile import profiles
-from piezo_model.recordings.tables import ReadOptions as TableReading
-from piezo_model.recordings.tables import Table
+from piezo_model.recordings.tables import ReadOptions, Table
 from piezo_model.units import quantity, shown
 
 
 @reads_a_recording
 def inspect_verb(
     recording: Annotated[Path, typer.Argument(help="A recording in any known format.")],
-    reading: ReadOptions,
+    reading: dict[str, Any],
     time: Time = None,
     input: Input = None,
     output: Output = None,
     as_json: AsJson = False,
 ) -> None:
     """Show how a recording is read: its columns, units, sampling, rows and ranges, and which columns are guessed."""
-    table = open_table(recording, TableReading(**reading))
+    table = open_table(recording, ReadOptions(**reading))
     refused, opened = None, None
     try:
         opened = Recording.open(recording, time=time, input=input, output=output, **reading)

@@ -1,28 +1,24 @@
 """Verbs of a control engineer: ``identify`` a model from a recording, ``compensate`` a reference with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
-from bench.cli.recording_options import (
+from bench.cli.options import (
     FILE,
     STARTS,
     Input,
     Output,
-    ReadOptions,
+    SolverName,
     Start,
     Time,
     reads_a_recording,
 )
-from bench.cli.solver_option import SolverName
 from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
-from bench.fleet.compensating import FOLLOWED, Compensating
-from bench.fleet.identifying import Identifying
 from bench.fleet.storage import absolute
+from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
 from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
@@ -38,7 +34,7 @@ SHOWN = 8
 def identify_verb(
     context: typer.Context,
     recording: Annotated[list[str], typer.Argument(help=f"{FILE} Many, as paths or URLs, go with --out-dir.")],
-    reading: ReadOptions,
+    reading: dict[str, Any],
     out: Annotated[Path | None, typer.Option(help="Where the model of one recording is written, JSON.")] = None,
     out_dir: OutDir = None,
     time: Time = None,
@@ -146,7 +142,7 @@ def compensate_verb(
             "recordings. Many, as paths or URLs, go with --out-dir."
         ),
     ],
-    reading: ReadOptions,
+    reading: dict[str, Any],
     out: Annotated[
         Path | None, typer.Option(help="Where the drive of one reference is written, CSV or Parquet.")
     ] = None,

@@ -1,7 +1,5 @@
 """Standard input, output and error of the command: all three are open, and what cannot be written is one sentence."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -1,7 +1,5 @@
 """The options of every verb that spreads its work, defined once."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

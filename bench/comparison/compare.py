@@ -23,8 +23,6 @@ BY_CHANCE (the least of six coins that all fall on one side has p = 3 %), or one
 have the same seed and so the same problems.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
@@ -35,8 +33,7 @@ import pandas as pd
 from scipy.stats import median_abs_deviation
 
 from bench.derived.accuracy import CHEATS, MEASURED, right
-from bench.derived.answer_times import HOT, IN_TURNS, by_task
-from bench.derived.measurements import Measurements
+from bench.derived.measurements import HOT, IN_TURNS, Measurements, by_task
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.store import Run, RunError

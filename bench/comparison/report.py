@@ -1,8 +1,6 @@
 """What a comparison says and shows: sentences, one table with a row a solver lane, one picture; on a page, as Markdown
 and as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -91,7 +89,7 @@ def write(comparisons: Sequence[Comparison], found: Report, folder: Path) -> Pat
 
 def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     """Everything as JSON can hold it; null stands for what is not known."""
-    found: dict[str, Any] = plain_json(
+    return plain_json(
         {
             "format": FORMAT,
             "version": VERSION,
@@ -115,7 +113,6 @@ def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
             ],
         }
     )
-    return found
 
 
 def sentences(each: Comparison) -> list[str]:

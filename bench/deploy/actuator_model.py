@@ -4,8 +4,6 @@ A race on a recording keeps the model that `identify` makes of the first four fi
 Another model is judged on that last fifth, too, and refused where it errs more than 1.1 times as much.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any

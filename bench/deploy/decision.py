@@ -11,14 +11,12 @@ not all of them have
 A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from bench.deploy import oneshot_candidates, stream_candidates
+from bench.deploy.candidates import machine, of_oneshot, of_stream
 from bench.deploy.rule import QUANTILES, Candidate, Rule
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
@@ -116,16 +114,16 @@ def _distance(it: Candidate) -> tuple[bool, bool, float, float]:
 
 def _of_oneshot(run: Run, rule: Rule) -> list[Candidate]:
     found = Measurements(run.rows(ONESHOT), run.times())
-    floor = oneshot_candidates.machine(found)
+    floor = machine(found)
     _require_judgement(run, rule, int(np.count_nonzero(floor.calls > rule.deadline_us)), floor.calls.size)
-    return list(oneshot_candidates.candidates(found, rule, floor))
+    return list(of_oneshot(found, rule, floor))
 
 
 def _of_stream(run: Run, rule: Rule) -> list[Candidate]:
     rows = run.rows(STREAM)
     floor = rows[rows.solver == stream_figures.FLOOR]
     _require_judgement(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
-    return list(stream_candidates.candidates(rows, run.times(), rule))
+    return list(of_stream(rows, run.times(), rule))
 
 
 def _require_judgement(run: Run, rule: Rule, missed: int, samples: int) -> None:

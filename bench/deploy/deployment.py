@@ -1,7 +1,5 @@
 """The file of a decision: solver, setting and model, from which a compensator starts."""
 
-from __future__ import annotations
-
 from bench.deploy.actuator_model import ChosenModel
 from bench.deploy.decision import Decision
 from bench.races.stream.race import KIND as STREAM_KIND

@@ -19,15 +19,13 @@ seen and not what the machine does: what nobody has seen excuses one call in a h
 is late by itself, and nothing is explained.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bench.derived.answer_times import Microseconds
+from bench.derived.measurements import Microseconds
 from bench.timing.percentiles import rate_bound
 
 UNSEEN = 0.01

@@ -5,17 +5,15 @@ timed answers alike, are within the accuracy ten times over on every problem, el
 and who was caught cheating anywhere in the run, does not qualify.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
-from bench.derived.answer_times import Microseconds
+from bench.derived.measurements import Microseconds
 from bench.derived.tier_settings import choice
 from bench.derived.tier_settings import margin as margin_of
 from bench.report.words import marked, settings_label
@@ -66,7 +64,7 @@ class Choice:
     right: int
 
     @classmethod
-    def of(cls, distances: NDArray[np.float64], settings: list[str], accuracy: float) -> Choice:
+    def of(cls, distances: NDArray[np.float64], settings: list[str], accuracy: float) -> Self:
         """By the distances from the optimum (problems, settings from loose to tight)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             errors = np.nan_to_num(distances / accuracy, nan=math.inf, posinf=math.inf)
@@ -111,7 +109,7 @@ class Candidate:
         deadline_us: float,
         tail: Microseconds,
         time_us: float,
-    ) -> Candidate:
+    ) -> Self:
         """Deadlines are told from all calls, percentiles from ``tail``."""
         return cls(
             *key,

@@ -8,8 +8,6 @@ cold start. The paper's method is there twice: with as many steps as fit into th
 a period, whatever a step costs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

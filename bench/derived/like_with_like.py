@@ -7,14 +7,10 @@ the lane on all of them. *Hot* calls follow each other, and *in turns* each find
 left.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 
-from bench.derived import answer_times
-from bench.derived.answer_times import HOT, IN_TURNS
-from bench.derived.measurements import Measurements
+from bench.derived.measurements import HOT, IN_TURNS, Measurements, by_task
 from bench.report.words import marked
 from solvers import Tier
 from solvers.registry import OURS
@@ -31,7 +27,7 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
     ]
     lines = []
     for timed, way in WAYS.items():
-        calls = answer_times.by_task(found.times, (way,))
+        calls = by_task(found.times, (way,))
         us = rows.task.map(
             lambda task, calls=calls: float(np.median(np.concatenate(calls[task]))) if task in calls else np.nan
         )

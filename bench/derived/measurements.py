@@ -8,15 +8,19 @@ largest maximum, the sum of its samples and the spread
 
 of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong
 now and then is lost; a repeat in which it was not run counts only where it was run in none.
+
+What answers took is told call by call, update and solve together, the same in tables, plots and decisions: a percentile
+of a solver is that of all its calls on all the problems in question. Hot calls follow each other; in turns each finds
+the caches that the other solvers left.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bench.derived.accuracy import applies, measured, right, tainted
 from bench.derived.tier_settings import LANE, tier_settings
@@ -145,3 +149,28 @@ def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
         solve_us_spread=(p50.max() - p50.min()) / p50.median(),
     )
     return merged.reset_index().sort_index(axis=0)[[*rows.columns, "repeats", "solve_us_spread"]]
+
+
+Microseconds = NDArray[np.float64]
+HOT, IN_TURNS = "", "interleaved_"
+
+
+def by_task(times: pd.DataFrame, ways: Sequence[str] = (HOT,)) -> dict[str, list[Microseconds]]:
+    """Update and solve together by task, µs; where updates were timed apart, their median is added."""
+    found: dict[str, list[Microseconds]] = {}
+    for way in ways:
+        both = [times[times.what == f"{way}{what}"].set_index(["task", "repeat"]).ns for what in ("update", "solve")]
+        for key in both[1].index:
+            solve = np.asarray(both[1][key], dtype=np.float64) / 1e3
+            update = np.asarray(both[0][key], dtype=np.float64) / 1e3 if key in both[0].index else np.zeros(0)
+            if solve.size:
+                found.setdefault(key[0], []).append(
+                    solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0)
+                )
+    return found
+
+
+def pooled(found: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
+    """Those of some tasks, each counted once."""
+    parts = [part for task in dict.fromkeys(tasks) for part in found.get(task, [])]
+    return np.concatenate(parts) if parts else np.zeros(0)

@@ -11,8 +11,6 @@ The performance profile of Dolan and Moré over the problems p of a view, with t
 Source: E. D. Dolan and J. J. Moré, Mathematical Programming 91 (2002) 201 to 213.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

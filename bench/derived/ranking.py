@@ -6,8 +6,6 @@ reaches, 1e-9 counting most, and then by the time for that. The paper's method c
 a sampling period, whatever a step costs to compute.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,14 +6,11 @@ times, and the p99 of an answer over all calls. A tier that is not reached has n
 the floor, a solver that does nothing.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
-from bench.derived import answer_times
 from bench.derived.accuracy import worst
 from bench.derived.measurements import FLOOR as NULL
-from bench.derived.measurements import Measurements
+from bench.derived.measurements import Measurements, by_task, pooled
 from bench.derived.tier_settings import LANE
 from bench.report.words import settings_label
 from bench.timing.percentiles import percentile
@@ -31,7 +28,7 @@ def summary(found: Measurements) -> pd.DataFrame:
     ``settings`` are those of the first problem; tolerances are multiples of a constant of each. ``left_out`` is of all
     sets together.
     """
-    calls = answer_times.by_task(found.times)
+    calls = by_task(found.times)
     nothing = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
     rows = pd.concat([found.tiers, nothing], ignore_index=True)
     rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50)
@@ -53,7 +50,7 @@ def summary(found: Measurements) -> pd.DataFrame:
             setup_us=("setup_us", "median"),
             update_us=("update_us", "median"),
             solve_us_p50=("solve_us_p50", "median"),
-            answer_us_p99=("task", lambda tasks: percentile(answer_times.pooled(calls, tasks), 0.99).value),
+            answer_us_p99=("task", lambda tasks: percentile(pooled(calls, tasks), 0.99).value),
             solve_us_max=("solve_us_max", "max"),
             solve_us_spread=("solve_us_spread", "median"),
             interleaved_us_p50=("interleaved_us_p50", _known),

@@ -8,8 +8,6 @@ How good the choice is on a problem that it has not seen is told by leaving out 
 on which the setting that the others choose is right.
 """
 
-from __future__ import annotations
-
 import math
 from typing import cast
 

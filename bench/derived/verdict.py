@@ -6,8 +6,6 @@ compiler and drift are said. Figures have as many digits as the drift of the mac
 before the figures that it concerns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

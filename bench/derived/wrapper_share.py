@@ -4,8 +4,6 @@ the same settings.
 Problems are compared on which both are right to 1e-3. What is above 1 is the price of conversion and repeated set-up.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pandas as pd

@@ -4,8 +4,6 @@ A compensator that was made once, before the start-up, is the paper's reason for
 temperature and ageing. On the drifting stage it is what learns for two cycles and keeps that model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -16,7 +14,7 @@ from bench.experiment.runs import HINDSIGHT, LEARNED, ONCE, STRAIGHT, lines
 from bench.report.plot import Axis
 from bench.report.report import Figure
 from bench.stage.setup import AXES
-from bench.stage.trial import Trial, learned, learned_once
+from bench.stage.trial import Trial, learned
 from solvers.arrays import Vector
 
 DRIFT_PER_CYCLE = 5e-3
@@ -42,7 +40,7 @@ def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
     trials = {
         **{(STEADY, name): run for name, run in runs.items()},
         (DRIFTING, LEARNED): learned(drifting),
-        (DRIFTING, ONCE): learned_once(drifting, FIXED_AFTER),
+        (DRIFTING, ONCE): learned(drifting, FIXED_AFTER),
     }
     return pd.DataFrame(
         [

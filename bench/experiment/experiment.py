@@ -1,7 +1,5 @@
 """All figures of the experiment from the runs that they share, and their report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

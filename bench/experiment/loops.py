@@ -1,7 +1,5 @@
 """Hysteresis loops before and after: the measured position over the reference, for triangles of falling amplitude."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The runs of the experiment by their names, which are those of their lines in every figure, and the colours of
 these."""
 
-from __future__ import annotations
-
 from bench.report.plot import INK, PALETTE, Axis, Mark, Plot
 
 REFERENCE, STRAIGHT, HINDSIGHT, LEARNED, ONCE = (

@@ -1,8 +1,6 @@
 """The paper's Fig. 4: reference and actual position of a staircase without and with compensation, and the errors
 below."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

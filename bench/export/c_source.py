@@ -1,10 +1,10 @@
 """A model as C99 source: the files of the core as they are, an interface, and what is data: parameters, an example, a
 makefile.
 
+Memory is that of the core's states, which Python asks of the core itself.
+
 The interface and the templates have the prefix ``piezo``; another name is put in its place.
 """
-
-from __future__ import annotations
 
 import re
 from collections.abc import Mapping
@@ -15,12 +15,15 @@ from typing import Any
 import numpy as np
 
 import piezo_model.core
-from bench.export import memory, numbers
-from bench.export.settings import LEARNS, SOLVERS, ExportError, ExportSettings
+from bench.export.settings import BLOCKS, LEARNS, SOLVERS, ExportError, ExportSettings, Precision, initialiser, literal
 from bench.rendering import c_templates
 from piezo_model import HysteresisCreepModel
+from piezo_model.core import bindings
+from piezo_model.learning.layout import CONTINUOUS, CYCLIC
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.regressors import RegressorArrays
+from piezo_model.structure import ModelStructure
+from solvers.core import bindings as solvers_bindings
 from solvers.core.compile_core import folders as core_folders
 
 FILES = {
@@ -165,9 +168,9 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
         "learning_kind": kind + 1 if settings.learning else 0,
         "what_learns": LEARNS[kind],
         "solver": settings.solver,
-        "number": partial(numbers.literal, precision=precision),
-        "double": numbers.literal,
-        "list": partial(numbers.initialiser, precision=precision),
+        "number": partial(literal, precision=precision),
+        "double": literal,
+        "list": partial(initialiser, precision=precision),
         "weights": model.all_weights,
         "r_H": np.array((0.0, *s.play_thresholds)),
         "gains": creep_gain(s.creep_rates, s.sample_time),
@@ -177,9 +180,49 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
         "outer_high": outer.high[: s.dead_zones],
         "period": _period(s.sample_time),
         "float_bound": f"{FLOAT_BOUND:g}",
-        "memory": memory.figures(s, settings),
+        "memory": memory_figures(s, settings),
     }
 
 
 def _period(seconds: float) -> str:
     return f"{1e6 * seconds:.6g} us" if seconds < 1e-3 else f"{1e3 * seconds:.6g} ms"
+
+
+HEAD = 128
+"""HEAD_BYTES of ``arena.h``."""
+STACK = 6144
+"""More than all frames together need."""
+
+
+def compensator_bytes(s: ModelStructure, precision: Precision) -> int:
+    """Size of the compensator's state; in single precision creep states have a rest that rounding keeps from them."""
+    size: int = bindings.compensator_bytes(*s.shape)
+    return size if precision == "double" else HEAD + (size - HEAD) // 2 + 4 * len(s.creep_rates) * s.lanes
+
+
+def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLOCKS) -> int:
+    """Size of the learner's state and of what it shares with the step, with that of an exact solver beside it; 0
+    without learning."""
+    if not settings.learning:
+        return 0
+    numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
+    size = int(
+        bindings.exported_learner_bytes(
+            *s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4
+        )
+    )
+    return size + int(solvers_bindings.box_bytes(s.d)) if settings.solver == "box_active_set" else size
+
+
+def memory_figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:
+    """Bytes of both states, of a block between step and learner, of constants and of the stack."""
+    learner = learner_bytes(s, settings)
+    constants = 8 * (2 * (s.n + 1) + len(s.creep_rates) + s.dead_zones * (7 if learner else 3) + s.creep_weights + 1)
+    stack = 8 * (2 * s.d + 2 * s.lanes * (1 + len(s.creep_rates)) + 4 * s.d)
+    return {
+        "compensator": compensator_bytes(s, settings.precision),
+        "learner": learner,
+        "block": learner - learner_bytes(s, settings, BLOCKS - 1),
+        "constants": constants,
+        "stack": -(-(stack + (STACK if learner else 1024)) // 256) * 256,
+    }

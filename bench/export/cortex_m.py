@@ -5,20 +5,18 @@ qemu's user mode, which executes the same Thumb-2 instructions one by one and li
 controller's memory and pipeline are not modelled.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.export.building import EXACT, WARNINGS, compiled, tool, units
+from bench.export.building import EXACT, WARNINGS, compiled, tool, units, write_files
 from bench.export.c_source import export, render
-from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from piezo_model import HysteresisCreepModel
 from solvers.arrays import Vector
@@ -64,7 +62,7 @@ class Instructions:
     largest: int | None
 
     @classmethod
-    def of(cls, counts: NDArray[np.int64]) -> Instructions:
+    def of(cls, counts: NDArray[np.int64]) -> Self:
         """The figures of counts, one a call."""
         return cls(counts.size, int(np.median(counts)), int(counts.max())) if counts.size else cls(0, None, None)
 

@@ -6,8 +6,6 @@ carries a binary for the machine it was made on and the source for any other.
 Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 """
 
-from __future__ import annotations
-
 import platform
 import tempfile
 import uuid
@@ -18,9 +16,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from bench.export.building import EXACT, WARNINGS, compiled, tool
+from bench.export.building import EXACT, WARNINGS, compiled, tool, write_files
 from bench.export.c_source import known, render, sources
-from bench.export.folder import write_files
 from bench.export.settings import ExportError, ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel

@@ -7,15 +7,13 @@ ends at the
 schedule is the floor of the machine.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +74,7 @@ class RealTime:
             self._folder.cleanup()
             raise
 
-    def __enter__(self) -> RealTime:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -201,5 +199,5 @@ class RealTimeFigures:
             "histograms_us": {
                 name: {f"{bound:g}": n for bound, n in count.items()} for name, count in self.histograms.items()
             },
-            "cost": None if self.cost is None else self.cost.to_dict(),
+            "cost": None if self.cost is None else asdict(self.cost),
         }

@@ -1,17 +1,14 @@
-"""What an export is asked for, and the numbers that follow from it.
+"""What an export is asked for, the numbers that follow from it, and how C writes them.
 
 Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation a
 sample or with a solver that answers once the data are there, and *continuous* with the exact optimum at every interval.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from bench.export.numbers import ExportError as ExportError
-from bench.export.numbers import Precision
 from bench.rendering import c_identifier
 from piezo_model.compensator import integral_share
 from piezo_model.learning.layout import block_samples, continuous_numbers
@@ -19,6 +16,9 @@ from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
 from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection
 
+Precision = Literal["double", "float"]
+LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
+"""Of the normal numbers of single precision."""
 Part = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
@@ -34,6 +34,10 @@ BLOCKS = 8
 
 LONGEST_NAME = 31
 """Characters of an external identifier that C99 promises to look at."""
+
+
+class ExportError(ValueError):
+    """An export that cannot be; the message is one sentence that says why."""
 
 
 @dataclass(frozen=True)
@@ -145,3 +149,35 @@ class ExportSettings:
         else:
             block, numbers = continuous_numbers(s, self.hand_over_s, self.memory_s, self.reset_s)
         return {**numbers, "block": block, "blocks": BLOCKS, "delay": block}
+
+
+def literal(value: float, precision: Precision = "double") -> str:
+    """A constant that reads back as the number; ExportError where single precision would make it infinite or lose its
+    digits.
+
+    Examples
+    --------
+    >>> literal(0.1), literal(-math.inf)
+    ('0.1', '-INFINITY')
+    """
+    value = float(value)
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    if math.isnan(value):
+        raise ValueError("NaN is not a constant")
+    if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
+        raise ExportError(
+            f"the constant {value:g} does not fit into single precision; export it with --precision double"
+        )
+    return repr(value)
+
+
+def initialiser(values: Iterable[float], precision: Precision = "double") -> str:
+    """An array's initialiser; what is missing at the end is zero in C.
+
+    Examples
+    --------
+    >>> initialiser([0.0, 0.5])
+    '{ 0.0, 0.5 }'
+    """
+    return "{ " + ", ".join(literal(value, precision) for value in values) + " }"

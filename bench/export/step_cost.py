@@ -5,12 +5,9 @@ Learning is slow beside a sample: a cycle of 10 s has one block at which a phase
 too. So steps are counted over cycles of the same proportions that are as short as the samples that can be counted.
 """
 
-from __future__ import annotations
-
 import tempfile
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -43,10 +40,6 @@ class StepCost:
     controllers: tuple[ControllerCost, ...]
     absent: tuple[str, ...]
     """What is not there, in sentences."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON can hold it."""
-        return asdict(self)
 
 
 def step_cost(model: HysteresisCreepModel, settings: ExportSettings, repetitions: int = 20) -> StepCost:

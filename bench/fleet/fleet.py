@@ -10,8 +10,6 @@ costs the recordings that were under way, and other settings or another content,
 what was refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence

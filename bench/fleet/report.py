@@ -10,8 +10,6 @@ larger of the error's and of the median over the weights: single weights that th
 fleet. Source: P. J. Rousseeuw and C. Croux, J. Amer. Statist. Assoc. 88 (1993) 1273 to 1283.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from urllib.parse import quote

@@ -3,8 +3,6 @@
 What is read is a local file, fetched where it is not one; what is written is written locally and whole, then uploaded.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Rows are named by the columns by which they are sorted; no two may have the same
 missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """How work that takes long says where it is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Progress = Callable[[str, int, int], None]

@@ -4,8 +4,6 @@ A count of iterations is a whole number from 0 to 2⁵³ and a time a finite one
 taken for nothing said. Numbers of an answer and its duals are real, or the adapter has failed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

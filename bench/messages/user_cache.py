@@ -3,8 +3,6 @@
 Nothing depends on it: where it cannot be written, whatever it would hold is found again, and that is said once.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import threading

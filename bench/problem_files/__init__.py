@@ -1,7 +1,5 @@
 """Quadratic programs in files: one module a format, and :func:`read` tells them apart by the suffix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 

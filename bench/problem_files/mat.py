@@ -7,8 +7,6 @@ bounds again here. Source of the set: I. Maros, C. Mészáros, "A repository of 
 Optim. Methods Softw. 11 (1999) 671–681.
 """
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 from typing import Any

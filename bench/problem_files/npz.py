@@ -4,8 +4,6 @@ A matrix is stored dense under its name, or in compressed columns as ``P/data``,
 ``P/shape``. A file that qpsolvers saved holds a Python object where it has nothing; nothing is ever unpickled here.
 """
 
-from __future__ import annotations
-
 import struct
 import tokenize
 import zipfile
@@ -19,8 +17,8 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
-from bench.problem_files.program import QP_FIELDS as QP_FIELDS
 from bench.problem_files.program import (
+    QP_FIELDS,
     ProblemFileError,
     ReadProgram,
     checked,

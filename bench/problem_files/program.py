@@ -5,8 +5,6 @@
 Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -86,8 +84,7 @@ def vector(name: str, values: Any) -> Vector:
     """Numbers of whatever storage as a vector; ValueError where they are a matrix."""
     dense = values if isinstance(values, np.ndarray) else values.toarray()
     require(dense.size == max(dense.shape, default=1), f"{name} is of shape {dense.shape} and no vector")
-    found: Vector = doubles(name, dense).ravel()
-    return found
+    return doubles(name, dense).ravel()
 
 
 def constant_term(name: str, values: Any) -> float:

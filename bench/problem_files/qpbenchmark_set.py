@@ -6,8 +6,6 @@ qpbenchmark, class ``TestSet``). It is somebody's code, so :func:`read_test_set`
 written each problem is there once in each scaling.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 from importlib import import_module
@@ -16,7 +14,7 @@ from string import Template
 
 from qpsolvers import Problem
 
-from bench.problem_files.npz import QP_FIELDS
+from bench.problem_files.program import QP_FIELDS
 from piezo_model.atomic_file import write_text
 
 TEMPLATE = Template('''"""Test set of qpbenchmark: the problem set $set of piezobench, in each scaling.

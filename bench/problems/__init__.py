@@ -1,7 +1,5 @@
 """Problem sets; the folder is the registry: a file here that defines one ``ProblemSet`` adds it."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil

@@ -5,8 +5,6 @@ start survives it, so each proof is found in a process of its own. Work is count
 does not hang on the load of a machine.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections import deque
@@ -14,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import qpsolvers
@@ -77,7 +75,7 @@ class Provers:
     [1, 2, 3, 4]
     """
 
-    def __enter__(self) -> Provers:
+    def __enter__(self) -> Self:
         self._stack = ExitStack()
         self._all = [self._stack.enter_context(Prover()) for _ in cores.usable()]
         self._idle: SimpleQueue[Prover] = SimpleQueue()

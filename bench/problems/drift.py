@@ -7,8 +7,6 @@ One problem every quarter of a second, each with the optimum of the one before i
 solver that runs beside a controller sees, and where a warm start has to pay.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -10,8 +10,6 @@ others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers
 one to the last bit, its optimum is the same, and a diagonal of P lies between about 1/4 and 4 rather than at one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -7,8 +7,6 @@ little indefinite the certificate says by how much it was shifted. The same prob
 solved in practice.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bench.problems.simulation import Experiment, Simulated

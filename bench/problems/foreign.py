@@ -7,8 +7,6 @@ in ``left_out`` with the reason. Proofs are kept between races (see `proof_cache
 recognised, and their own proofs are replayed.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence

@@ -8,8 +8,6 @@ P is singular, by which a bounded problem stays bounded. What is judged of the a
 draws, against optima that are proven only then, and that no process of a solver can know.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 

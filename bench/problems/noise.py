@@ -1,7 +1,5 @@
 """What the sensor does to the problem: noise and quantisation from none to one per cent of the range."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bench.problems.simulation import Experiment, Simulated

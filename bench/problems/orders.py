@@ -1,7 +1,5 @@
 """How cost grows with the number of unknowns, d = 2n + 2m + 2 from 8 to 140."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bench.problems.simulation import Experiment, Simulated

@@ -1,7 +1,5 @@
 """The paper's experiment: n = 5, m = 3, d = 18, 8 s of data at 125 µs, several actuators and drives."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bench.problems.simulation import Experiment, Simulated

@@ -4,8 +4,6 @@ They lie in the user's cache, one JSON file a program. What could not be proven 
 work that was allowed, since neither depends on the machine.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """A problem that owns its certified optimum, in each scaling in which it is raced."""
 
-from __future__ import annotations
-
 import json
 import math
 from abc import ABC, abstractmethod
@@ -9,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NotRequired, TypedDict
+from typing import Any, ClassVar, Literal, NotRequired, Self, TypedDict
 
 import numpy as np
 import qpsolvers
 from qpsolvers import Problem
 
-from bench.problem_files.npz import QP_FIELDS, opened, packed, packed_program, unpacked, unpacked_program
+from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
 from bench.problem_files.program import ProblemFileError, doubles
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
@@ -23,17 +21,6 @@ from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
 from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, certify
-
-__all__ = [
-    "QP_FIELDS",
-    "SCALINGS",
-    "CertifiedForm",
-    "ProblemSet",
-    "ProblemSetError",
-    "RaceProblem",
-    "Validation",
-    "certified",
-]
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 
@@ -193,7 +180,7 @@ class RaceProblem:
             np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
 
     @classmethod
-    def load(cls, path: Path) -> RaceProblem:
+    def load(cls, path: Path) -> Self:
         """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
         with opened(path) as data:
             meta = decoded(str(data["meta"]), Meta)

@@ -10,8 +10,6 @@ problem, so that the times of the race are those of its size. Its error, and tha
 ``HysteresisCreepModel.validate`` finds on the part that is kept back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, ClassVar

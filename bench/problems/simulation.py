@@ -4,8 +4,6 @@ No actuator is in the class of the model. Each starts at the low end of its majo
 and measured with noise and quantisation; what follows, under another drive, is kept back to judge the model with.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 """Programs of a test set of qpbenchmark, read from its class, so that whoever has one there can race it here as it
 is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property, partial
 from pathlib import Path

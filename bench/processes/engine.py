@@ -4,8 +4,6 @@ In a race each worker times on a core of its own (see `cores`) and keeps its sol
 writes its rows itself, so a cluster's workers must reach the run's folder under the same path.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import threading
@@ -24,7 +22,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from bench.messages.race_error import RaceError
 from bench.processes.forked_child import warm_up
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.timing import cores
 from solvers.registry import Entry

@@ -4,8 +4,6 @@ The server has imported what all children need (qpsolvers is among it, and it im
 every thread pool limited to one thread.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import tempfile
@@ -71,8 +69,7 @@ class ForkedChild(Child):
 
     def _exit_code(self, within_s: float) -> int | None:
         self._process.join(within_s)
-        code: int | None = self._process.exitcode
-        return code
+        return self._process.exitcode
 
 
 def _serve(connection: Connection, alive: Connection) -> None:

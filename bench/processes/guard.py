@@ -5,8 +5,6 @@ that Python opens and every folder that it lists. What times a solver and carrie
 with what it was, functions of ours with the code and the defaults that they had.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence

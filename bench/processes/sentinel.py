@@ -12,8 +12,6 @@ problems that are spread over the race:
     time
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterable, Mapping

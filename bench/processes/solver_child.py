@@ -1,21 +1,21 @@
 """Each solver in a process of its own, with a time and a memory limit.
 
 A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new
-one.
+one. The processes of a race on one core form a pool: one for each solver lane, and the sentinel's.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TypeVar
 
-from bench.messages.task import Outcome, Request
+from bench.messages.task import Outcome, Request, Task
 from bench.processes import worker
 from bench.processes.forked_child import ForkedChild
+from bench.processes.sentinel import Sentinel
 from bench.processes.worker import ChildSettings
 from piezo_model.child_process import START_LIMIT_S, LateError, LostError
-from solvers.protocol import Lane
+from solvers import Lane
 from solvers.registry import Described, Entry
 
 E = TypeVar("E", bound=Entry)
@@ -90,3 +90,40 @@ class SolverChild(ForkedChild):
         if outcome.failure == "out_of_memory":
             self.kill()  # who knows what it still holds
         return outcome
+
+
+class SolverPool(ExitStack):
+    """Solvers that wait for requests on a core, or where there is room if nothing is timed, all starting at once.
+
+    Attributes
+    ----------
+    children : dict
+        By name and lane.
+    sentinel : Sentinel
+        Looks at the core.
+    """
+
+    def __init__(self, entries: Sequence[Entry], settings: ChildSettings, core: int | None = None) -> None:
+        super().__init__()
+        self.entries, self.settings, self.core = tuple(entries), settings, core
+        self._start(repeat=0)
+
+    def _start(self, repeat: int) -> None:
+        self._repeat = repeat
+        self.sentinel = self.enter_context(Sentinel(self.core))
+        self.children: dict[tuple[str, Lane], SolverChild] = {
+            (entry.name, entry.lane): self.enter_context(SolverChild(entry, self.settings, self.core))
+            for entry in self.entries
+        }
+
+    def begin(self, repeat: int) -> None:
+        """Put fresh processes in the place of those that have run another repeat."""
+        if repeat != self._repeat:
+            self.close()
+            self._start(repeat)
+            for child in self.children.values():
+                child.describe()  # waits until all have loaded, which otherwise would disturb the first task
+
+    def child(self, task: Task) -> SolverChild:
+        """The process of a task's solver."""
+        return self.children[task.solver, task.lane]

@@ -4,8 +4,6 @@ It loads one solver in one lane, is pinned to a core, and answers requests. It d
 hands back the answer with its duals, the raw times and what it noticed about the solver's manners.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle

@@ -6,8 +6,6 @@ be untested; so do those that do not reach the tier there, and are said not to. 
 writes the shipped table.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache

@@ -7,8 +7,6 @@ part (where it ran, what disturbed it, how the sentinel fared) come last and say
 those of a phase may be done in any order, and the next phase is planned by the rows of those before.
 """
 
-from __future__ import annotations
-
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +19,7 @@ from bench.messages.progress import Progress
 from bench.messages.task import Outcome, Request, Row, Task
 from bench.processes import engine, sentinel
 from bench.processes.engine import Workers
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.field import checked, field_of

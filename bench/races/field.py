@@ -1,7 +1,5 @@
 """The field of a race: which solvers are asked for, and which of them run here."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from typing import TypeVar
@@ -9,8 +7,7 @@ from typing import TypeVar
 from bench.messages.race_error import RaceError
 from bench.problems import check_options, make
 from bench.processes.forked_child import warm_up
-from bench.processes.solver_child import entry_of_file
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool, entry_of_file
 from bench.races import null_solver
 from bench.races.chosen_settings import table_of
 from bench.races.settings import RaceSettings, TierSettings

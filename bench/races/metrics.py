@@ -13,8 +13,6 @@ zero
 What these figures mean to a tier is said in `bench.derived.accuracy`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -28,8 +26,6 @@ from solvers import Status
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import Vector
 
-NAN = float("nan")
-
 
 @dataclass(frozen=True)
 class Judgement:
@@ -37,15 +33,15 @@ class Judgement:
 
     status: Status
     message: str
-    cost_gap: float = NAN
-    violation: float = NAN
-    primal_residual: float = NAN
-    dual_residual: float = NAN
-    duality_gap: float = NAN
-    weight_error: float = NAN
-    model_error_percent: float = NAN
-    stage_excess: float = NAN
-    timed_gap: float = NAN
+    cost_gap: float = math.nan
+    violation: float = math.nan
+    primal_residual: float = math.nan
+    dual_residual: float = math.nan
+    duality_gap: float = math.nan
+    weight_error: float = math.nan
+    model_error_percent: float = math.nan
+    stage_excess: float = math.nan
+    timed_gap: float = math.nan
     """The larger of gap and violation over the sampled answers that were timed."""
 
 
@@ -98,7 +94,7 @@ def stage_excess(problem: RaceProblem, error_percent: float) -> float:
     """How much more a model errs than that of the optimum, in units of the sensor's noise."""
     v = problem.validation
     if v is None or not problem.has_noise:
-        return NAN
+        return math.nan
     return (error_percent - problem.optimum_error_percent) / 100.0 * v.span_um / v.noise_um
 
 
@@ -106,14 +102,14 @@ def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float
     best = problem.optimal_weights
     size = float(np.max(np.abs(best)))
     if not form.optimum_is_unique or size == 0.0:
-        return NAN
+        return math.nan
     return float(np.max(np.abs(form.to_weights @ x - best))) / size
 
 
 def model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
     """Error of the model with the feasible weights nearest to an answer; what has a model is a box."""
     if problem.validation is None:
-        return NAN
+        return math.nan
     return problem.validation.error_percent(form.to_weights @ np.clip(x, form.qp.lb, form.qp.ub))
 
 
@@ -130,5 +126,5 @@ def _residuals(solution: Solution) -> tuple[float, float, float]:
 
 def _number(value: object) -> float:
     """A residual as qpsolvers gives it; NaN where the solver has no duals for it."""
-    number = float(value) if isinstance(value, int | float | np.floating) else NAN
-    return number if math.isfinite(number) else NAN
+    number = float(value) if isinstance(value, int | float | np.floating) else math.nan
+    return number if math.isfinite(number) else math.nan

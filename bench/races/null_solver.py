@@ -1,7 +1,5 @@
 """The solver that does nothing: on the schedule of a race it shows what the machine itself does to response times."""
 
-from __future__ import annotations
-
 import numpy as np
 from qpsolvers import Problem, Solution
 

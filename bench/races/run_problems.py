@@ -4,8 +4,6 @@ While solvers run their proofs are in this process alone, and are written when a
 resumed before proves them again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import islice
 

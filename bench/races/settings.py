@@ -1,7 +1,5 @@
 """What is raced and how; stored with the run, so that it can be resumed."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field, fields
 from typing import Annotated, Any, TypeVar
 

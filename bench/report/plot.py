@@ -5,8 +5,6 @@ convention a table has the columns ``name``, what a line stands for, ``view``, w
 and ``front``, whether a line is among the best, which have colours and names.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal

@@ -1,8 +1,6 @@
 """The page of one recording: its loops measured and modelled, the error over time, the weights, what is left over, and
 advice."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

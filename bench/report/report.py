@@ -5,8 +5,6 @@ It is rendered once for each of three readers: the terminal (`bench.report.conso
 (`bench.report.writing`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ in the package vl-convert-python (the one of plotly is 4.6 MB), a specification 
 runs, and it is drawn as SVG: text that takes the page's colours, light or dark, and prints sharp.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Figures and names as a reader meets them, the same in every table, plot and sentence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -68,6 +66,11 @@ def percent(share: float) -> str:
     if share >= 10.0:
         return f"{share:.0f} times"
     return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+
+
+def share(value: float) -> str:
+    """A share in a table."""
+    return "–" if math.isnan(value) else f"{100.0 * value:.3g} %"
 
 
 def duration(us: float) -> str:

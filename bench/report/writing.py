@@ -4,8 +4,6 @@ Everything comes through templates that escape whatever they are handed, plots a
 page has its plots, tables, style and script in it, and forbids itself the network by its own content security policy.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bench.rendering import html_templates, markdown_templates

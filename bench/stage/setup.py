@@ -7,11 +7,9 @@ A step of the staircase takes ``step_s``: a jump would ring the structure, which
 Errors are those of the measured platform, in µm or in percent of the reference's range.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -75,7 +73,7 @@ class StageSetup:
     seed: int = 0
 
     @classmethod
-    def quick(cls, **options: Any) -> StageSetup:
+    def quick(cls, **options: Any) -> Self:
         """A setup with short phases, for a look in a few seconds."""
         short: dict[str, Any] = {
             "reset_s": 0.05,

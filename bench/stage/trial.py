@@ -4,8 +4,6 @@ compensation.
 All of them stand behind the same decoupling matrix and start from the same rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,26 +83,15 @@ def best_straight(setup: StageSetup) -> Trial:
     return straight(setup, slope, offset_V)
 
 
-def learned(setup: StageSetup) -> Trial:
-    """Follow the reference while learning, then the triangles with the model of the last cycle."""
+def learned(setup: StageSetup, cycles: int | None = None) -> Trial:
+    """Follow the reference while learning, then the triangles with the last model.
+
+    With ``cycles`` it learns for so many and keeps that model from then on, as a compensator does that is made before
+    the start-up.
+    """
     stage = setup.stage()
     loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
-    x, y = loop.run(setup.y_ref, stage.run)
-    return Trial(
-        setup,
-        x,
-        y,
-        follow(stage, [learner.compensator for learner in loop.learners], setup, setup.loop_ref)[1],
-        loop.learners,
-    )
-
-
-def learned_once(setup: StageSetup, cycles: int = 2) -> Trial:
-    """Learn for some cycles and keep that model from then on, as a compensator does that is made before the
-    start-up."""
-    stage = setup.stage()
-    loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
-    until = cycles * setup.cycle
+    until = len(setup.y_ref) if cycles is None else cycles * setup.cycle
     x, y = loop.run(setup.y_ref[:until], stage.run)
     fixed = [learner.compensator for learner in loop.learners]
     later_x, later_y = follow(stage, fixed, setup, setup.y_ref[until:])

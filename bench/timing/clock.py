@@ -6,8 +6,6 @@ what is lazy does its work there, and what is a view cannot change afterwards. T
 this module is imported, which is before any solver's file is.
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ place for all users of a machine, whatever their folders for temporary files and
 has ended, however that was.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import socket

@@ -11,8 +11,6 @@ twice.
 Source: G. Tene, "How NOT to measure latency" (2013) and HdrHistogram, whose Python package this is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -42,8 +40,7 @@ def recorded(nanoseconds: ArrayLike, period_ns: int | None = None) -> str:
             histogram.record_value(value, count)
         else:
             histogram.record_corrected_value(value, period_ns, count)
-    text: bytes = histogram.encode()
-    return text.decode("ascii")
+    return histogram.encode().decode("ascii")
 
 
 def merged(texts: Iterable[str]) -> str:
@@ -51,14 +48,12 @@ def merged(texts: Iterable[str]) -> str:
     histogram = HdrHistogram(LOWEST_NS, HIGHEST_NS, DIGITS)
     for text in texts:
         histogram.decode_and_add(text)
-    encoded: bytes = histogram.encode()
-    return encoded.decode("ascii")
+    return histogram.encode().decode("ascii")
 
 
 def total(text: str) -> int:
     """How many times a histogram holds."""
-    count: int = HdrHistogram.decode(text).get_total_count()
-    return count
+    return HdrHistogram.decode(text).get_total_count()
 
 
 def quantiles(text: str, shares: ArrayLike) -> NDArray[np.float64]:

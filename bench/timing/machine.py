@@ -4,14 +4,11 @@ Some of it is known beforehand (:func:`warnings`); what happened meanwhile is th
 and after a part of the race: time that a hypervisor gave to others, cores that ran hot, and load by neighbours.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,24 +72,12 @@ TOLERATED_PREEMPTIONS = 1e-3
 """For each timed call."""
 
 
-@dataclass(frozen=True)
-class Counters:
-    """Where the system's counters stand; zero where it has none."""
+def counters() -> dict[str, float]:
+    """Where the system's counters stand; zero where it has none.
 
-    seconds: float
-    """On the monotonic clock."""
-    stolen: int
-    busy: int
-    ticks: int
-    """Time of all cores that a hypervisor gave to others, that they worked, and all time, in clock ticks."""
-    switches: int
-    """Context switches."""
-    throttled: int
-    """How often the processor throttled a core."""
-
-
-def counters() -> Counters:
-    """Read the counters."""
+    ``seconds`` on the monotonic clock; ``stolen``, ``busy`` and ``ticks``, time of all cores that a hypervisor gave to
+    others, that they worked, and all time, in clock ticks; context ``switches``; how often a core was ``throttled``.
+    """
     stolen = busy = ticks = switches = 0
     stat = Path("/proc/stat")
     if stat.is_file():
@@ -108,18 +93,25 @@ def counters() -> Counters:
         int(path.read_text())
         for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/thermal_throttle/core_throttle_count")
     )
-    return Counters(time.monotonic(), stolen, busy, ticks, switches, throttled)
-
-
-def between(before: Counters, after: Counters) -> dict[str, float]:
-    """What happened between two readings; ``busy_cores`` are so many in the mean."""
-    ticks, seconds = max(after.ticks - before.ticks, 1), after.seconds - before.seconds
     return {
-        "seconds": seconds,
-        "throttled": after.throttled - before.throttled,
-        "steal_percent": 100.0 * (after.stolen - before.stolen) / ticks,
-        "switches": after.switches - before.switches,
-        "busy_cores": (after.busy - before.busy) / os.sysconf("SC_CLK_TCK") / max(seconds, 1e-9),
+        "seconds": time.monotonic(),
+        "stolen": stolen,
+        "busy": busy,
+        "ticks": ticks,
+        "switches": switches,
+        "throttled": throttled,
+    }
+
+
+def between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
+    """What happened between two readings; ``busy_cores`` are so many in the mean."""
+    change = {name: after[name] - before[name] for name in after}
+    return {
+        "seconds": change["seconds"],
+        "throttled": change["throttled"],
+        "steal_percent": 100.0 * change["stolen"] / max(change["ticks"], 1),
+        "switches": change["switches"],
+        "busy_cores": change["busy"] / os.sysconf("SC_CLK_TCK") / max(change["seconds"], 1e-9),
     }
 
 

@@ -17,8 +17,6 @@ Sources: H. A. David and H. N. Nagaraja, Order Statistics, 3rd edition 2003, sec
 Pearson, Biometrika 26 (1934) 404 to 413.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

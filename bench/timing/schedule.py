@@ -13,8 +13,6 @@ Between samples the loop sleeps as long as more than SPIN_NS remain and then wat
 µs late (slack of the system's timers and the way back to the core), which at 8 kHz leaves nothing to sleep.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from qpsolvers import Problem
 from scipy.io import savemat
 
-from bench.problem_files.npz import QP_FIELDS
+from bench.problem_files.program import QP_FIELDS
 
 INF = 1e20
 

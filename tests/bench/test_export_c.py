@@ -16,10 +16,9 @@ from command_line import CommandLine
 from exported_loops import LIMITS, MILLION, SHORT, Told, a_model, compensation, learning, references, single
 from programs import program
 
-from bench.export import numbers
 from bench.export.building import EXACT, WARNINGS, Replay, build, replay, tool, write_sources
 from bench.export.c_source import FLOAT_BOUND, export
-from bench.export.settings import SOLVERS, ExportError, ExportSettings
+from bench.export.settings import SOLVERS, ExportError, ExportSettings, initialiser, literal
 from piezo_model import Compensator, Recording, identify, plants
 from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
@@ -264,8 +263,8 @@ def test_models_states_and_limits_can_be_set_and_two_axes_do_not_meet(tmp_path: 
     y_ref = np.where(np.isfinite(y_ref), y_ref, 1.0)
     write_sources(tmp_path, model, ExportSettings())
     fade_s = 0.003
-    weights = ", ".join(numbers.initialiser(w) for w in (other.w_H, other.w_S_inverse, other.w_K)) + ", 0.0"
-    fade = numbers.literal(np.exp(-model.structure.sample_time / fade_s))
+    weights = ", ".join(initialiser(w) for w in (other.w_H, other.w_S_inverse, other.w_K)) + ", 0.0"
+    fade = literal(np.exp(-model.structure.sample_time / fade_s))
     (tmp_path / "program.c").write_text(PROGRAM.replace("WEIGHTS", weights).replace("FADE", fade))
     subprocess.run(
         [program("gcc"), *WARNINGS, *EXACT, "-O1", *SANITIZED, "program.c", "piezo.c", "-o", "program", "-lm"],

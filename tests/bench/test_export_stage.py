@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from programs import program
 
+from bench.export.building import write_files
 from bench.export.c_source import export
-from bench.export.folder import write_files
 from bench.export.settings import ExportSettings
 from piezo_model import HysteresisCreepModel, ModelStructure
 

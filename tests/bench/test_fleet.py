@@ -19,11 +19,9 @@ from conftest import TWO_CORES
 
 from bench.cli import fleet as fleet_verb
 from bench.cli.fleet import process
-from bench.fleet.compensating import Compensating
 from bench.fleet.fleet import done, parts_of
-from bench.fleet.identifying import Identifying
 from bench.fleet.report import DISTANT, table_of
-from bench.fleet.validating import Validating
+from bench.fleet.works import Compensating, Identifying, Validating
 from bench.messages.progress import silent
 from bench.processes.engine import Workers
 from piezo_model import HysteresisCreepModel, plants

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.problem_files.program import QP_FIELDS
 from bench.problems import ProblemSetError, RaceProblem, find, sets
-from bench.problems.protocol import QP_FIELDS, SCALINGS
+from bench.problems.protocol import SCALINGS
 from solvers.certificate import verify
 
 

@@ -25,8 +25,7 @@ from bench.races.stream import figures as stream_figures
 from bench.races.stream import race as stream
 from bench.races.stream import report
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
-from bench.races.stream.staleness import Judge
-from bench.races.stream.stream_problem import StreamProblem, make
+from bench.races.stream.stream_problem import Judge, StreamProblem, make
 from bench.store import Run, RunError
 from bench.timing import latency_histogram, machine
 from bench.timing.schedule import PERIOD_NS, Timeline

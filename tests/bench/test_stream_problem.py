@@ -12,8 +12,7 @@ import solvers
 from bench.messages.task import NO_SETTING, Task
 from bench.problems.simulation import Experiment
 from bench.races.stream import worker as stream_worker
-from bench.races.stream.staleness import Judge
-from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
+from bench.races.stream.stream_problem import Judge, StreamProblem, make, regressor_rows
 from bench.races.stream.worker import StreamRequest
 from piezo_model import DataBasis, OperatorState
 from solvers import Lane, Unsupported

@@ -6,8 +6,6 @@ seed s counts every seventh sample from the s-th on, so that other seeds see oth
 half of them makes its neighbouring window.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """What takes part in a batch race, and which files define it."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass

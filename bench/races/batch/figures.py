@@ -8,8 +8,6 @@ lengthens far less:
     calls and of the turns, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -10,8 +10,6 @@ stand in files outside of the run of which children map copies; which answers ar
 their optima are proven when the solvers are done with them.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager

@@ -7,8 +7,6 @@ with a thread on every core. Of the answers that were timed the parent judges a 
 before take longer than ``longest_s``, or the one before had no answer, it is not run, and the row says so.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +19,7 @@ import numpy as np
 from bench.derived.accuracy import TOLERANCE
 from bench.messages.columns import COUNT
 from bench.messages.task import NO_SETTING, Outcome, Request, Row, Task
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races.batch.contestant import contestants, of_file
 from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, Programs, reserved
@@ -37,7 +35,6 @@ from solvers import Lane, Status, Tier
 from solvers.arrays import Matrix
 from solvers.registry import Described, Entry
 
-NAN = float("nan")
 TIERS = (Tier.LOW, Tier.MID, Tier.HIGH)
 SHARES = tuple(f"share_{tier}" for tier in TIERS)
 SKIPPED = "not run"
@@ -179,7 +176,9 @@ class BatchRace(TaskRace[BatchSettings]):
     def judged(self, task: Task, outcome: Batched) -> Sequence[Mapping[str, Any]]:
         """How right and how fast."""
         errors = np.array([*_errors(self.programs[task.d], task.repeat, outcome.answers, self.settings.judged)])
-        shares = {f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else NAN for tier in TIERS}
+        shares = {
+            f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else math.nan for tier in TIERS
+        }
         wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
         return [
             {
@@ -187,7 +186,7 @@ class BatchRace(TaskRace[BatchSettings]):
                 "status": str(Status.OK if shares["share_high"] == 1.0 else Status.MISSED),
                 "judged": errors.size,
                 "programs": int(outcome.programs.sum()),
-                "worst_gap": float(errors.max()) if errors.size else NAN,
+                "worst_gap": float(errors.max()) if errors.size else math.nan,
                 "wall_us_p50": float(np.median(wall)),
                 "cpu_us_p50": float(np.median(cpu)),
                 "grown_mb": outcome.grown_mb,

@@ -1,9 +1,5 @@
 """What a batch race says and shows."""
 
-from __future__ import annotations
-
-import math
-
 import pandas as pd
 
 from bench.races.batch import figures
@@ -11,7 +7,7 @@ from bench.races.batch.race import BATCH, SHARES, BatchSettings
 from bench.races.settings import settings_of
 from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table
-from bench.report.words import OURS_NOTE, gap, number
+from bench.report.words import OURS_NOTE, gap, number, share
 from bench.store import Run
 from solvers import Status
 
@@ -115,12 +111,8 @@ def ranking(table: pd.DataFrame, settings: BatchSettings) -> Table:
 
 def _at(line: pd.Series | None) -> tuple[str, str, str]:
     return (
-        ("–", "–", "–") if line is None else (number(line.core_rate / 1e3), _share(line.share_high), number(line.gb_s))
+        ("–", "–", "–") if line is None else (number(line.core_rate / 1e3), share(line.share_high), number(line.gb_s))
     )
-
-
-def _share(value: float) -> str:
-    return "–" if math.isnan(value) else f"{100.0 * value:.3g} %"
 
 
 def _by_batch(part: pd.DataFrame, settings: BatchSettings) -> Table:
@@ -154,7 +146,7 @@ def _at_best(table: pd.DataFrame) -> Table:
             line.lane,
             str(line.threads),
             str(line.batch),
-            *(_share(line[name]) for name in SHARES[::-1]),
+            *(share(line[name]) for name in SHARES[::-1]),
             gap(line.worst_gap),
             number(line.rate / 1e3),
             number(line.core_rate / 1e3),

@@ -7,8 +7,6 @@ computed only when it is looked at is computed there. What is compiled, loaded a
 done on programs that are not timed later.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -5,8 +5,6 @@ A *summary* row stands for one solver with its settings on one stage: errors of 
 and the worse axis for cost gap, time to learn and staleness.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -14,8 +14,6 @@ tiers, with the settings of `chosen_settings`, and its answer is taken over as s
 that stays as it is and for one whose actuators drift.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -43,7 +41,6 @@ from solvers.certificate import NotCertified, certify, exact_cost_gap
 from solvers.registry import Described, Entry
 
 KIND = "loop"
-NAN = float("nan")
 STILL, DRIFTING = "still", "drifting"
 PAPER = "projected_difference"
 
@@ -250,5 +247,5 @@ def cost_gap(problem: IdentificationProblem, weights: Vector) -> float:
     try:
         certificate = certify(form.qp, z)
     except NotCertified:
-        return NAN
+        return np.nan
     return float(exact_cost_gap(form.qp, certificate, z, form.c).relative)

@@ -1,7 +1,5 @@
 """What a closed-loop race says and shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

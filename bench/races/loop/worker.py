@@ -4,8 +4,6 @@ reference.
 The child hands back what the stage did, what was to be learned and what was taken over; the parent judges it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A child that reports less than its process took, or more than went by, did not t
 microseconds beside what is timed, and a message some hundreds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """The figures of a one-shot race."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from bench.derived import anytime, pictures

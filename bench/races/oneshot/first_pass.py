@@ -6,8 +6,6 @@ whether the solver answers from memory or works while nobody times it; where tha
 measured again for it.
 """
 
-from __future__ import annotations
-
 import math
 import secrets
 from collections.abc import Sequence
@@ -18,7 +16,7 @@ from bench.messages.task import Row, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
 from bench.races.oneshot.blocks import timed
@@ -27,8 +25,6 @@ from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
-
-NAN = float("nan")
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,7 @@ def measure(
     """Time a task, judge it and keep it."""
     idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
     outcome, timings = timed(pool.child(task), idle, task, problem, fresh, effort, look_closer)
-    row = row_of(problem, task, outcome, max(timings.gaps.values(), default=NAN), timings.fault)
+    row = row_of(problem, task, outcome, max(timings.gaps.values(), default=math.nan), timings.fault)
     run.save(task, [row], times_of(outcome))
     pool.sentinel.sample(unless_within_s=EVERY_S)
     return row

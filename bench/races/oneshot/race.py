@@ -5,8 +5,6 @@ For each problem and scaling the solvers come one after the other, each hot in i
 solver that does nothing, the floor of all times.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace

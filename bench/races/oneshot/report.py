@@ -1,7 +1,5 @@
 """What a one-shot race says and shows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Rows of the one-shot race, each of one measurement: who, what, how right and how fast. None knows of a tier."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
@@ -17,14 +15,17 @@ from bench.timing.schedule import PERIOD_US
 from solvers import Status
 from solvers.arrays import Nanoseconds
 
-NAN = float("nan")
 ENDS = (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY)
 LONGEST_US = 1e5
 """A ladder ends on a problem where an answer takes longer."""
 
 
 def row_of(
-    problem: RaceProblem, task: Task, outcome: Outcome, timed_gap: float = NAN, fault: tuple[Status, str] | None = None
+    problem: RaceProblem,
+    task: Task,
+    outcome: Outcome,
+    timed_gap: float = np.nan,
+    fault: tuple[Status, str] | None = None,
 ) -> Row:
     """The row of a task.
 
@@ -38,7 +39,7 @@ def row_of(
         found = replace(found, status=fault[0], message=fault[1])
     solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
     steps = outcome.asked.get("steps")
-    span_um = problem.validation.span_um if problem.validation is not None else NAN
+    span_um = problem.validation.span_um if problem.validation is not None else np.nan
     middle, tail = percentile(solve, 0.5), percentile(solve, 0.99)
     return {
         **task.columns(outcome.asked),
@@ -46,7 +47,7 @@ def row_of(
         **asdict(found),
         "model_error_um": found.model_error_percent / 100.0 * span_um,
         "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
-        "noise_um": problem.validation.noise_um if problem.validation is not None else NAN,
+        "noise_um": problem.validation.noise_um if problem.validation is not None else np.nan,
         "setup_us": median(outcome.setup_ns / 1e3),
         "update_us": median(update),
         "solve_us_p50": median(solve),
@@ -55,10 +56,10 @@ def row_of(
         "solve_us_p99": number(tail.value),
         "solve_us_p99_low": number(tail.low),
         "solve_us_p99_high": number(tail.high),
-        "solve_us_max": float(solve.max()) if solve.size else NAN,
+        "solve_us_max": float(solve.max()) if solve.size else np.nan,
         "samples": int(solve.size),
-        "interleaved_us_p50": NAN,
-        "interleaved_us_p99": NAN,
+        "interleaved_us_p50": np.nan,
+        "interleaved_us_p99": np.nan,
         "periods": float(steps) if steps else (median(update) + median(solve)) / PERIOD_US,
         "reported_us": outcome.reported_us,
         "iterations": outcome.iterations,
@@ -97,9 +98,9 @@ def key_of_all_repeats(task: Task) -> str:
 
 def median(values: NDArray[Any]) -> float:
     """Median, NaN of nothing."""
-    return float(np.median(values)) if values.size else NAN
+    return float(np.median(values)) if values.size else np.nan
 
 
 def number(value: float | None) -> float:
     """NaN for None."""
-    return NAN if value is None else value
+    return np.nan if value is None else value

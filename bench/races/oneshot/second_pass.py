@@ -12,8 +12,6 @@ they left them. A compensator that has other work in a sampling period sits betw
 problem is never divided between workers.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Mapping, Sequence
@@ -27,8 +25,7 @@ from bench.derived.tier_settings import tier_settings
 from bench.messages.task import Row, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
-from bench.processes.solver_child import SolverChild
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Tell
 from bench.races.oneshot.blocks import Timings, ask
@@ -198,12 +195,11 @@ def planned(rows: pd.DataFrame) -> list[Planned]:
     rows = rows.assign(timed_gap=math.nan)
     tiers = tier_settings(rows)
     near = near_fastest(at_tiers(rows, tiers))
+    reached = [tiers[(tiers.tier == tier) & (tiers.setting != "")] for tier in PREFERRED]
     found: dict[SolverKey, str] = {}
-    for tier in PREFERRED:
-        for line in tiers[(tiers.tier == tier) & (tiers.setting != "")].to_dict("records"):
+    for part in (*reached, rows[rows.is_default]):
+        for line in part.to_dict("records"):
             found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
-    for line in rows[rows.is_default].to_dict("records"):
-        found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
     return [
         {"scaling": key[0], "solver": key[1], "lane": key[2], "setting": setting, "longer": key in near}
         for key, setting in found.items()

@@ -5,8 +5,6 @@ wrapper is measured at its defaults and at one setting more, that which asks for
 since it shows what calling a library in another way costs; cvxpy on some problems only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -52,37 +50,32 @@ def tasks_of(
 ) -> Iterator[Task]:
     """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from
     loose to tight, then by growing limit of iterations."""
-    problem = problems[number]
+    problem, first = problems[number], scaling == settings.scalings[0]
     for solver in field:
-        if solver.lane is not Lane.CVXPY or number in evenly(len(problems), MOST_OF_CVXPY):
-            for setting in measured(solver) if scaling == settings.scalings[0] else settings_of(solver):
-                if setting.is_default or scaling == settings.scalings[0]:
-                    yield Task(
-                        problem.set_name,
-                        problem.name,
-                        scaling,
-                        solver.name,
-                        solver.lane,
-                        setting,
-                        repeat=repeat,
-                        d=problem.d,
-                    )
-            if solver.iteration_setting and scaling == settings.scalings[0]:
-                rungs = {setting.text for setting in settings_of(solver)}
-                for limit in settings.iteration_limits:
-                    if (setting := limited(solver, limit)).text not in rungs:
-                        more = {solver.iteration_setting: limit}
-                        yield Task(
-                            problem.set_name,
-                            problem.name,
-                            scaling,
-                            solver.name,
-                            solver.lane,
-                            setting,
-                            more,
-                            repeat,
-                            d=problem.d,
-                        )
+        if solver.lane is Lane.CVXPY and number not in evenly(len(problems), MOST_OF_CVXPY):
+            continue
+        chosen = measured(solver) if first else settings_of(solver)
+        asked: list[tuple[Setting, dict[str, int]]] = [(each, {}) for each in chosen if first or each.is_default]
+        if solver.iteration_setting and first:
+            rungs = {setting.text for setting in settings_of(solver)}
+            limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}
+            asked += [
+                (setting, {solver.iteration_setting: limit})
+                for limit, setting in limits.items()
+                if setting.text not in rungs
+            ]
+        for setting, more in asked:
+            yield Task(
+                problem.set_name,
+                problem.name,
+                scaling,
+                solver.name,
+                solver.lane,
+                setting,
+                more,
+                repeat,
+                d=problem.d,
+            )
 
 
 def measured(solver: Described) -> Sequence[Setting]:

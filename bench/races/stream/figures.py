@@ -10,8 +10,6 @@ beyond the floor are those above r times the samples. Where the machine itself m
 schedule. A percentile of response times whose interval reaches down into the floor's is not above the floor.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence

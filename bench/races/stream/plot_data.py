@@ -4,8 +4,6 @@ The deadline profile of a solver is the share of samples that are answered withi
 a latency tail is the response time below which a share of them lies, as far as the sample supports that percentile.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

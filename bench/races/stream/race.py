@@ -8,8 +8,6 @@ starts.
 A solver whose answers are late at each of the first ``give_up`` samples is stopped there, and marked.
 """
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,14 +25,13 @@ from bench.messages.task import NO_SETTING, Outcome, Request, Row, Setting, Task
 from bench.problem_files.program import fields_of
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
-from bench.processes.solver_pool import SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.chosen_settings import DEFAULT, EACH, Choices, choices, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.settings import Positive, TierSettings, fixed, option
-from bench.races.stream.staleness import Judge
-from bench.races.stream.stream_problem import make
+from bench.races.stream.stream_problem import Judge, make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
 from bench.store import Schema
 from bench.timing import latency_histogram
@@ -46,7 +43,6 @@ from solvers.registry import Described, Entry
 
 KIND = "stream"
 FLOOR_EVERY = 10
-NAN = float("nan")
 
 STREAM = Schema(
     "stream.parquet",
@@ -268,7 +264,7 @@ def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
     own = np.full(gaps.size, -1)
     own[solved] = np.arange(solved.size)
     own_gaps = judge.gaps(answers, own)[solved[usable]]
-    own_max = float(own_gaps.max()) if own_gaps.size else NAN
+    own_max = float(own_gaps.max()) if own_gaps.size else np.nan
     fresh = used >= 0
     fresh[fresh] = solved[used[fresh]] == np.flatnonzero(fresh)
     return {
@@ -276,9 +272,9 @@ def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
         "reused": float(1.0 - fresh.mean()),
         "gap_mean": float(gaps.mean()),
         "gap_max": float(gaps.max()),
-        "exact_gap_mean": float(exact.mean()) if exact.size else NAN,
-        "exact_gap_max": float(exact.max()) if exact.size else NAN,
+        "exact_gap_mean": float(exact.mean()) if exact.size else np.nan,
+        "exact_gap_max": float(exact.max()) if exact.size else np.nan,
         "exact_instants": int(exact.size),
-        "exact_difference": float(np.abs(gaps[instants] - exact).max()) if exact.size else NAN,
+        "exact_difference": float(np.abs(gaps[instants] - exact).max()) if exact.size else np.nan,
         "own_gap_max": own_max,
     }

@@ -1,7 +1,5 @@
 """What a stream race says and shows."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,7 +13,7 @@ from bench.races.stream import figures, plot_data
 from bench.races.stream.race import STREAM, StreamSettings
 from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table, what_went_wrong
-from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
+from bench.report.words import OURS_NOTE, gap, marked, number, settings_label, share
 from bench.store import Run
 from bench.timing import latency_histogram
 from bench.timing.percentiles import QUANTILES, Percentile, needed
@@ -140,7 +138,7 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
                 gap(line.exact_gap_mean),
                 gap(line.exact_gap_max),
                 gap(line.own_gap_max),
-                _percent(line.reused),
+                share(line.reused),
                 str(line.unanswered),
             ],
         ),
@@ -180,7 +178,7 @@ def ranking(table: pd.DataFrame) -> Table:
             settings_label(str(line.settings)) or tier_label(line.tier, line.basis),
             _schedule(line),
             *(number(line[figures.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
-            _percent(line.missed / line.samples if line.samples else math.nan),
+            share(line.missed / line.samples if line.samples else math.nan),
             gap(line.gap_mean),
             gap(line.gap_max),
         ]
@@ -256,7 +254,3 @@ def _corrected(line: pd.Series) -> str:
     if line.samples < needed(QUANTILES[-1]):
         return f"needs {needed(QUANTILES[-1])}"
     return number(float(latency_histogram.quantiles(line.response_histogram, QUANTILES[-1])[0]) / 1e3)
-
-
-def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100.0 * share:.3g} %"

@@ -11,8 +11,6 @@ from outside, on the schedule. When the rows are through the loop goes back alon
 jump, until ``kernel_samples`` are done or, looked at after every KERNEL_BLOCK rows, KERNEL_WALL_S are spent.
 """
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Our exact solver, one program after the other in compiled code: :class:`solvers.BoxBatch`."""
 
-from __future__ import annotations
-
 from bench.races.batch.contestant import Contestant
 from solvers import BoxBatch
 from solvers.arrays import Matrix

@@ -1,8 +1,6 @@
 """Our block pivoting of eight programs in the lanes of one register, as a bank of compensators calls it; here from a
 cold start."""
 
-from __future__ import annotations
-
 from bench.races.batch.contestants import box_batch
 
 

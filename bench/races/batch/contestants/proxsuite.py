@@ -5,8 +5,6 @@ the batch before again took about as long as making new ones, which needs no rul
 tolerances not all answers are right to 1e-9.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from proxsuite import proxqp
 

@@ -1,8 +1,6 @@
 """qpax mapped over the batch by ``jax.vmap`` and compiled for it; see ``solvers/direct/qpax.py``. Compiling is not
 timed."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

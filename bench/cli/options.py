@@ -1,13 +1,69 @@
-"""The options of every verb that reads a recording: what the file itself does not say, defined once."""
-
-from __future__ import annotations
+"""Options that several verbs share, defined once, and the refusal of those that a call would not use."""
 
 import functools
-from typing import Annotated, Any, Literal, TypedDict
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from typing import Annotated, Any, Literal
 
 import typer
 
-from bench.cli.option_groups import Verb, grouped
+from solvers import find
+
+Verb = Callable[..., None]
+
+
+def grouped(group: str, options: Mapping[str, Any]) -> Callable[[Verb], Verb]:
+    """Add options, as annotations by their names, to a verb, which gets their values by name as its argument
+    ``group``."""
+
+    def decorate(verb: Verb) -> Verb:
+        signature = inspect.signature(verb, eval_str=True)
+        added = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+            for name, kind in options.items()
+        ]
+        parameters = [*(parameter for name, parameter in signature.parameters.items() if name != group), *added]
+
+        @functools.wraps(verb)
+        def wrapped(**given: Any) -> None:
+            values = {name: given.pop(name) for name in options}
+            verb(**given, **{group: values})
+
+        wrapped.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return wrapped
+
+    return decorate
+
+
+def is_given(context: typer.Context, option: str) -> bool:
+    """Whether the command line names this parameter of the verb, if only with its default."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
+    """Refuse these parameters of the verb where the command line names one; ``why`` follows its name."""
+    for option in options:
+        if is_given(context, option):
+            raise typer.BadParameter(
+                why, param_hint=next(each.opts[0] for each in context.command.params if each.name == option)
+            )
+
+
+def installed(name: str) -> str:
+    """The name of a solver that is known and installed here; any other is refused."""
+    try:
+        find(name).load()
+    except KeyError as error:
+        raise typer.BadParameter(str(error.args[0])) from None
+    except ImportError as error:
+        raise typer.BadParameter(f"{name} is not installed here ({error})") from None
+    return name
+
+
+SolverName = Annotated[str, typer.Option("--solver", callback=installed, help="Any registered solver.")]
+
 
 FILE = "A recording in any known format; piezobench inspect shows how it is read."
 Time = Annotated[
@@ -48,18 +104,6 @@ STARTS = {
     "identified": "Begins with the states that identify found before its recording.",
     "rest": "Begins at rest at the centre of the range.",
 }
-
-
-class ReadOptions(TypedDict):
-    """Keywords of ``Recording.open`` and ``read_reference``."""
-
-    sample_time: float | None
-    header_row: int | None
-    decimal: str | None
-    sheet: str | None
-    resample: float | None
-    input_unit: str | None
-    output_unit: str | None
 
 
 def as_text(**said: Any) -> dict[str, str]:

@@ -1,0 +1,86 @@
+"""Solver lanes to choose from, each at its setting for the accuracy asked for: of a one-shot race, or of a stream."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from bench.deploy.floor import Floor
+from bench.deploy.rule import Candidate, Choice, Rule
+from bench.derived.accuracy import CHEATS, distance, tainted
+from bench.derived.measurements import FLOOR, HOT, IN_TURNS, Measurements, by_task, pooled
+from bench.derived.tier_settings import PROBLEM, by_problem
+from bench.races.stream.figures import floor_bound, raw
+
+
+def machine(found: Measurements) -> Floor:
+    """What the solver that does nothing took, on all data."""
+    calls, tasks = by_task(found.times, (HOT, IN_TURNS)), found.rows[found.rows.solver == FLOOR].task
+    return Floor([one for task in dict.fromkeys(tasks) for one in calls.get(task, [])])
+
+
+def of_oneshot(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candidate]:
+    """One a solver lane: scaled data from a cold start, as the compensator solves them; times of update and solve.
+
+    Accuracy is judged by the rows of all hosts, times are those of one. Deadlines count hot and in turns with others;
+    percentiles are hot, since only one setting takes turns.
+    """
+    hot, raw = by_task(found.times), by_task(found.times, (HOT, IN_TURNS))
+    cheats = (
+        found.every[found.every.status.isin([str(status) for status in CHEATS])]
+        .groupby(["solver", "lane"])
+        .status.first()
+    )
+    cold = tainted(found.every)
+    cold = cold[
+        (cold.solver != FLOOR)
+        & cold.lane.isin([str(lane) for lane in rule.lanes])
+        & (cold.scaling == "scaled")
+        & (cold.start == "cold")
+        & (cold.rung >= 0)
+    ]
+    cold = cold.assign(number=cold.groupby(PROBLEM).ngroup(), error=distance(cold))
+    for (solver, lane), part in cold.groupby(["solver", "lane"], sort=False):
+        distances, rungs = by_problem(part)
+        names = dict(zip(part.rung, part.setting, strict=True))
+        chosen = Choice.of(distances, [names[rung] for rung in rungs], rule.accuracy)
+        rows = found.rows[found.rows.task.isin(part.task[part.setting == chosen.setting])]
+        calls = pooled(raw, rows.task)
+        yield Candidate.of(
+            (str(solver), str(lane)),
+            chosen,
+            str(cheats.get((solver, lane), "")),
+            calls,
+            floor.explained(calls, rule.deadline_us),
+            rule.deadline_us,
+            pooled(hot, rows.task),
+            float(np.median(rows.update_us + rows.solve_us_p50)) if len(rows) else np.nan,
+        )
+
+
+def of_stream(rows: pd.DataFrame, times: pd.DataFrame, rule: Rule) -> Iterator[Candidate]:
+    """One a solver lane: each sample's own answer, and the times from its due time to its answer.
+
+    Compiled loops are not on the schedule and are left out. Of several settings of a solver lane, the less exact one is
+    the looser.
+    """
+    bound = floor_bound(rows[rows.solver == FLOOR])
+    field = rows[(rows.solver != FLOOR) & rows.paced.astype(bool) & rows.lane.isin([str(lane) for lane in rule.lanes])]
+    gaps = field.own_gap_max.astype(float).where(field.unanswered == 0).fillna(math.inf)
+    for (solver, lane), part in field.assign(gap=gaps).groupby(["solver", "lane"], sort=False):
+        worst = part.groupby("setting").gap.max().sort_values(ascending=False)
+        chosen = Choice.of(
+            worst.to_numpy(np.float64)[None, :], [str(setting) for setting in worst.index], rule.accuracy
+        )
+        calls = raw(times, part.task[part.setting == chosen.setting], "response")
+        yield Candidate.of(
+            (str(solver), str(lane)),
+            chosen,
+            "",
+            calls,
+            math.ceil(bound * calls.size),
+            rule.deadline_us,
+            calls,
+            float(np.median(calls)) if calls.size else math.nan,
+        )

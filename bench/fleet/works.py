@@ -1,0 +1,182 @@
+"""Identification, validation and compensation as the command line asks for them, of one recording or of each of a
+fleet."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.fleet.storage import model_of
+from bench.messages.progress import Progress, silent
+from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
+from piezo_model.identification.fit_review import review
+from piezo_model.identification.identify import LagChoice, check_direction
+from piezo_model.identification.validation import Validation
+from piezo_model.model import StartChoice
+from piezo_model.recordings import RecordingError, read_reference, write_table
+from piezo_model.recordings.recording import HELD
+
+
+@dataclass(frozen=True)
+class Identifying:
+    """Settings of `identify`, and keywords of ``Recording.open``; what is None of orders and rates is chosen from the
+    recording."""
+
+    opening: Mapping[str, Any] = field(default_factory=dict)
+    n: int | None = None
+    m: int | None = None
+    creep_rates: tuple[float, ...] | None = None
+    skip: int | None = None
+    lag: LagChoice = "estimate"
+    solver: str = "box_active_set"
+    force: bool = False
+    made = "{}.json"
+
+    def reads(self, name: str) -> Sequence[str]:
+        """Nothing but the recording."""
+        return ()
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Write the model; returns figures of the fit, and the weights in unit amplitudes."""
+        model = self.of(self.opened(recording))
+        model.save(target)
+        s, fit = model.structure, model.report["fit"]
+        figures = {
+            name: fit[name]
+            for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")
+        }
+        return {
+            **figures,
+            "forced": model.warning,
+            "output_unit": s.output_unit,
+            "sample_time_s": s.sample_time,
+            "n": s.n,
+            "m": s.dead_zones // 2,
+            **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
+        }
+
+    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
+        """Write the page that identify writes of one recording."""
+        from bench.report import recording_page  # plots take a second to import, and most workers draw none
+
+        recording_page.write(page, recording.name, review(self.opened(recording), HysteresisCreepModel.load(made)))
+
+    def opened(self, recording: Path) -> Recording:
+        """The recording; which column is the input is settled by a fit where their names do not say it."""
+        return check_direction(Recording.open(recording, hold=HELD, **self.opening))
+
+    def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
+        """The model of a recording."""
+        return identify(
+            recording,
+            n=self.n,
+            m=self.m,
+            creep_rates=self.creep_rates,
+            skip=self.skip,
+            lag=self.lag,
+            solver=self.solver,
+            force=self.force,
+            progress=progress,
+        )
+
+
+@dataclass(frozen=True)
+class WithModel:
+    """``model`` is the place of a model, or of a folder with one NAME.json a recording; ``opening`` are keywords of
+    ``Recording.open`` or ``read_reference``."""
+
+    model: str
+    opening: Mapping[str, Any] = field(default_factory=dict)
+
+    def reads(self, name: str) -> Sequence[str]:
+        """The model."""
+        return (model_of(self.model, name),)
+
+
+@dataclass(frozen=True)
+class Validating(WithModel):
+    """Judging a model on a recording that its identification has not seen."""
+
+    made = ""
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Figures of the fit, and the offset of the sensor against the session of the identification."""
+        _, model, found = self.judged(recording, further[0])
+        fit = asdict(found.fit)
+        return {
+            **{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
+            "forced": model.warning,
+            "shift": found.shift,
+            "beyond_percent": found.beyond_percent,
+            "output_unit": found.unit,
+        }
+
+    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
+        """Write the page that validate writes of one recording."""
+        from bench.report import recording_page  # plots take a second to import, and most workers draw none
+
+        recording_page.write(page, recording.name, review(*self.judged(recording, further[0])))
+
+    def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
+        """The recording, the model and what it is worth there."""
+        loaded, opened = (
+            HysteresisCreepModel.load(model),
+            check_direction(Recording.open(recording, hold=HELD, **self.opening)),
+        )
+        return opened, loaded, loaded.validate(opened)
+
+
+FOLLOWED = 1e-3
+"""Share of the output's range within which the model follows a reference."""
+
+
+@dataclass(frozen=True)
+class Compensating(WithModel):
+    """Limits of the drive, the model's range by default, and the states to begin with."""
+
+    low: float | None = None
+    high: float | None = None
+    rate_limit: float | None = None
+    start: StartChoice = "identified"
+    made = "{}-drive.csv"
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Write the drive; returns how well the model follows the reference with it, and what keeps it from that.
+
+        RecordingError where sampling or unit of the reference are not the model's, or the limits are none.
+        """
+        model = HysteresisCreepModel.load(further[0])
+        s, wanted = model.structure, read_reference(recording, **self.opening)
+        if abs(wanted.sample_time / s.sample_time - 1.0) > 0.01:
+            raise RecordingError(
+                f"{recording}: is sampled every {wanted.sample_time:g} s and the model every {s.sample_time:g} s"
+            )
+        if wanted.unit and s.output_unit and wanted.unit != s.output_unit:
+            raise RecordingError(f"{recording}: is in {wanted.unit} and the model's output in {s.output_unit}")
+        limits = (
+            s.x_centre - s.x_scale if self.low is None else self.low,
+            s.x_centre + s.x_scale if self.high is None else self.high,
+        )
+        if not limits[0] < limits[1]:
+            raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
+        state = model.initial_state(self.start)
+        x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(wanted.values)
+        times, name = np.arange(x.size) * wanted.sample_time, f"drive_{s.input_unit}".rstrip("_")
+        write_table(target, {"time_s": times, name: x}, model.warning)
+        error, span = np.abs(model.simulate(x, state) - wanted.values), 2.0 * abs(s.y_scale)
+        return {
+            "forced": model.warning,
+            "start": self.start if model.start is not None else "rest",
+            "samples": x.size,
+            "lowest": float(x.min()),
+            "highest": float(x.max()),
+            "unit": s.input_unit,
+            "share_at_limits": float(np.mean((x <= limits[0]) | (x >= limits[1]))),
+            "share_followed": float(np.mean(error <= FOLLOWED * span)),
+            "largest_error": float(error.max()),
+            "output_unit": s.output_unit,
+            "rms_percent": 100.0 * float(np.sqrt(np.mean(error**2))) / span,
+            "max_percent": 100.0 * float(error.max()) / span,
+        }
