@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from piezo_model.identification.fitting import Certificate
+from piezo_model.identification.sensor_lag import Lag
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -54,15 +55,11 @@ class Fit:
 
     def headline(self, unit: str, where: str = "") -> str:
         """What the fit is worth, in one sentence."""
-        counted = (
-            f"{self.samples} samples"
-            if not self.skipped
-            else (f"{self.samples} of {self.samples + self.skipped} samples")
-        )
+        every = f" of {self.samples + self.skipped}" if self.skipped else ""
         return (
             f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
-            f"model{where and ' ' + where}: RMS error "
-            f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
+            f"model{where and ' ' + where}: RMS error of the output as a share of its full range, "
+            f"over {self.samples}{every} samples; at most {percent(self.max_percent)} "
             f"({quantity(self.max, unit, 2)}"
             f"{'' if unit else ' in the unit of the output, which the file does not say'})."
         )
@@ -80,23 +77,6 @@ class Baseline:
     def pays(self) -> bool:
         """Whether the model is better than the line."""
         return self.model_percent < 0.9 * self.line_percent
-
-
-@dataclass(frozen=True)
-class Lag:
-    """Delay of the sensor that explains the data best, in samples, and the error (5) without and with its removal."""
-
-    samples: float
-    removed: bool
-    error_percent: float
-    error_without_lag_percent: float
-    at_edge: bool
-    """The largest lag looked at explains the data best: it may be larger."""
-
-    @property
-    def pays(self) -> bool:
-        """Whether removing the lag lowers the error by more than two per cent of itself."""
-        return abs(self.samples) > 0.1 and self.error_without_lag_percent < 0.98 * self.error_percent
 
 
 @dataclass(frozen=True)
@@ -163,22 +143,14 @@ class FitReport:
                     f"{percent(fit.cubic_percent)}."
                 ),
             )
-        if fit.skipped_max_percent > FAR_MORE * fit.max_percent:
+        if fit.skipped:
+            transient = fit.skipped_max_percent > FAR_MORE * fit.max_percent
             yield (
                 fit.skipped_max_percent,
                 (
                     f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
-                    "they hold a transient that no "
-                    f"start explains: the error there reaches {percent(fit.skipped_max_percent)}."
-                ),
-            )
-        elif fit.skipped:
-            yield (
-                fit.skipped_max_percent,
-                (
-                    f"The first {fit.skipped} samples "
-                    f"({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; the "
-                    f"error there reaches {percent(fit.skipped_max_percent)}."
+                    f"{'they hold a transient that no start explains: ' if transient else ''}"
+                    f"the error there reaches {percent(fit.skipped_max_percent)}."
                 ),
             )
         if fit.samples < fit.skipped:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.travel import skipping
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -29,6 +29,13 @@ class Certificate:
     cost_gap: float
     violation: float
     unique: bool
+
+
+def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, int]]:
+    """Chunks of a recording, each with how many of its samples are among the first ``skip``."""
+    for x, y in recording.chunks():
+        yield x, y, min(skip, x.size)
+        skip -= min(skip, x.size)
 
 
 def accumulate(

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
 
 from piezo_model.identification.fit_report import Fit
-from piezo_model.identification.travel import skipping
+from piezo_model.identification.fitting import skipping
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+from solvers.arrays import Matrix
 
 if TYPE_CHECKING:
     from piezo_model.model import HysteresisCreepModel
@@ -39,28 +41,23 @@ def forward_error(
     That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation
     errs, too.
     """
-    s, state = model.structure, state.copy()
-    skipped_worst, low, high, total, squares = 0.0, math.inf, -math.inf, 0.0, 0.0
-    inside, inside_total = 0, 0.0
-    gram, stride = np.zeros((5, 5)), max(1, recording.length // ENOUGH)
+    s, state, counted = model.structure, state.copy(), recording.length - skipped
+    skipped_worst, low, high = 0.0, math.inf, -math.inf
+    sums, gram, stride = np.zeros(4), np.zeros((5, 5)), max(1, recording.length // ENOUGH)
     for x, y, head in skipping(recording, skipped):
         error = y - model.simulate(x, state)
         skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
-        if head == x.size:
-            continue
         x, y, error = x[head:], y[head:], error[head:]
-        low, high = min(low, float(np.min(error))), max(high, float(np.max(error)))
-        total += float(np.sum(error))
+        low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))
         known = np.abs(s.unit_input(x)) <= WITHIN
-        inside, inside_total = inside + int(np.count_nonzero(known)), inside_total + float(np.sum(error[known]))
-        squares += float(np.sum(np.square(error)))
+        sums += np.sum(error), np.sum(np.square(error)), np.count_nonzero(known), np.sum(error[known])
         columns = np.column_stack([chebvander(s.unit_input(x[::stride]), 3), s.unit_output(y[::stride])])
         gram += columns.T @ columns
-    counted, gram = recording.length - skipped, gram / gram[0, 0]
+    total, squares, inside, inside_total = sums.tolist()
     shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
     rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
     worst = max(high - shift, shift - low)
-    (line, coefficients), (cubic, _) = (_polynomial(gram, degree) for degree in (1, 3))
+    (line, coefficients), (cubic, _) = (_polynomial(gram / gram[0, 0], degree) for degree in (1, 3))
     unit = 100.0 * abs(s.y_scale) / span
     return Fit(
         counted,
@@ -77,7 +74,7 @@ def forward_error(
     ), shift
 
 
-def _polynomial(gram: np.ndarray, degree: int) -> tuple[float, np.ndarray]:
+def _polynomial(gram: Matrix, degree: int) -> tuple[float, NDArray]:
     """Root mean square that the best polynomial of a degree leaves of the last column, and its coefficients."""
     part, right = gram[: degree + 1, : degree + 1], gram[: degree + 1, -1]
     coefficients = np.linalg.lstsq(part, right, rcond=None)[0]

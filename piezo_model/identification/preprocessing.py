@@ -13,8 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_model.identification.fitting import IdentificationError, accumulate, optimum
-from piezo_model.identification.initial_state import find_initial_state
-from piezo_model.identification.travel import head_of, longest_transient, moving_from, transient_end, y_range
+from piezo_model.identification.initial_state import (
+    find_initial_state,
+    head_of,
+    longest_transient,
+    moving_from,
+    transient_end,
+    y_range,
+)
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState

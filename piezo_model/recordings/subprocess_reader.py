@@ -96,20 +96,19 @@ def _child(process: int) -> Child:
 
 def _answer(question: Callable[..., T], file: File, *more: Any) -> T | Exception:
     try:
-        return question(file, *more)
+        return question(_opened(file), *more)
     except MemoryError:
         return RecordingError(f"{file.path}: takes more than {MEMORY_MB} MB to be read")
     except Exception as error:
         return error
 
 
-def _list(file: File) -> tuple[str, tuple[Column, ...]]:
-    table = _opened(file)
+def _list(table: ArrayTable) -> tuple[str, tuple[Column, ...]]:
     return table.form, table.columns
 
 
-def _read(file: File, at: int, rows: slice) -> NDArray:
-    return np.asarray(_opened(file).arrays[at][rows])
+def _read(table: ArrayTable, at: int, rows: slice) -> NDArray:
+    return np.asarray(table.arrays[at][rows])
 
 
 def _opened(file: File) -> ArrayTable:

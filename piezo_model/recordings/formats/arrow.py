@@ -15,7 +15,6 @@ from piezo_model.recordings.chunks import RecordingError, first_line
 from piezo_model.recordings.tables import ReadOptions, Table
 
 NAME = "a stream of Arrow batches"
-ORDER = 11
 CONTINUATION = b"\xff\xff\xff\xff"
 """With which every message of a stream begins."""
 

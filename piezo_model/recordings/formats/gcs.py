@@ -16,7 +16,6 @@ from piezo_model.recordings.formats.text import TextTable
 from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions, distinct
 
 NAME = "a GCS array"
-ORDER = 20
 ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)
 
 

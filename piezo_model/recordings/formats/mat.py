@@ -18,7 +18,6 @@ from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a MATLAB file"
-ORDER = 25
 APART = True
 NAMES, VALUES, UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 

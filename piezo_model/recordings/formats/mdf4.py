@@ -7,7 +7,6 @@ from pathlib import Path
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, distinct, in_memory, parsed
 
 NAME = "an MDF file"
-ORDER = 70
 APART = True
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a NumPy file"
-ORDER = 40
 
 
 def recognises(path: Path, head: bytes) -> bool:

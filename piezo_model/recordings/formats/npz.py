@@ -11,7 +11,6 @@ from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an archive of NumPy"
-ORDER = 45
 APART = True
 
 

@@ -17,7 +17,6 @@ from piezo_model.recordings.chunks import BUFFER_BYTES, RecordingError, ahead, f
 from piezo_model.recordings.tables import ReadOptions, Table
 
 NAME = "a Parquet file"
-ORDER = 10
 BATCH_ROWS = 1 << 17
 
 

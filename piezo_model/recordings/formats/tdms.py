@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a TDMS file"
-ORDER = 60
 APART = True
 UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 

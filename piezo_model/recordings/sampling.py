@@ -1,4 +1,4 @@
-"""Are values finite and times uniform, over any number of pieces and in bounded memory?
+"""Are times uniform, over any number of pieces and in bounded memory?
 
 Uniform sampling means t_k = t_0 + k T. Printed times carry a rounding of up to half the last digit r (125 µs printed
 with three digits reads 0.000, 0.000, …), so that two of them, s samples apart, may miss s T by r without anything
@@ -10,17 +10,19 @@ intervals,
 
 T is first the median of t_{k+h} − t_k over h, which no single gap moves, and in the end the mean over the recording,
 given as the shortest decimal that the rounding leaves possible.
+
+Times are rounded before they are written: to decimals, to significant digits, or to single precision.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recordings.chunks import ABSURD, RecordingError, check_sample_time
-from piezo_model.recordings.time_rounding import Rounding, printed_digit
+from piezo_model.recordings.chunks import RecordingError, check_sample_time
 from solvers.arrays import Vector
 
 CHUNK = 65536
@@ -29,49 +31,70 @@ TIME_TOLERANCE = 0.01
 SAME_RATE, LEAST_CHANGE = 16, 0.05
 """Equal intervals in a row that make a sampling rate, and the share by which another one differs."""
 
+MOST_DECIMALS = 15
+FEW = 8
+SINGLE_GRID = 0.1
+"""Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is
+0.5."""
+
 Where = Callable[[int], str]
+"""Names a row counted from 0."""
 
 
-class ValueCheck:
-    """Finite values and their range, over any number of pieces.
+@dataclass(frozen=True)
+class Rounding:
+    """How times were rounded beside a fixed number of decimals: to a share, or to significant digits as by ``%g``."""
 
-    The sentence of an error starts with the label; ``where`` names a row counted from 0.
-    """
+    share: float
+    digits: int | None = None
 
-    def __init__(self, label: str, where: Where) -> None:
-        """Start before the first sample."""
-        self.label, self.where = label, where
-        self.count = self.bad = 0
-        self.low, self.high = math.inf, -math.inf
-        self._first_bad, self._first_value, self._only_missing = 0, 0.0, True
+    def at(self, times: Vector) -> float:
+        """Rounding of the largest of these times."""
+        largest = float(np.abs(times).max())
+        if self.digits is None or not largest:
+            return self.share * largest
+        return float(10.0 ** (math.floor(math.log10(largest)) + 1 - self.digits))
 
-    def update(self, values: Vector) -> None:
-        """Take the next piece."""
-        low, high = float(values.min()), float(values.max())
-        if not (low > -ABSURD and high < ABSURD):
-            finite = np.abs(values) < ABSURD
-            if not self.bad:
-                at = int(np.argmin(finite))
-                self._first_bad, self._first_value = self.count + at, float(values[at])
-            self.bad += int(values.size - np.count_nonzero(finite))
-            self._only_missing &= bool(np.isnan(values[~finite]).all())
-            kept = values[finite]
-            low, high = float(np.min(kept, initial=math.inf)), float(np.max(kept, initial=-math.inf))
-        self.count += values.size
-        self.low, self.high = min(self.low, low), max(self.high, high)
 
-    def finish(self) -> int:
-        """Refuse what is not finite; returns the rows up to the last value where all the missing ones come at the
-        end."""
-        if not self.bad:
-            return self.count
-        if self._only_missing and self.bad == self.count - self._first_bad and self._first_bad >= 2:
-            return self._first_bad
-        value = self._first_value
-        kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
-        absurd = ", which is too large for a measured value" if math.isfinite(value) else ""
-        many = f"; in all {self.bad} of {self.count} values are missing, infinite or absurd" if self.bad > 1 else ""
-        raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{absurd}{many}")
+def printed_digit(times: Vector) -> tuple[float, Rounding]:
+    """Last decimal digit that all times are printed with, and the rounding that grows with them."""
+    rounding = Rounding(float(np.finfo(np.float32 if _single(times) else np.float64).eps))
+    decimals = _decimals(times, rounding)
+    digits = _significant_digits(times, rounding, decimals)
+    if digits is not None:
+        rounding = Rounding(rounding.share, digits)
+    return rounding.at(times) if decimals is None or digits is not None else 10.0**-decimals, rounding
+
+
+def _significant_digits(times: Vector, rounding: Rounding, decimals: int | None) -> int | None:
+    """Digits that ``%g`` printed, or None: it shows in that times below the last power of ten have more decimals."""
+    size = np.abs(times)
+    early = size < 10.0 ** math.floor(math.log10(float(size.max()) or 1.0))
+    fewer = _decimals(times[~early], rounding)
+    if fewer is None or fewer == decimals or min(np.count_nonzero(early), np.count_nonzero(~early)) < FEW:
+        return None
+    more = np.abs(np.round(times[early], fewer) - times[early]) > 4 * rounding.at(times)
+    return fewer + 1 + math.floor(math.log10(float(size.max()))) if np.count_nonzero(more) > more.size / 2 else None
+
+
+def _decimals(times: Vector, rounding: Rounding) -> int | None:
+    """Fewest decimals that write all times, or None where rounding of another kind hides it."""
+    floor = rounding.at(times)
+    for decimals in range(MOST_DECIMALS + 1):
+        if 10.0**-decimals <= 16 * floor:  # every number would look rounded to it
+            return None
+        if (np.abs(np.round(times, decimals) - times) <= 4 * floor).all():
+            return decimals
+    return None
+
+
+def _single(times: Vector) -> bool:
+    """Whether times are of single precision, be it printed in decimals: they lie on its grid far better than by
+    chance."""
+    some = times[times != 0.0]
+    grid = np.float32(some)
+    near = np.abs(grid - some) < SINGLE_GRID * np.spacing(np.abs(grid))
+    return bool(near.all()) and np.unique(grid).size == np.unique(some).size
 
 
 class ClockCheck:
@@ -213,8 +236,5 @@ def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | Non
 
 def _shortest(value: float, uncertainty: float) -> float:
     """Number of the fewest significant digits within the uncertainty of a value."""
-    for digits in range(17):
-        short = float(f"{value:.{digits}e}")
-        if abs(short - value) <= uncertainty:
-            return short
-    return value
+    shorter = (float(f"{value:.{digits}e}") for digits in range(17))
+    return next((number for number in shorter if abs(number - value) <= uncertainty), value)
