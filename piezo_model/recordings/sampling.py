@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,6 +32,7 @@ SAME_RATE, LEAST_CHANGE = 16, 0.05
 
 MOST_DECIMALS = 15
 FEW = 8
+"""Times from which on their decimals tell how they are printed."""
 SINGLE_GRID = 0.1
 """Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is
 0.5."""
@@ -41,51 +41,24 @@ Where = Callable[[int], str]
 """Names a row counted from 0."""
 
 
-@dataclass(frozen=True)
-class Rounding:
-    """How times were rounded beside a fixed number of decimals: to a share, or to significant digits as by ``%g``."""
+def printed_digit(times: Vector) -> tuple[float, float]:
+    """Last decimal digit that times are printed with, and the rounding of their floating point alone, which both are
+    where no decimals show.
 
-    share: float
-    digits: int | None = None
-
-    def at(self, times: Vector) -> float:
-        """Rounding of the largest of these times."""
-        largest = float(np.abs(times).max())
-        if self.digits is None or not largest:
-            return self.share * largest
-        return float(10.0 ** (math.floor(math.log10(largest)) + 1 - self.digits))
-
-
-def printed_digit(times: Vector) -> tuple[float, Rounding]:
-    """Last decimal digit that all times are printed with, and the rounding that grows with them."""
-    rounding = Rounding(float(np.finfo(np.float32 if _single(times) else np.float64).eps))
-    decimals = _decimals(times, rounding)
-    digits = _significant_digits(times, rounding, decimals)
-    if digits is not None:
-        rounding = Rounding(rounding.share, digits)
-    return rounding.at(times) if decimals is None or digits is not None else 10.0**-decimals, rounding
-
-
-def _significant_digits(times: Vector, rounding: Rounding, decimals: int | None) -> int | None:
-    """Digits that ``%g`` printed, or None: it shows in that times below the last power of ten have more decimals."""
+    Significant digits, as by ``%g``, leave the largest times the fewest decimals, so those above the last power of ten
+    tell.
+    """
     size = np.abs(times)
-    early = size < 10.0 ** math.floor(math.log10(float(size.max()) or 1.0))
-    fewer = _decimals(times[~early], rounding)
-    if fewer is None or fewer == decimals or min(np.count_nonzero(early), np.count_nonzero(~early)) < FEW:
-        return None
-    more = np.abs(np.round(times[early], fewer) - times[early]) > 4 * rounding.at(times)
-    return fewer + 1 + math.floor(math.log10(float(size.max()))) if np.count_nonzero(more) > more.size / 2 else None
-
-
-def _decimals(times: Vector, rounding: Rounding) -> int | None:
-    """Fewest decimals that write all times, or None where rounding of another kind hides it."""
-    floor = rounding.at(times)
+    exact = float(size.max()) * float(np.finfo(np.float32 if _single(times) else np.float64).eps)
+    late = times[size >= 10.0 ** math.floor(math.log10(float(size.max()) or 1.0))]
+    shown = late if late.size >= FEW else times
     for decimals in range(MOST_DECIMALS + 1):
-        if 10.0**-decimals <= 16 * floor:  # every number would look rounded to it
-            return None
-        if (np.abs(np.round(times, decimals) - times) <= 4 * floor).all():
-            return decimals
-    return None
+        digit = 10.0**-decimals
+        if digit <= 16 * exact:  # every number would look rounded to it
+            break
+        if (np.abs(np.round(shown, decimals) - shown) <= 4 * exact).all():
+            return digit, exact
+    return exact, exact
 
 
 def _single(times: Vector) -> bool:
@@ -113,7 +86,7 @@ class ClockCheck:
         self._first = self._last = 0.0
         self._tail: Vector = np.empty(0)
         self._period = self._period_error = 0.0
-        self._rounding = Rounding(0.0)
+        self._digit, self._shows = 0.0, False
         self._strides = [1]
 
     def update(self, times: Vector) -> None:
@@ -125,7 +98,9 @@ class ClockCheck:
             self._first = float(times[0])
             if times.size > 1:
                 self._settle(times)
-        self.resolution = max(self.resolution, self._rounding.at(times))
+        elif times.size >= FEW:
+            digit, exact = printed_digit(times)
+            self.resolution = max(self.resolution, digit if self._shows or digit > self._digit else exact)
         self.count += times.size
         self._last = float(times[-1])
         for stride in self._strides if self.even else ():
@@ -153,10 +128,9 @@ class ClockCheck:
         mean = float(times[-1] - times[0]) / (n - 1)
         if mean == 0:
             raise RecordingError(f"{self.label} stands still from {self.where(0)} on, at {self._seconds(times[0])}")
-        digit, self._rounding = printed_digit(times)
-        if not self._rounding_shows(times, mean, digit):
-            digit = self._rounding.at(times)
-        self.resolution = digit
+        self._digit, exact = printed_digit(times)
+        self._shows = self._rounding_shows(times, mean, self._digit)
+        digit = self.resolution = self._digit if self._shows else exact
         # Far enough apart for the rounding to vanish, near enough for one gap to touch few of the differences.
         reach = max(1, min(math.ceil(4 * digit / (self.tolerance * mean)), n // 8))
         if reach * mean >= 2 * digit:
