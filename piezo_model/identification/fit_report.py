@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from piezo_model.identification.fitting import Certificate
-from piezo_model.identification.sensor_lag import Lag
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -77,6 +75,32 @@ class Baseline:
     def pays(self) -> bool:
         """Whether the model is better than the line."""
         return self.model_percent < 0.9 * self.line_percent
+
+
+@dataclass(frozen=True)
+class Lag:
+    """Delay of the sensor that explains the data best, in samples, and the error (5) without and with its removal."""
+
+    samples: float
+    removed: bool
+    error_percent: float
+    error_without_lag_percent: float
+    at_edge: bool
+    """The largest lag looked at explains the data best: it may be larger."""
+
+    @property
+    def pays(self) -> bool:
+        """Whether removing the lag lowers the error by more than two per cent of itself."""
+        return abs(self.samples) > 0.1 and self.error_without_lag_percent < 0.98 * self.error_percent
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
+
+    cost_gap: float
+    violation: float
+    unique: bool
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,14 @@ from numpy.typing import ArrayLike
 
 from piezo_model.identification.adequacy import check_adequacy
 from piezo_model.identification.fit_report import Fit, FitReport, Offset, percent
-from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
-from piezo_model.identification.forward_error import forward_error
+from piezo_model.identification.fitting import (
+    IdentificationError,
+    accumulate,
+    error_percent,
+    forward_error,
+    optimum,
+    prove,
+)
 from piezo_model.identification.initial_state import moving_from, y_range
 from piezo_model.identification.model_selection import (
     HYSTERESIS_ORDERS,
@@ -29,7 +35,7 @@ from piezo_model.identification.model_selection import (
     candidate_rates,
     select,
 )
-from piezo_model.identification.preprocessing import preprocess, require
+from piezo_model.identification.preprocessing import Preprocessed, preprocess, require
 from piezo_model.identification.remedies import remedy
 from piezo_model.identification.sensor_lag import estimate_lag, without_lag
 from piezo_model.identification_problem import IdentificationProblem
@@ -295,13 +301,12 @@ def _fitted(
             f"structure is {structure.sample_time:g} s"
         )
     recording.require(structure.d + 1)
-    rest = None
     if state is None:
         found = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
-        structure, state, skip, rest = found.structure, found.state, found.skip, found.rest
     else:
-        skip = skip or 0
-        require(recording, structure, skip)
+        found = Preprocessed(structure, skip or 0, state, None)
+        require(recording, structure, found.skip)
+    structure, skip, state, rest = found
     low, high = y_range(recording, skip)
     start, found_lag = state.copy(), None
     if lag != "ignore":

@@ -127,7 +127,8 @@ def _said(candidate: Candidate) -> str:
 def excursions(x: Vector) -> NDArray[np.int64]:
     """Samples at which the drive turns at the bottom, after it went down and before it goes up by DEPTH of its
     range."""
-    depth = DEPTH * float(np.ptp(x))
+    depth, turns = DEPTH * float(np.ptp(x)), np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+    x = x[: np.max(turns, initial=0) + 1]  # the last way, on which the drive has not turned yet, may end anywhere
     bottoms: NDArray[np.int64] = find_peaks(-x, prominence=depth)[0]
     # Of several bottoms of one excursion, which are equally low, the last is taken.
     return bottoms[np.maximum.reduceat(x, bottoms) >= x[bottoms] + depth] if bottoms.size else bottoms

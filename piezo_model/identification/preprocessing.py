@@ -8,7 +8,8 @@ where an amplifier was switched on.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +33,7 @@ SPOILED = 3.0
 """First samples spoil a fit that errs so many times as much after them as the fit without them."""
 
 
-@dataclass(frozen=True)
-class Preprocessed:
+class Preprocessed(NamedTuple):
     """Structure with the sign and ranges of the counted part, first counted sample, states before the first sample.
 
     ``rest`` is the input in unit amplitudes at which creep had rested, None where it rested with the plays.

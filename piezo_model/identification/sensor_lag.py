@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.fit_report import Lag
 from piezo_model.identification.fitting import IdentificationError, error_percent, optimum
 from piezo_model.identification.initial_state import moving_from
 from piezo_model.operator_state import OperatorState
@@ -39,23 +39,6 @@ LONGEST_LAG = 10
 """Samples of lag looked for."""
 RESOLUTION = 0.01
 """Fraction of a sample to which the lag is found."""
-
-
-@dataclass(frozen=True)
-class Lag:
-    """Delay of the sensor that explains the data best, in samples, and the error (5) without and with its removal."""
-
-    samples: float
-    removed: bool
-    error_percent: float
-    error_without_lag_percent: float
-    at_edge: bool
-    """The largest lag looked at explains the data best: it may be larger."""
-
-    @property
-    def pays(self) -> bool:
-        """Whether removing the lag lowers the error by more than two per cent of itself."""
-        return abs(self.samples) > 0.1 and self.error_without_lag_percent < 0.98 * self.error_percent
 
 
 class Shifted(NamedTuple):

@@ -16,8 +16,7 @@ import numpy as np
 
 from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
-from piezo_model.identification.fitting import IdentificationError
-from piezo_model.identification.forward_error import forward_error
+from piezo_model.identification.fitting import IdentificationError, forward_error
 from piezo_model.identification.initial_state import (
     find_initial_state,
     head_of,

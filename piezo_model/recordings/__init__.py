@@ -9,7 +9,8 @@ A voltage on its way from a file to a weight passes
     scan                ``scan``: values and clock (`sampling`) checked, held, streamed, or interpolated, in one pass
     recording           ``Recording.chunks``
     identification      `preprocessing` (sign, transient, initial state), `sensor_lag`; `fitting.accumulate`: the sums
-                        of (6), `fitting.optimum`: the weights; `forward_error`, `adequacy`, `fit_report`: their worth
+                        of (6), `fitting.optimum`: the weights; `fitting.forward_error`, `adequacy`, `fit_report`: their
+                        worth
 
 and enters none of these files twice but where a recording is too long to be held.
 """

@@ -46,8 +46,7 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
             from piezo_model.recordings import subprocess_reader
 
             return subprocess_reader.open_table(known, path, reading)
-        table: Table = known.open_table(path, reading)
-        return table
+        return known.open_table(path, reading)
     except ModuleNotFoundError as error:
         if error.name == "pyarrow":  # on which the registry of formats stands
             raise RecordingError(

@@ -79,8 +79,7 @@ def _ask(question: Callable[..., T], file: File, *more: Any) -> T:
         raise RecordingError(f"{file.path}: is damaged, the process that read it ended with {error}") from None
     if isinstance(found, Exception):
         raise found
-    answer: T = found
-    return answer
+    return found
 
 
 @cache
