@@ -11,8 +11,6 @@ rests, so that every branch of every loop has several and one loop is enough. Ea
 second block and judged on the others, and the other way round; the operators of the model run through all of them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import pairwise

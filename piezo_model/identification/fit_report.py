@@ -4,8 +4,6 @@ Errors are those of the output over the counted part of the data, as a share of 
 comes first, then the findings in order of what they cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any

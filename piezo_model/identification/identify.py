@@ -5,8 +5,6 @@ What a recording does not say is found out and reported: sign, transient and the
 tell apart. Data that the model class does not describe are refused (`adequacy`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -5,8 +5,6 @@ explains: first samples at which the model of the whole, and that of the rest, e
 where an amplifier was switched on.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What would make a refused recording give a model: options are tried before one is suggested."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -11,8 +11,6 @@ design using the I0-sinh window function", 1974) and not by a spline: halfway be
 of the variance of white noise, which the residual would take for a better fit, and this kernel 96 %.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

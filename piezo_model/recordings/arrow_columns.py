@@ -7,8 +7,6 @@ the same. Where it first changes, the order is settled for the whole column: by 
 one that comes next. So no order is ever guessed, and a column is read in one pass.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence

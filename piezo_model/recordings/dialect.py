@@ -4,8 +4,6 @@ Every pair of separator and decimal mark is tried on the first lines. The pair i
 rows of equal width holds the most numbers; what stands above the run is header, units and remarks.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter

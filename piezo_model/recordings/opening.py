@@ -1,8 +1,6 @@
 """Opens a file of any known format; a format is a file in :mod:`piezo_model.recordings.formats`, and that folder is the
 registry."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 import sys

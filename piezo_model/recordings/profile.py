@@ -8,8 +8,6 @@ the loop is run through counterclockwise where the gain is positive, clockwise w
 is positive if b lags a. Data without a loop have a noisier side, and that is the sensor's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ Every word votes: for the drive (positive) or for the sensor (negative). Two col
 the user is asked.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections import Counter

@@ -14,8 +14,6 @@ given as the shortest decimal that the rounding leaves possible.
 Times are rounded before they are written: to decimals, to significant digits, or to single precision.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ the caller.
 The child keeps the file that it opened last; there is one for each process that reads, started by the first such file.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 from collections.abc import Callable

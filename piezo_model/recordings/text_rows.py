@@ -4,8 +4,6 @@ What a parser cannot know is taken away block by block: comments and repeated he
 marks between thousands, a remark or half a row at the end.
 """
 
-from __future__ import annotations
-
 import codecs
 import re
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ Everything is checked before the first byte is written, and the table is written
 the old one as it was. CSV follows RFC 4180 with the shortest decimals that give the same float64 back.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import os

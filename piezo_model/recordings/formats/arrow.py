@@ -1,8 +1,6 @@
 """A stream of Arrow batches, as ``piezobench live`` leaves one where it could not end: read up to its last whole
 batch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

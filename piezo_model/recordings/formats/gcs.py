@@ -4,8 +4,6 @@
 "Target Position of axis 1" (PI manual SM146, section on GCS arrays).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ Plain columns are read in slices. Units stand in the attribute ``units`` (NeXus)
 attribute whose name is that of a sampling rate or period gives the period.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

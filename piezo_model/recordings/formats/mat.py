@@ -4,8 +4,6 @@ A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a c
 dSPACE write them; otherwise a variable is a column by its path, a matrix one column for each of its columns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """NumPy's ``.npy``, mapped into memory and read in slices."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """NumPy's ``.npz``, an archive of arrays."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Apache Parquet, streamed."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

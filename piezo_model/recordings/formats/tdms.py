@@ -1,7 +1,5 @@
 """TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform knows its sampling period."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ Only when Arrow refuses a file is the text walked through once more, slowly, to 
 its row as an editor shows it.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

@@ -1,7 +1,5 @@
 """Workbooks of Excel (.xlsx): the sheet with the most numbers, or the one that the user names."""
 
-from __future__ import annotations
-
 import datetime
 import warnings
 import zipfile
