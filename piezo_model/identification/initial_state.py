@@ -148,10 +148,11 @@ def _clip(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))
 
 
-def head_of(recording: Recording, s: ModelStructure) -> Recording:
-    """The samples that starts are tried on."""
+def head_of(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:
+    """The samples that starts are tried on, as many after the first ``skip``, which are not counted, as without
+    these."""
     settled = settled_from(recording, s)
-    return recording.head(max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
+    return recording.head(skip + max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
 
 
 def settled_from(recording: Recording, s: ModelStructure) -> int:

@@ -51,7 +51,7 @@ def preprocess(
     First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure
     becomes that of the counted part. IdentificationError where too few samples are left.
     """
-    head = head_of(recording, s)
+    head = head_of(recording, s, skip or 0)
 
     def fitted(s: ModelStructure, skip: int, state: OperatorState) -> tuple[IdentificationProblem, Vector]:
         problem = accumulate(head, s, skip, state, proximal)

@@ -121,6 +121,7 @@ def scan(
         clock, unit = None, reading.sample_time or table.columns[signals[0]].sample_time or 1.0
     values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
     other = [] if roles.unread is None else [roles.unread]
+    hold = 0 if (table.columns[signals[0]].rows or 0) > hold else hold  # nothing is held that will be dropped
     first, last, held = np.inf, -np.inf, list[Matrix]()
     for piece in rechunk(limited(table.pieces([*at, *other]), length), CHUNK):
         for check, column in zip(values, piece[: len(at)], strict=True):
